@@ -1,0 +1,52 @@
+"""Design space exploration of spiking classifiers for touch.
+
+    space = dse.load_space("fabric_texture")
+    study = dse.run(space)
+    study.skyline(where="n_weights <= 100000")
+
+Names are imported when first used, so that importing `dse` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dse import figures as figures
+    from dse.bundles import evaluate as evaluate
+    from dse.config import ConfigError as ConfigError
+    from dse.config import load_space as load_space
+    from dse.study import Study as Study
+    from dse.study import open as open
+    from dse.study import run as run
+
+__version__ = "0.1.0"
+
+_home = {
+    "ConfigError": "dse.config",
+    "Study": "dse.study",
+    "evaluate": "dse.bundles",
+    "load_space": "dse.config",
+    "open": "dse.study",
+    "run": "dse.study",
+}
+
+__all__ = ["ConfigError", "Study", "__version__", "evaluate", "figures", "load_space", "open", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module on first use.
+
+    Raises:
+        AttributeError: the name is not public.
+    """
+    if name == "figures":
+        return importlib.import_module("dse.figures")
+    if name not in _home:
+        raise AttributeError(f"module 'dse' has no attribute '{name}'; public names: {', '.join(__all__)}")
+    return getattr(importlib.import_module(_home[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,131 @@
+"""What a command answers, and how it is printed: table, JSON document, CSV or Parquet."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Row = Mapping[str, Any]
+FORMATS = ("table", "json", "csv", "parquet")
+_MOST_ROWS = 24
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The result of a command.
+
+    rows: one mapping per row, keyed by column name.
+    notes: sentences about the rows.
+    columns: what a table on a terminal shows; all columns if empty. Other formats hold every column.
+    text: shown in place of a table.
+    code: exit code.
+    """
+
+    rows: Sequence[Row]
+    notes: Sequence[str] = ()
+    columns: Sequence[str] = ()
+    text: str = ""
+    code: int = 0
+
+
+def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table", "json")) -> None:
+    """Add `--format` and its short form `--json`."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--format", choices=formats, help="default: table on a terminal, else text or CSV; json: one document"
+    )
+    group.add_argument(
+        "--json", action="store_const", const="json", dest="format", help="same as --format json"
+    )
+
+
+def show(answer: Answer, command: str, form: str | None) -> None:
+    """Print an answer to stdout; notes follow a table, and go to stderr beside other formats."""
+    if form is None:
+        form = "table" if answer.text or sys.stdout.isatty() else "csv"
+    if form == "json":
+        print(document(answer, command))
+        return
+    if form == "table":
+        if answer.text:
+            print(answer.text)
+        elif answer.rows:
+            _print_table(answer)
+        for note in answer.notes:
+            print(note)
+        return
+    if form == "csv":
+        _frame(answer).to_csv(sys.stdout, index=False)
+    else:
+        buffer = io.BytesIO()
+        _frame(answer).to_parquet(buffer, index=False)
+        sys.stdout.buffer.write(buffer.getvalue())
+    for note in answer.notes:
+        print(note, file=sys.stderr)
+
+
+def document(answer: Answer, command: str) -> str:
+    """Return the JSON document of an answer; numbers that JSON does not have become null."""
+    rows = [{str(key): _plain(value) for key, value in row.items()} for row in answer.rows]
+    content = {"schema": f"dse/{command}/1", "rows": rows, "notes": list(answer.notes)}
+    return json.dumps(content, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if hasattr(value, "tolist"):  # numpy scalars and arrays
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    text = str(value)
+    return None if text in ("<NA>", "NaT") else text
+
+
+def _frame(answer: Answer) -> Any:
+    import pandas
+
+    return pandas.DataFrame(list(answer.rows))
+
+
+def _print_table(answer: Answer) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
+    rows = list(answer.rows)
+    shown = rows
+    if len(rows) > _MOST_ROWS:
+        places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
+        shown = [rows[place] for place in places]
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in columns:
+        numeric = all(isinstance(_plain(row.get(column)), int | float | None) for row in shown)
+        table.add_column(Text(column), justify="right" if numeric else "left", overflow="fold")
+    for row in shown:
+        table.add_row(*(Text(cell(row.get(column))) for column in columns))
+    console = Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+    console.print(table)
+    if len(shown) < len(rows):
+        print(f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all")
+
+
+def cell(value: Any) -> str:
+    """Return a value as a table shows it: four significant digits, '-' for what is missing."""
+    value = _plain(value)
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.0f}" if abs(value) >= 10_000 else f"{value:.4g}"
+    return str(value)

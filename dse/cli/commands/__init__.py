@@ -1,0 +1,1 @@
+"""One file per command of `dse`; what it must define: `dse.cli`."""

@@ -1,0 +1,43 @@
+"""`dse check`: every fault of a search space, and what a run of it would be."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from dse.cli.answer import Answer, add_format
+from dse.cli.preview import preview
+from dse.cli.spaces import add_space, load
+from dse.config import ConfigError
+
+HELP = "list every fault of a search space without doing its work"
+_BAD_INPUT = 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_space(parser)
+    add_format(parser)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Return a preview of the study, or the faults, which also go to stderr.
+
+    Raises:
+        ConfigError: faults, where no JSON document was asked for.
+    """
+    try:
+        row = preview(load(arguments))
+    except ConfigError as error:
+        if arguments.format != "json":
+            raise
+        print(error, file=sys.stderr)
+        return Answer([vars(fault) for fault in error.faults], code=_BAD_INPUT)
+    return Answer([row], text="\n".join(f"{name:<16}{_words(value)}" for name, value in row.items()))
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return "unlimited" if value is None else str(value)

@@ -1,0 +1,60 @@
+"""`dse pick`: the best design point within budgets, as a bundle."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from dse.cli.answer import Answer, add_format
+from dse.cli.fronts import Objective, columns, records
+
+HELP = "pick the best design point within budgets, and export it"
+_NOTHING_FEASIBLE = 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "results", metavar="RESULTS", help="folder of a study, or a CSV, Parquet or JSON file"
+    )
+    parser.add_argument(
+        "--budget", action="append", default=[], metavar="EXPR", help='such as "energy_uj<=50"; repeatable'
+    )
+    parser.add_argument("--maximise", default="accuracy", metavar="COLUMN", help="default: accuracy")
+    parser.add_argument("--export", metavar="DIR", help="write the design as a bundle")
+    add_format(parser)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Return the picked row; without one, the nearest rows and by how much they miss each budget."""
+    from dse import skyline, study
+    from dse.store import StoreError
+
+    is_study = Path(arguments.results).is_dir()
+    if arguments.export and not is_study:
+        raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
+    points = skyline.read(arguments.results)
+    objectives: list[Objective] = study.open(arguments.results).objectives if is_study else []
+    ties = [(name, way) for name, way in objectives if name != arguments.maximise and name in points]
+    found = skyline.pick(points, arguments.budget, arguments.maximise, ties)
+    goals = [(arguments.maximise, "max"), *ties]
+    if found.row is None:
+        missed = [str(name) for name in found.nearest.columns if str(name).startswith("missed ")]
+        notes = ["no design point is within the budgets; these come nearest", *found.notes]
+        shown = [*columns(found.nearest, goals), *missed]
+        return Answer(records(found.nearest), notes, shown, code=_NOTHING_FEASIBLE)
+    row: dict[str, Any] = {str(name): value for name, value in found.row.items()}
+    notes = list(found.notes)
+    if arguments.export:
+        from dse import bundles
+
+        bundles.export(study.open(arguments.results), row, arguments.export)
+        notes.append(f"bundle: {arguments.export}")
+    return Answer([row], notes, _telling(row, goals))
+
+
+def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
+    """Return the columns of one row that a table shows: the design and the objectives."""
+    design = [name for name in row if name in ("trial", "phi", "theta", "hardware") or "." in name]
+    return [name for name in dict.fromkeys([*design, *(name for name, _ in goals)]) if name in row]

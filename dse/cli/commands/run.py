@@ -1,0 +1,57 @@
+"""`dse run`: train the designs of a search space; the same command goes on where it was stopped."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+
+from dse.cli.answer import Answer, add_format
+from dse.cli.fronts import front
+from dse.cli.pages import write_page
+from dse.cli.spaces import add_space, load
+
+HELP = "train the designs of a search space; run it again to go on where it was stopped"
+_NOTHING_TRAINED = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_space(parser)
+    parser.add_argument(
+        "--results", default="results", metavar="DIR", help="folder of studies (default: results)"
+    )
+    parser.add_argument(
+        "--jobs", type=positive, metavar="N", help="processes at a time (default: as the file says)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_format(parser)
+
+
+def positive(text: str) -> int:
+    """Return a number of processes.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no integer above 0.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be an integer >= 1, got '{text}'")
+    return int(text)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Train what is missing, write the page, and return the front."""
+    space = load(arguments)
+    from dse import study
+
+    done = study.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
+    notes = [*done.warnings, f"page: {write_page(done)}"]
+    failed = done.trials[done.trials["status"] == "failed"]
+    if len(failed):
+        notes.append(
+            f"{len(failed)} of {len(done.trials)} designs failed; the first: {failed['reason'].iloc[0]}"
+        )
+    points = done.points()
+    if points.empty:
+        return Answer([], notes, code=_NOTHING_TRAINED)
+    result = front(points, done.objectives)
+    return dataclasses.replace(result, notes=[*result.notes, *notes])

@@ -1,0 +1,63 @@
+"""`dse skyline`: the Pareto front of a study, under constraints."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.fronts import Objective, front
+
+HELP = "print the non-dominated design points of a study or of any table of points"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "results",
+        nargs="+",
+        metavar="RESULTS",
+        help="folder of a study, or a CSV, Parquet or JSON file; repeatable",
+    )
+    parser.add_argument(
+        "--objectives",
+        metavar="LIST",
+        help="such as accuracy:max,energy_uj:min (default: those of the study)",
+    )
+    parser.add_argument(
+        "--where", metavar="EXPR", help='condition, such as "n_weights <= 100000 and phi > 2"'
+    )
+    parser.add_argument(
+        "--by", metavar="COLUMN", help="one front for each value of this column, such as task"
+    )
+    add_format(parser, FORMATS)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Return the front of all the tables together."""
+    import pandas
+
+    from dse import skyline
+
+    frames = [skyline.read(path) for path in arguments.results]
+    objectives = objectives_of(arguments.objectives, arguments.results[0])
+    return front(pandas.concat(frames, ignore_index=True), objectives, arguments.where, arguments.by)
+
+
+def objectives_of(text: str | None, results: str) -> list[Objective]:
+    """Return the objectives as given, else those of the study in a folder.
+
+    Raises:
+        ExpressionError: they cannot be read, or a plain table has none.
+    """
+    from dse import study
+    from dse.constraints import ExpressionError
+    from dse.skyline import parse_objectives
+
+    if text is not None:
+        return parse_objectives(text)
+    if not Path(results).is_dir():
+        raise ExpressionError(
+            f"{results}: a table has no objectives; name them: --objectives accuracy:max,..."
+        )
+    return study.open(results).objectives

@@ -1,0 +1,76 @@
+"""What a run of a search space would be: how many designs, of which size, on which data."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+from dse.config import SearchSpace
+from dse.recordings.files import locate
+from dse.search.space import n_designs
+
+# Larger files are not read just to count their channels and classes.
+_MOST_BYTES = 200_000_000
+_MOST_COMBINATIONS = 10_000
+
+
+def preview(space: SearchSpace) -> dict[str, Any]:
+    """Return what `dse check` prints; `designs` is None where an axis is a range without steps.
+
+    Raises:
+        RecordingError: the recordings do not fit the search space.
+    """
+    grid = n_designs(space)
+    n_trials = min(x for x in (space.search.n_trials, grid) if x is not None)
+    points = len(space.decision.phi) * len(space.decision.theta) * max(1, len(space.hardware))
+    path = locate(space.fixed["data"]["file"], space.source.parent)
+    row: dict[str, Any] = {
+        "study": space.study,
+        "task": space.fixed["task"]["name"],
+        "axes": list(space.axes),
+        "designs": grid,
+        "trained": n_trials,
+        "runs": n_trials * space.search.repeats,
+        "sampler": space.search.sampler,
+        "design_points": n_trials * points,
+        "data": str(path),
+    }
+    if path.stat().st_size <= _MOST_BYTES:
+        row |= _from_data(space)
+    return row
+
+
+def _from_data(space: SearchSpace) -> dict[str, Any]:
+    """Return recordings, classes and the range of the number of weights, as far as they are known early."""
+    from dse.dataset.sections import component, section
+    from dse.recordings.splits import Split, split
+    from dse.recordings.targets import target
+    from dse.records import Rasters, Signals
+
+    first = space.resolve({name: axis.extremes()[0] for name, axis in space.axes.items()})
+    recordings = component("recordings", first["data"]).read(space.source.parent)
+    codes, classes = target(recordings.columns, first["task"]["target"])
+    parts = split(recordings.columns, codes, classes, section(Split, first["split"]))
+    found: dict[str, Any] = dict(zip(("train", "validation", "test"), map(len, parts), strict=True))
+    found["classes"] = list(classes)
+    weights: set[int] = set()
+    for resolved in _corners(space):
+        if isinstance(recordings, Signals):
+            n_channels = component("encoders", resolved["encoder"]).n_channels(recordings.n_channels)
+        elif isinstance(recordings, Rasters):
+            n_channels = recordings.spikes.n_channels
+        else:
+            return found
+        n_classes = len(target(recordings.columns, resolved["task"]["target"])[1])
+        weights.add(component("models", resolved["model"]).n_weights(n_channels, n_classes))
+    return found | {"n_weights_low": min(weights), "n_weights_high": max(weights)}
+
+
+def _corners(space: SearchSpace) -> Iterator[dict[str, Any]]:
+    """Return the designs at the ends of the ranges and at every choice of the axes that decide the size."""
+    sizing = [name for name in space.axes if name.split(".")[0] in ("task", "encoder", "model")]
+    rest = {name: axis.extremes()[0] for name, axis in space.axes.items() if name not in sizing}
+    choices = itertools.product(*(space.axes[name].extremes() for name in sizing))
+    for values in itertools.islice(choices, _MOST_COMBINATIONS):
+        yield space.resolve(rest | dict(zip(sizing, values, strict=True)))

@@ -1,0 +1,27 @@
+"""Search spaces as YAML: one file is one study.
+
+`load_space` returns a validated `SearchSpace` or raises one `ConfigError` that lists every fault with its
+line. A new component needs no change here: its dataclass fields are its keys, their annotations and `param`
+rules are what is checked. A new section is one entry in `sections.py`.
+"""
+
+from dse.config.axes import Axis
+from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.load import load_space
+from dse.config.locate import shipped_spaces
+from dse.config.sections import ExecutionSettings
+from dse.config.space import DecisionGrid, Design, SearchSettings, SearchSpace
+
+__all__ = [
+    "Axis",
+    "ConfigError",
+    "DecisionGrid",
+    "Design",
+    "ExecutionSettings",
+    "Fault",
+    "SearchSettings",
+    "SearchSpace",
+    "known_names",
+    "load_space",
+    "shipped_spaces",
+]

@@ -1,0 +1,182 @@
+"""An axis of the search space, written in place of a value.
+
+`{choice: [a, b]}`: these values.
+`{range: [lo, hi], step: s}`: lo, lo + s, ... up to hi.
+`{range: [lo, hi]}`: every number between; for an integer key every integer.
+`{range: [lo, hi], log: true}`: the same on a logarithmic scale, for samplers only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from dse.config.faults import known_names
+from dse.config.values import INVALID, Report, dotted, echo, is_list, number_type
+from dse.config.yaml_lines import Path
+
+_KEYS = ("choice", "range", "step", "log")
+_MOST_VALUES = 100_000
+# Decimal steps such as 0.05 are not binary fractions; 12 digits hide it and keep 0.15 equal to 0.15.
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A named dimension of the search space.
+
+    name: dotted key, such as `model.hidden`; the column name in every table.
+    values: the values in order, or None where any number between low and high is a design.
+    low, high: bounds of a range, both included; None for a choice.
+    step: distance of two values of a stepped range.
+    log: samplers draw the logarithm uniformly.
+    is_int: numbers are integers.
+    is_list: the key holds a list; a single value stands for a list of one.
+    """
+
+    name: str
+    values: tuple[Any, ...] | None
+    low: float | None = None
+    high: float | None = None
+    step: float | None = None
+    log: bool = False
+    is_int: bool = False
+    is_list: bool = False
+
+    def contains(self, value: Any) -> bool:
+        """Return whether the value is on this axis."""
+        if self.values is not None:
+            return any(type(value) is type(known) and value == known for known in self.values)
+        number = isinstance(value, int if self.is_int else int | float) and not isinstance(value, bool)
+        return number and self.low is not None and self.high is not None and self.low <= value <= self.high
+
+    def extremes(self) -> tuple[Any, ...]:
+        """Return the values that a component must accept for the whole axis to be legal."""
+        return self.values if self.values is not None else (self.low, self.high)
+
+    def wrapped(self, value: Any) -> Any:
+        """Return the value as its key holds it: a list of one where it stands for that."""
+        return (value,) if self.is_list and not isinstance(value, tuple) else value
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the axis as it is written in YAML."""
+        if self.low is None:
+            return {"choice": list(self.values or ())}
+        plain: dict[str, Any] = {"range": [self.low, self.high]}
+        if self.step is not None:
+            plain["step"] = self.step
+        return plain | ({"log": True} if self.log else {})
+
+
+def is_axis(value: Any) -> bool:
+    """Return whether a YAML value declares an axis."""
+    return isinstance(value, dict) and ("choice" in value or "range" in value)
+
+
+def stepped(low: float, high: float, step: float) -> tuple[float, ...]:
+    """Return low, low + step, ... up to high (included where it is hit), free of rounding creep."""
+    count = int((high - low) / step + 1e-9) + 1
+    if all(isinstance(number, int) for number in (low, high, step)):
+        return tuple(low + index * step for index in range(count))
+    return tuple(round(low + index * step, _DIGITS) for index in range(count))
+
+
+def parse_axis(
+    raw: dict[str, Any],
+    hint: Any,
+    path: Path,
+    report: Report,
+    read_value: Callable[[Any, Path], Any],
+) -> Axis | Any:
+    """Return the axis, or INVALID after reporting every mistake in it.
+
+    Args:
+        raw: the mapping as written.
+        hint: type annotation of the key.
+        path: dotted path of the key.
+        report: called with (path, sentence) for every mistake.
+        read_value: validates one value of the key at a path, INVALID if it is none.
+    """
+    name = dotted(path)
+    unknown = [key for key in raw if key not in _KEYS]
+    for key in unknown:
+        report((*path, key), f"unknown key '{name}.{key}'; {known_names(key, _KEYS)}")
+    if "choice" in raw:
+        for key in sorted(set(raw) & {"range", "step", "log"}):
+            report((*path, key), f"{name} has a choice, so it cannot have '{key}'")
+        axis = _choice(raw["choice"], is_list(hint), path, report, read_value)
+    else:
+        axis = _range(raw, hint, path, report, read_value)
+    return INVALID if unknown else axis
+
+
+def _choice(
+    raw: Any, listed: bool, path: Path, report: Report, read_value: Callable[[Any, Path], Any]
+) -> Axis | Any:
+    where, name = (*path, "choice"), dotted(path)
+    if not isinstance(raw, list | tuple) or not raw:
+        report(where, f"{name}.choice must be a list of one or more values, got {echo(raw)}")
+        return INVALID
+    values = [read_value(value, (*where, index)) for index, value in enumerate(raw)]
+    if any(value is INVALID for value in values):
+        return INVALID
+    if listed and all(isinstance(value, tuple) and len(value) == 1 for value in values):
+        values = [value[0] for value in values]  # plain numbers make a readable column of a table
+    for index, value in enumerate(values):
+        if any(type(value) is type(other) and value == other for other in values[:index]):
+            report((*where, index), f"{name}.choice has {echo(value)} twice")
+            return INVALID
+    return Axis(name, tuple(values), is_int=all(type(v) is int for v in values), is_list=listed)
+
+
+def _range(
+    raw: dict[str, Any], hint: Any, path: Path, report: Report, read_value: Callable[[Any, Path], Any]
+) -> Axis | Any:
+    where, name = (*path, "range"), dotted(path)
+    kind, anything, listed = number_type(hint), hint is Any, is_list(hint)
+    if kind is None and not anything:
+        report(where, f"{name} is not a number, so it must be a choice, got a range")
+        return INVALID
+    ends = raw["range"]
+    if not isinstance(ends, list | tuple) or len(ends) != 2 or not all(map(_is_number, ends)):
+        report(where, f"{name}.range must be two numbers [low, high], got {echo(ends)}")
+        return INVALID
+    ends = [read_value(end, (*where, index)) for index, end in enumerate(ends)]
+    if any(end is INVALID for end in ends):
+        return INVALID
+    low, high = (end[0] if isinstance(end, tuple) else end for end in ends)
+    step, log = raw.get("step"), raw.get("log", False)
+    is_int = kind is int or (anything and all(type(number) is int for number in (low, high, step or 0)))
+    good = True
+
+    def refuse(key: str, text: str) -> None:
+        nonlocal good
+        good = False
+        report((*path, key), text)
+
+    if low >= high:
+        refuse("range", f"{name}.range must go from low to high, got [{echo(low)}, {echo(high)}]")
+    if not isinstance(log, bool):
+        refuse("log", f"{name}.log must be true or false, got {echo(log)}")
+    elif log and low <= 0:
+        refuse("range", f"{name}.range must start above 0 for log: true, got {echo(low)}")
+    elif log and step is not None:
+        refuse("step", f"{name} has log: true, so it cannot have a step")
+    if step is not None and (not _is_number(step) or step <= 0 or (is_int and type(step) is not int)):
+        refuse("step", f"{name}.step must be {'an integer' if is_int else 'a number'} > 0, got {echo(step)}")
+    if not good:
+        return INVALID
+    step = 1 if is_int and step is None and not log else step
+    if step is None:
+        return Axis(name, None, low, high, None, log, is_int, listed)
+    if not is_int:
+        step = float(step)
+    if (high - low) / step >= _MOST_VALUES:
+        refuse("range", f"{name}.range has more than {_MOST_VALUES} values; write a larger step")
+        return INVALID
+    return Axis(name, stepped(low, high, step), low, high, step, False, is_int, listed)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,129 @@
+"""What the study is for and how it is run: decision grid, hardware, objectives, search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from dse import registry
+from dse.config.axes import Axis
+from dse.config.faults import known_names
+from dse.config.locate import hardware_names
+from dse.config.parts import read_fixed, read_or_axis
+from dse.config.sections import HELD_BACK, OF_HARDWARE, Decision, ExecutionSettings, Search, known_objectives
+from dse.config.space import DecisionGrid, SearchSettings
+from dse.config.values import Report, echo, read_fields
+
+_DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
+
+
+def decision(raw: Any, report: Report) -> DecisionGrid | None:
+    """Read the decision parameters, each a value, a list, a choice or a stepped range; None after a fault."""
+    given = {**_DECISION, **raw} if isinstance(raw, dict) else raw or _DECISION
+    if isinstance(given, dict):
+        given = {key: {"choice": value} if isinstance(value, list) else value for key, value in given.items()}
+    values, good = read_fields(Decision, given, ("decision",), report, read_or_axis)
+    found = {key: value.values if isinstance(value, Axis) else (value,) for key, value in values.items()}
+    for key, numbers in found.items():
+        if numbers is None:
+            text = f"decision.{key} is evaluated on a grid, so its range must have a step"
+            report(("decision", key, "range"), text)
+            good = False
+    if not good:
+        return None
+    return DecisionGrid(
+        phi=np.unique(np.asarray(found["phi"], dtype=np.int64)),
+        theta=np.unique(np.asarray(found["theta"], dtype=np.float64)),
+    )
+
+
+def hardware(raw: Any, report: Report) -> tuple[str, ...]:
+    """Read the names of hardware profiles."""
+    known = hardware_names()
+    found: dict[str, None] = {}
+    for index, name in enumerate(_names("hardware", raw, report)):
+        if name not in known:
+            report(("hardware", index), f"unknown hardware '{name}'; {known_names(name, known)}")
+        elif name in found:
+            report(("hardware", index), f"hardware '{name}' is named twice")
+        found[name] = None
+    return tuple(found)
+
+
+def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple[str, str], ...]:
+    """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares.
+
+    Args:
+        raw: the list as written.
+        profiles: hardware profiles of the search space.
+        report: called with (path, sentence) for every mistake.
+    """
+    known = known_objectives()
+    found: dict[str, str] = {}
+    texts = _names("objectives", raw, report)
+    if raw == [] or raw is None:
+        report(("objectives",), f"objectives must name at least one; {known_names('', known)}")
+    for index, text in enumerate(texts):
+        where = ("objectives", index)
+        name, colon, direction = text.partition(":")
+        name, direction = name.strip(), direction.strip()
+        if name not in known:
+            report(where, f"unknown objective '{name}'; {known_names(name, known)}")
+            continue
+        natural = known[name].direction
+        if colon and direction not in ("max", "min"):
+            report(where, f"objective '{name}' must be followed by :max or :min, got '{text}'")
+        elif colon and direction != natural:
+            report(where, f"objective '{name}' must be '{name}:{natural}', got '{text}'")
+        if name in found:
+            report(where, f"objective '{name}' is named twice")
+        if name in OF_HARDWARE and not profiles:
+            report(where, f"objective '{name}' needs a profile in section 'hardware', got none")
+        if name == HELD_BACK:
+            report(where, f"objective '{name}' must not select designs: the test set is for the report alone")
+        found[name] = natural
+    return tuple(found.items())
+
+
+def search(raw: Any, axes: Mapping[str, Axis], report: Report) -> SearchSettings | None:
+    """Read the search settings together with the sampler's own keys; None after a fault."""
+    known = registry.known("search.samplers")
+    keys = raw if isinstance(raw, dict) else {}
+    stepless = [axis for axis in axes.values() if axis.values is None]
+    name = keys.get("sampler") or ("tpe" if stepless else "grid")
+    cls = known.get(name) if isinstance(name, str) else None
+    own = [field.name for field in fields(cls)] if cls else []
+    values, good = read_fields(Search, raw, ("search",), report, read_fixed, also=own)
+    if cls is None:
+        if isinstance(name, str):
+            report(("search", "sampler"), f"unknown sampler '{name}'; {known_names(name, known)}")
+        return None
+    given = {key: value for key, value in keys.items() if key in own}
+    options, good_options = read_fields(cls, given, ("search",), report, read_fixed)
+    if name == "grid":
+        for axis in stepless:
+            text = f"{axis.name} needs a step or a choice for the grid sampler, got {axis.to_plain()}"
+            report((*axis.name.split("."), "range"), text)
+    if not (good and good_options):
+        return None
+    if name != "grid" and values["n_trials"] is None:
+        report(("search",), f"search.n_trials is required for sampler '{name}'")
+        return None
+    return SearchSettings(**values | {"sampler": name}, options=options)
+
+
+def execution(raw: Any, report: Report) -> ExecutionSettings | None:
+    """Read how the work is spread; None after a fault."""
+    values, good = read_fields(ExecutionSettings, raw, ("execution",), report, read_fixed)
+    return ExecutionSettings(**values) if good else None
+
+
+def _names(section: str, raw: Any, report: Report) -> list[str]:
+    names = [raw] if isinstance(raw, str) else raw or []
+    if isinstance(names, list) and all(isinstance(name, str) for name in names):
+        return names
+    report((section,), f"{section} must be a list of names, got {echo(raw)}")
+    return []

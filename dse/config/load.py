@@ -1,0 +1,141 @@
+"""YAML file -> `SearchSpace`, or every fault in it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dse.config import goals, parts
+from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.locate import find_space
+from dse.config.parts import Part
+from dse.config.sections import SECTIONS, components, front_end
+from dse.config.space import SearchSpace
+from dse.config.values import INVALID, Report, echo, read
+from dse.config.yaml_lines import Document, override, parse
+from dse.config.yaml_lines import Path as Keys
+from dse.registry import Rule
+
+REQUIRED = ("study", "data", "task", "split", "model", "objectives")
+_NOT_IN_FILE_NAMES = set('/\\:*?"<>|')
+
+
+def load_space(
+    path_or_name: str | Path, overrides: Mapping[str, str] | None = None, *, check_data: bool = False
+) -> SearchSpace:
+    """Read and validate a search space.
+
+    Args:
+        path_or_name: a YAML file, or the name of a search space that comes with the package.
+        overrides: dotted key -> YAML text that replaces the file's value.
+        check_data: also look for the data files and for the arrays that the file names in them.
+
+    Raises:
+        ConfigError: with every fault of the file and of the overrides.
+    """
+    source = find_space(str(path_or_name))
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Fault(str(source), 0, f"cannot be read: {error.strerror}")]) from None
+    except UnicodeDecodeError:
+        raise ConfigError([Fault(str(source), 0, "cannot be read: not UTF-8 text")]) from None
+    document = override(parse(text, str(source)), overrides or {})
+    faults = list(document.faults)
+    space = None
+    if document.data or not faults:
+        space = _space(document, source, faults, check_data)
+    if space is None or faults:
+        # Faults of the file by line, then those of the command line.
+        raise ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))
+    return space
+
+
+def _space(document: Document, source: Path, faults: list[Fault], check_data: bool) -> SearchSpace | None:
+    def report(path: Keys, message: str) -> None:
+        faults.append(document.fault(path, message))
+
+    data = document.data
+    if not isinstance(data, dict):
+        report((), f"a search space must be a mapping of sections, got {echo(data)}")
+        return None
+    known = ("study", "seed", *SECTIONS)
+    for key in data:
+        if key not in known:
+            report((key,), f"unknown section '{key}'; {known_names(key, known)}")
+    for key in REQUIRED:
+        if key not in data:
+            report((), f"section '{key}' is required")
+    study, seed = _study(data.get("study", "-"), report), _seed(data.get("seed", 0), report)
+    found = _parts(data, report)
+    if check_data and "data" in found:
+        for section, message in _data_faults(found, source.parent):
+            report((section, "file"), message)
+    axes = {name: axis for part in found.values() for name, axis in part.axes.items()}
+    decision = goals.decision(data.get("decision"), report)
+    hardware = goals.hardware(data.get("hardware"), report)
+    objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
+    search = goals.search(data.get("search"), axes, report)
+    execution = goals.execution(data.get("execution"), report)
+    if faults or decision is None or search is None or execution is None:
+        return None
+    fixed = {section: part.values for section, part in found.items()}
+    return SearchSpace(study, seed, source, fixed, axes, decision, hardware, objectives, search, execution)
+
+
+def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
+    """Read the sections data .. training, in that order."""
+    found: dict[str, Part] = {}
+    recordings, kind = None, ""
+    if "data" in data:
+        recordings = parts.component_class("data", data["data"], report)
+    if recordings is not None:
+        kind = data["data"]["kind"]
+        found["data"] = parts.component("data", recordings, data["data"], report)
+    if "task" in data:
+        found["task"] = parts.task(data["task"], report)
+    found["window"] = parts.settings("window", data.get("window"), report)
+    if "split" in data:
+        found["split"] = parts.settings("split", data["split"], report)
+    if recordings is not None and "test" in data:
+        found["test"] = parts.test_file(recordings, kind, data["test"], report)
+    needed = None if recordings is None else front_end(recordings)
+    for section in ("preprocessing", "encoder"):
+        if recordings is not None and section != needed and section in data:
+            report((section,), f"section '{section}' has no meaning for {kind} recordings")
+    if needed == "preprocessing" or (recordings is None and "preprocessing" in data):
+        found["preprocessing"] = parts.settings("preprocessing", data.get("preprocessing"), report)
+    if needed == "encoder" and "encoder" not in data:
+        report((), f"section 'encoder' is required for {kind} recordings")
+    for section in ("encoder", "model"):
+        cls = parts.component_class(section, data[section], report) if section in data else None
+        if cls is not None:
+            found[section] = parts.component(section, cls, data[section], report)
+    found["training"] = parts.settings("training", data.get("training"), report)
+    return found
+
+
+def _data_faults(found: Mapping[str, Part], base: Path) -> list[tuple[str, str]]:
+    """Return (section, sentence) for what the headers of the data files show to be wrong."""
+    data, test = found["data"], found.get("test")
+    keys = {key: value for key, value in data.values.items() if key != "kind"}
+    cls: Any = components("data")[data.values["kind"]]
+    faults = [("data", message) for message in cls(**keys).check(base)] if data.good else []
+    if data.good and test is not None and test.good:
+        faults += [("test", message) for message in cls(**keys | test.values).check(base)]
+    return faults
+
+
+def _study(raw: Any, report: Report) -> str:
+    name = read(raw, str, Rule(doc=""), ("study",), report)
+    if name is INVALID:
+        return ""
+    if not name.strip(". ") or not name.isprintable() or set(name) & _NOT_IN_FILE_NAMES:
+        report(("study",), f"study must be a name that a folder can have, got {echo(name)}")
+    return str(name)
+
+
+def _seed(raw: Any, report: Report) -> int:
+    seed = read(raw, int, Rule(doc="", low=0), ("seed",), report)
+    return 0 if seed is INVALID else int(seed)

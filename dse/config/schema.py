@@ -1,0 +1,131 @@
+"""JSON Schema of a search space, for editors that complete and check YAML while it is written.
+
+Dialect 2020-12. It accepts everything that `load_space` accepts; rules between keys are checked there only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any, Literal, Union, get_args, get_origin
+
+from dse import registry
+from dse.config.load import REQUIRED
+from dse.config.locate import hardware_names
+from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, Search, known_objectives, settings_class
+from dse.config.values import is_list
+from dse.registry import Rule, rule_of
+
+Schema = dict[str, Any]
+_SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
+
+
+def json_schema() -> Schema:
+    """Return the schema, made from the components that are registered."""
+    sections = {name: _section(name) for name in SECTIONS if name not in ("hardware", "objectives", "search")}
+    objectives = [
+        text for name, found in known_objectives().items() for text in (name, f"{name}:{found.direction}")
+    ]
+    sections["objectives"] = _names(objectives)
+    sections["hardware"] = _names(hardware_names())
+    sections["search"] = _search()
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "dse search space",
+        "type": "object",
+        "properties": {"study": {"type": "string"}, "seed": {"type": "integer", "minimum": 0}, **sections},
+        "required": list(REQUIRED),
+        "additionalProperties": False,
+    }
+
+
+def _section(name: str) -> Schema:
+    if name not in COMPONENTS and name != "test":
+        return _object(settings_class(name), axes=name in WITH_AXES, listed=name == "decision")
+    known = registry.known(COMPONENTS["data" if name == "test" else name])
+    options = []
+    for kind, cls in known.items():
+        schema = _object(cls, axes=name in WITH_AXES)
+        schema["properties"] = {"kind": {"const": kind}, **schema["properties"]}
+        schema["required"] = [] if name == "test" else ["kind", *schema.get("required", [])]
+        options.append(schema)
+    return {"anyOf": options}
+
+
+def _search() -> Schema:
+    schema = _object(Search)
+    for cls in registry.known("search.samplers").values():
+        schema["properties"] |= _object(cls)["properties"]
+    schema["properties"]["sampler"] = {"enum": list(registry.known("search.samplers"))}
+    return schema
+
+
+def _object(cls: type, *, axes: bool = False, listed: bool = False) -> Schema:
+    hints = typing.get_type_hints(cls)
+    properties: Schema = {}
+    required = []
+    for field in dataclasses.fields(cls):
+        if not field.init:
+            continue
+        rule = rule_of(field)
+        schema = _value(hints[field.name], rule)
+        if (axes or listed) and rule.axis:
+            options = [schema, *_axes(schema)] + ([{"type": "array", "items": schema}] if listed else [])
+            schema = {"anyOf": options}
+        if rule.doc:
+            schema = {**schema, "description": rule.doc + (f" ({rule.unit})" if rule.unit else "")}
+        properties[field.name] = schema
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            required.append(field.name)
+    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+
+
+def _axes(schema: Schema) -> list[Schema]:
+    """Return the two forms of an axis of such values."""
+    number = {"type": "number"}
+    choice = {"choice": {"type": "array", "items": schema, "minItems": 1}}
+    span = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    return [
+        {"type": "object", "properties": choice, "required": ["choice"], "additionalProperties": False},
+        {
+            "type": "object",
+            "properties": {"range": span, "step": number, "log": {"type": "boolean"}},
+            "required": ["range"],
+            "additionalProperties": False,
+        },
+    ]
+
+
+def _value(hint: Any, rule: Rule) -> Schema:
+    origin, args = get_origin(hint) or hint, get_args(hint)
+    if hint is Any or hint is object:
+        return {}
+    if origin is Literal:
+        return {"enum": list(args)}
+    if origin in (Union, types.UnionType):
+        return {"anyOf": [_value(option, rule) for option in args]}
+    if is_list(hint):
+        inner = [argument for argument in args if argument is not Ellipsis]
+        element = _value(inner[0], rule) if inner else {}
+        return {
+            "anyOf": [element, {"type": "array", "items": element}]
+        }  # one value is short for a list of one
+    if dataclasses.is_dataclass(origin):
+        return _object(typing.cast(type, origin))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {"type": "object", "additionalProperties": _value(args[1], rule) if args else {}}
+    if rule.choices:
+        return {"enum": list(rule.choices)}
+    schema: Schema = {"type": _SCALARS.get(origin, "string")}
+    if origin in (int, float):
+        schema |= {} if rule.low is None else {"exclusiveMinimum" if rule.low_open else "minimum": rule.low}
+        schema |= (
+            {} if rule.high is None else {"exclusiveMaximum" if rule.high_open else "maximum": rule.high}
+        )
+    return schema
+
+
+def _names(names: list[str]) -> Schema:
+    return {"anyOf": [{"enum": names}, {"type": "array", "items": {"enum": names}}]}

@@ -1,0 +1,108 @@
+"""Which class says what each section of a search space may hold.
+
+`data`, `encoder` and `model` hold one component of a package, named by `kind`; the other sections
+are one dataclass each. Everything is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dse import registry
+from dse.registry import param
+
+COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
+_SETTINGS = {
+    "task": "dse.config.sections:Task",
+    "window": "dse.recordings.windows:Window",
+    "split": "dse.recordings.splits:Split",
+    "preprocessing": "dse.preprocessing:Preprocessing",
+    "training": "dse.models.training:Training",
+    "decision": "dse.config.sections:Decision",
+    "search": "dse.config.sections:Search",
+    "execution": "dse.config.sections:ExecutionSettings",
+}
+# In the order of a file; `test` holds keys of `data`, the last two are lists of names.
+SECTIONS = (
+    *("data", "task", "window", "split", "test", "preprocessing", "encoder", "model", "training", "decision"),
+    *("hardware", "objectives", "search", "execution"),
+)
+# Objectives that only a hardware profile gives, and the one that no search may see.
+_ENERGY = ("energy_uj", "energy_uj_low", "energy_uj_high")
+OF_HARDWARE = (*_ENERGY, "hardware_latency_ms", "latency_ms", "n_cores", "fits")
+HELD_BACK = "accuracy_test"
+WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
+# What turns recordings into spikes, by the record that a component of `recordings` reads.
+_FRONT_END = {"Signals": "encoder", "Events": "preprocessing"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A label column as (part of) the target."""
+
+    column: str = param(doc="name of a label column")
+    abs: bool = param(False, doc="its absolute value")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is predicted."""
+
+    target: str | Column | tuple[str | Column, ...] = param(  # noqa: RUF009
+        doc="a label column, `{column: name, abs: true}`, or a list of these: their combination"
+    )
+    name: str = param("", doc="name of the task in tables; absent: the target's columns", axis=False)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Grid of decision parameters; each is a value, a list, a choice or a stepped range. Never trained."""
+
+    phi: int = param(0, doc="output spikes that must be exceeded before deciding", unit="spikes", low=0)
+    theta: float = param(0.5, doc="smallest share of the leading class in them", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How designs are proposed and how often each is trained. A sampler adds its own keys."""
+
+    sampler: str = param(
+        "", doc="component of search.samplers; absent: grid where every axis has a step, else tpe", axis=False
+    )
+    n_trials: int | None = param(None, doc="designs to train; absent: the whole grid", low=1, axis=False)
+    batch: int = param(8, doc="designs proposed at a time", low=1, axis=False)
+    repeats: int = param(1, doc="trainings of every design, each with its own seed", low=1, axis=False)
+    repeats_on_front: int = param(1, doc="trainings of the designs on the front", low=1, axis=False)
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """How the work is spread; it changes no result."""
+
+    jobs: int = param(1, doc="processes at a time", low=1, axis=False)
+
+
+def settings_class(section: str) -> type:
+    """Return the dataclass of a section that has no `kind`."""
+    module, name = _SETTINGS[section].split(":")
+    return typing.cast(type, getattr(importlib.import_module(module), name))
+
+
+def components(section: str) -> dict[str, type]:
+    """Return the components that `kind` of a section may name."""
+    return registry.known(COMPONENTS[section])
+
+
+def known_objectives() -> Mapping[str, Any]:
+    """Return the objectives by name; each has a `direction`, 'max' or 'min'."""
+    return typing.cast(Mapping[str, Any], importlib.import_module("dse.metrics").known())
+
+
+def front_end(recordings: type[Any]) -> str | None:
+    """Return the section that turns what a recordings component reads into spikes; None for spikes."""
+    record = typing.get_type_hints(recordings.read)["return"]
+    return _FRONT_END.get(record.__name__)

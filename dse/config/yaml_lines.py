@@ -1,0 +1,169 @@
+"""YAML text -> plain data that remembers on which line every value stands.
+
+Scalars follow the core schema of YAML 1.2, not 1.1: `no` and `on` are text, `1e-3` is a number.
+Keys are always text. Source: yaml.org/spec/1.2.2, section 10.3.2.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from dse.config.faults import Fault
+
+Path = tuple[str | int, ...]
+
+_CONSTANTS: dict[str, Any] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_BASE = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_SPECIAL = re.compile(r"([-+]?)\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+_PLAIN_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "seq", "map")}
+_DEEPEST = 50
+
+
+@dataclass(frozen=True)
+class Document:
+    """Plain data and the place of every path in it.
+
+    places: path -> (file or `--set key`, line).
+    """
+
+    data: Any
+    places: dict[Path, tuple[str, int]]
+    faults: list[Fault] = field(default_factory=list)
+
+    def fault(self, path: Path, message: str) -> Fault:
+        """Return a fault at a path, or at the nearest enclosing path that stands in the text."""
+        while path not in self.places:
+            path = path[:-1]
+        return Fault(*self.places[path], message)
+
+
+def scalar(text: str) -> Any:
+    """Return the value of a plain (unquoted) scalar."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    # int() refuses thousands of digits by raising ValueError; such a number is as good as text here.
+    if _INTEGER.fullmatch(text) and len(text) < 400:
+        return int(text)
+    if _BASE.fullmatch(text):
+        return int(text, 0)
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    if special := _SPECIAL.fullmatch(text):
+        return float(f"{special[1] or ''}inf" if special[2] else "nan")
+    return text
+
+
+def parse(text: str, name: str) -> Document:
+    """Read one YAML document; syntax errors and duplicate keys become faults of `name`."""
+    document = Document({}, {(): (name, 1)})
+    try:
+        # The base loader resolves nothing, so quoted and plain scalars can be told apart below.
+        node = yaml.compose(text, Loader=yaml.BaseLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        problem = " ".join(filter(None, (error.context, error.problem)))
+        document.faults.append(Fault(name, mark.line + 1 if mark else 1, f"not valid YAML: {problem}"))
+        return document
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        document.faults.append(Fault(name, line, f"not valid YAML: {error.reason}"))
+        return document
+    except RecursionError:
+        document.faults.append(Fault(name, 1, f"not valid YAML: nested deeper than {_DEEPEST} levels"))
+        return document
+    data = {} if node is None else _value(node, (), document, name)
+    return Document(data, document.places, document.faults)
+
+
+def override(document: Document, values: Mapping[str, str]) -> Document:
+    """Replace dotted keys by values written as YAML (`model.hidden={choice: [50, 100]}`)."""
+    data, places, faults = document.data, dict(document.places), list(document.faults)
+    if values and not isinstance(data, dict):
+        data = {}
+    for key, text in values.items():
+        path = tuple(key.split("."))
+        source = f"--set {key}"
+        if not all(path):
+            faults.append(Fault(source, 0, f"must be a dotted key such as data.file, got '{key}'"))
+            continue
+        given = parse(text, source)
+        if given.faults:
+            faults += [Fault(source, 0, fault.message) for fault in given.faults]
+            continue
+        places = {known: place for known, place in places.items() if known[: len(path)] != path}
+        places |= {path + sub: (source, 0) for sub in given.places}
+        for length in range(1, len(path)):  # a section that only the command line names
+            places.setdefault(path[:length], (source, 0))
+        data = _replaced(data, path, given.data if text.strip() else None)
+    return Document(data, places, faults)
+
+
+def _replaced(data: Any, path: Path, value: Any) -> Any:
+    if not path:
+        return value
+    inner = data if isinstance(data, dict) else {}
+    return {**inner, path[0]: _replaced(inner.get(path[0]), path[1:], value)}
+
+
+def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:
+    line = node.start_mark.line + 1
+    if len(path) > _DEEPEST:  # an alias inside its own anchor never ends
+        document.faults.append(Fault(name, line, f"nested deeper than {_DEEPEST} levels"))
+        return None
+    if node.tag not in _PLAIN_TAGS:
+        document.faults.append(Fault(name, line, f"tags have no meaning here, got '{node.tag}'"))
+    if isinstance(node, yaml.ScalarNode):
+        return scalar(node.value) if node.style is None else node.value
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            document.places[(*path, index)] = (name, child.start_mark.line + 1)
+        return [_value(child, (*path, index), document, name) for index, child in enumerate(node.value)]
+    data: dict[str, Any] = {}
+    for key_node, child in node.value:
+        key_line = key_node.start_mark.line + 1
+        if not isinstance(key_node, yaml.ScalarNode):
+            document.faults.append(Fault(name, key_line, "a key must be a word, got a list or mapping"))
+            continue
+        key = str(key_node.value)
+        if key in data:
+            first = document.places[(*path, key)][1]
+            where = ".".join(map(str, (*path, key)))
+            document.faults.append(Fault(name, key_line, f"duplicate key '{where}', first on line {first}"))
+            continue
+        document.places[(*path, key)] = (name, key_line)
+        data[key] = _value(child, (*path, key), document, name)
+    return data
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes text so that `scalar` reads it back as text, and never writes aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    style = None if isinstance(scalar(text), str) else "'"
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _represent_text)
+_Dumper.add_representer(tuple, lambda dumper, value: dumper.represent_list(list(value)))
+
+
+def dump(data: Mapping[str, Any]) -> str:
+    """Write plain data as YAML that `parse` reads back to the same data (tuples become lists)."""
+    return yaml.dump(
+        dict(data), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True
+    )

@@ -1,0 +1,232 @@
+"""Conditions on the rows of a table, as text: "energy_uj <= 50 and task == 'texture'".
+
+    EXPR  = EXPR and EXPR | EXPR or EXPR | not EXPR | ( EXPR ) | TEST
+    TEST  = VALUE (== | != | < | <= | > | >=) VALUE ... | VALUE [not] in [constant, ...]
+    VALUE = a column name, dots allowed (model.hidden) | number | 'text' | True | False
+
+Python's own parser reads the text and this file walks the tree; nothing is evaluated as code.
+A comparison with a missing value (NaN) is false, whatever the comparison, as in SQL.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from dse.config.faults import known_names
+
+_OPERATORS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
+    ast.LtE: ("<=", operator.le),
+    ast.GtE: (">=", operator.ge),
+    ast.Lt: ("<", operator.lt),
+    ast.Gt: (">", operator.gt),
+    ast.Eq: ("==", operator.eq),
+    ast.NotEq: ("!=", operator.ne),
+}
+_MIRRORED = {"<=": ">=", ">=": "<=", "<": ">", ">": "<", "==": "=="}
+
+
+class ExpressionError(ValueError):
+    """A condition that cannot be read, or does not fit the table."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """One comparison of a column with a number."""
+
+    column: str
+    operator: str
+    limit: float
+
+    def __str__(self) -> str:
+        return f"{self.column}{self.operator}{self.limit:g}"
+
+    @property
+    def direction(self) -> str:
+        """Which way the column is better as far as this budget is concerned: 'min', 'max' or ''."""
+        return {"<": "min", ">": "max"}.get(self.operator[0], "")
+
+    def met(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which values are within the limit."""
+        compare = next(function for sign, function in _OPERATORS.values() if sign == self.operator)
+        return np.asarray(compare(values, self.limit), dtype=bool)
+
+    def excess(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much each value misses the limit, in the column's unit; 0 at the limit itself."""
+        over = {"min": values - self.limit, "max": self.limit - values}
+        return np.maximum(over.get(self.direction, np.abs(values - self.limit)), 0.0)
+
+
+def matches(expression: str, frame: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which rows of a table satisfy a condition.
+
+    Raises:
+        ExpressionError: the text is no condition, names no column, or compares text with numbers.
+    """
+    return _rows(_parse(expression), frame, expression)
+
+
+def split_budgets(expressions: Sequence[str]) -> tuple[list[Budget], list[str]]:
+    """Split conditions at their 'and': numeric limits of one column, and everything else.
+
+    "energy_uj <= 50 and task == 'texture'" gives one budget and one condition that is never relaxed.
+
+    Raises:
+        ExpressionError: the text is no condition.
+    """
+    budgets: list[Budget] = []
+    rest: list[str] = []
+    for expression in expressions:
+        for part in _conjuncts(_parse(expression)):
+            budget = _budget(part)
+            if budget is None:
+                rest.append(ast.unparse(part))
+            elif budget not in budgets:
+                budgets.append(budget)
+    return budgets, rest
+
+
+def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
+    """Return a column.
+
+    Raises:
+        ExpressionError: there is none of that name.
+    """
+    if name not in frame.columns:
+        raise ExpressionError(f"unknown column '{name}'; {known_names(name, map(str, frame.columns))}")
+    return frame[name]
+
+
+def _parse(expression: str) -> ast.expr:
+    try:
+        return ast.parse(expression.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ExpressionError(
+            f"condition '{expression}' must read like \"energy_uj <= 50 and task == 'texture'\""
+        ) from None
+
+
+def _conjuncts(node: ast.expr) -> list[ast.expr]:
+    if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
+        return [part for value in node.values for part in _conjuncts(value)]
+    return [node]
+
+
+def _budget(node: ast.expr) -> Budget | None:
+    if not isinstance(node, ast.Compare) or len(node.ops) != 1 or type(node.ops[0]) not in _OPERATORS:
+        return None
+    sign = _OPERATORS[type(node.ops[0])][0]
+    left, right = node.left, node.comparators[0]
+    if sign not in _MIRRORED:
+        return None
+    if _name(left) is None:
+        left, right, sign = right, left, _MIRRORED[sign]
+    name, limit = _name(left), _constant(right)
+    if name is None or isinstance(limit, bool) or not isinstance(limit, int | float):
+        return None
+    return Budget(name, sign, float(limit))
+
+
+def _name(node: ast.expr) -> str | None:
+    """Return a column name; `model.hidden` parses as an attribute of a name."""
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute):
+        owner = _name(node.value)
+        return None if owner is None else f"{owner}.{node.attr}"
+    return None
+
+
+def _constant(node: ast.expr) -> Any:
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        value = _constant(node.operand)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return -value if isinstance(node.op, ast.USub) else value
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float | str):
+        return node.value
+    return None
+
+
+def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> NDArray[np.bool_]:
+    if isinstance(node, ast.BoolOp):
+        join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
+        result = _rows(node.values[0], frame, text)
+        for value in node.values[1:]:
+            result = join(result, _rows(value, frame, text))
+        return result
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return np.logical_not(_rows(node.operand, frame, text))
+    if isinstance(node, ast.Compare):
+        result = np.ones(len(frame), dtype=bool)
+        left = node.left
+        for sign, right in zip(node.ops, node.comparators, strict=True):
+            result = result & _compare(left, sign, right, frame, text)
+            left = right
+        return result
+    raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is no comparison")
+
+
+def _compare(
+    left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFrame, text: str
+) -> NDArray[np.bool_]:
+    first = _operand(left, frame, text)
+    if isinstance(sign, ast.In | ast.NotIn):
+        if not isinstance(right, ast.List | ast.Tuple | ast.Set):
+            raise ExpressionError(f"condition '{text}': 'in' must be followed by a list such as [1, 2]")
+        found = np.zeros(len(frame), dtype=bool)
+        for item in right.elts:
+            found |= _test(operator.eq, first, _operand(item, frame, text), text)
+        return found if isinstance(sign, ast.In) else first.present & ~found
+    if type(sign) not in _OPERATORS:
+        raise ExpressionError(f"condition '{text}' may compare with ==, !=, <, <=, >, >= and in only")
+    return _test(_OPERATORS[type(sign)][1], first, _operand(right, frame, text), text)
+
+
+@dataclass(frozen=True)
+class _Operand:
+    """One side of a comparison, over all rows; `is_text` is None where no row has a value."""
+
+    values: NDArray[Any]
+    present: NDArray[np.bool_]
+    is_text: bool | None
+
+
+def _test(
+    compare: Callable[[Any, Any], Any], left: _Operand, right: _Operand, text: str
+) -> NDArray[np.bool_]:
+    if None not in (left.is_text, right.is_text) and left.is_text != right.is_text:
+        raise ExpressionError(f"condition '{text}' compares text with a number")
+    result = left.present & right.present
+    result[result] = compare(left.values[result], right.values[result])
+    return result
+
+
+def _operand(node: ast.expr, frame: pd.DataFrame, text: str) -> _Operand:
+    name = _name(node)
+    if name is None:
+        constant = _constant(node)
+        if constant is None:
+            raise ExpressionError(
+                f"condition '{text}': '{ast.unparse(node)}' must be a column, a number, 'text', True or False"
+            )
+        is_text = isinstance(constant, str)
+        values = np.full(len(frame), constant, dtype=object if is_text else np.float64)
+        return _Operand(values, np.ones(len(frame), dtype=bool), is_text)
+    series = column(frame, name)
+    present = series.notna().to_numpy(dtype=bool)
+    if pd.api.types.is_numeric_dtype(series.dtype):
+        return _Operand(series.to_numpy(dtype=np.float64, na_value=np.nan), present, False)
+    values = series.to_numpy(dtype=object)
+    kinds = {isinstance(x, str) if isinstance(x, str | bool | int | float) else None for x in values[present]}
+    if None in kinds or len(kinds) > 1:
+        raise ExpressionError(
+            f"condition '{text}': column '{name}' must hold either text or numbers in every row"
+        )
+    return _Operand(values, present, kinds.pop() if kinds else None)

@@ -1,0 +1,219 @@
+"""What a page shows, as plain values: points, fronts, intervals, failures, and what to say about them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.figures.front import design_columns, front_mask, interval, numbers
+from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import pandas
+
+MAX_POINTS = 20_000
+"""Points that a page carries; beyond it, every front point and an even sample of the others."""
+
+_BOOKKEEPING = ("status", "reason")
+
+
+def gather_page(
+    frame: pandas.DataFrame,
+    *,
+    name: str,
+    objectives: Mapping[str, str] | Sequence[tuple[str, str]],
+    notes: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Gather what a page shows, as plain values that JSON can hold.
+
+    Arguments and errors as `write_page`.
+
+    Returns:
+        name, notes and counts of trials by status;
+        state: title and text when there is nothing to draw, else None;
+        objectives: {column: direction} of those that the table holds;
+        columns: {column: {label, unit, values}}, `design` names those that make a design;
+        intervals: {column: {low, high}}, distances from the value;
+        fronts: {columns joined by '|': row numbers that no row of the same task and hardware beats over
+        these columns}, for all objectives (key 'all') and each two or three of them;
+        failures: trial, reason and design of each failed trial.
+    """
+    if frame.columns.duplicated().any():
+        raise ValueError(
+            f"columns must be unique, got '{frame.columns[frame.columns.duplicated()][0]}' twice"
+        )
+    wanted = dict(objectives)
+    wrong = [
+        f"'{column}': '{direction}'"
+        for column, direction in wanted.items()
+        if direction not in ("max", "min")
+    ]
+    if wrong:
+        raise ValueError(f"directions must be 'max' or 'min', got {', '.join(wrong)}")
+    failed = _failed(frame)
+    points = frame[~failed].reset_index(drop=True)
+    present = {column: way for column, way in wanted.items() if np.isfinite(numbers(points, column)).any()}
+    fronts = _fronts(points, present)
+    keep = _kept(len(points), fronts)
+    shown = points.iloc[keep]
+    place = np.full(len(points), -1)
+    place[keep] = np.arange(len(keep))
+    measured = [
+        column
+        for column in map(str, points.columns)
+        if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
+    ]
+    return {
+        "name": name,
+        "notes": [*notes, *_remarks(points, wanted, present, len(keep))],
+        "counts": _counts(frame),
+        "state": _state(points, failed, wanted, present),
+        "objectives": present,
+        "design": [column for column in design_columns(points) if column in measured],
+        "columns": {column: _column(shown, column) for column in measured},
+        "intervals": _intervals(shown, measured),
+        "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
+        "failures": _failures(frame[failed]),
+        "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
+    }
+
+
+def _failed(frame: pandas.DataFrame) -> Array:
+    if "status" not in frame.columns:
+        return np.zeros(len(frame), bool)
+    return np.asarray(frame["status"].astype(str) == "failed")
+
+
+def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, Array]:
+    """Return the row numbers on the front over all objectives and over each two or three of them."""
+    by = [column for column in ("task", "hardware") if column in points.columns]
+    if by:
+        groups = list(points.groupby(by, sort=False, dropna=False).indices.values())
+    else:
+        groups = [np.arange(len(points))]
+
+    def rows(columns: Sequence[str]) -> Array:
+        chosen = {column: objectives[column] for column in columns}
+        found = [group[front_mask(points.iloc[group], chosen)] for group in groups if len(group)]
+        return np.sort(np.concatenate(found)) if found else np.zeros(0, np.int64)
+
+    if not objectives:
+        return {"all": np.zeros(0, np.int64)}
+    subsets = [*itertools.combinations(objectives, 2), *itertools.combinations(objectives, 3)]
+    return {"all": rows(list(objectives))} | {"|".join(sorted(columns)): rows(columns) for columns in subsets}
+
+
+def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
+    """Return the rows that the page carries: fronts whole, the rest thinned evenly."""
+    if n <= MAX_POINTS:
+        return np.arange(n)
+    best = np.unique(np.concatenate(list(fronts.values())))
+    rest = np.setdiff1d(np.arange(n), best)
+    room = max(0, MAX_POINTS - len(best))
+    return np.sort(np.concatenate([best, rest[np.linspace(0, len(rest) - 1, room).astype(int)]]))
+
+
+def _column(frame: pandas.DataFrame, column: str) -> dict[str, Any]:
+    words, unit = label(column)
+    return {"label": words, "unit": unit, "values": [_plain(value) for value in frame[column].tolist()]}
+
+
+def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dict[str, Any]]:
+    ends = {column: interval(frame, column) for column in columns}
+    return {
+        column: {"low": [_plain(x) for x in low.tolist()], "high": [_plain(x) for x in high.tolist()]}
+        for column, (low, high) in ends.items()
+        if low.any() or high.any()
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON holds it: six significant digits, None for what is missing."""
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return None
+        return int(value) if value.is_integer() and abs(value) < 2**53 else float(f"{value:.6g}")
+    text = str(value)
+    return None if text in ("<NA>", "NaT") else text
+
+
+def _counts(frame: pandas.DataFrame) -> dict[str, int]:
+    """Return how many trials have each status; rows without a trial number count as one each."""
+    if "status" not in frame.columns:
+        return {"finished": int(frame["trial"].nunique()) if "trial" in frame.columns else len(frame)}
+    status = frame["status"].fillna("finished").astype(str)
+    counted = frame["trial"].groupby(status).nunique() if "trial" in frame.columns else status.value_counts()
+    order = sorted(counted.index, key=lambda name: (name == "failed", name))
+    return {str(key): int(counted[key]) for key in order}
+
+
+def _failures(frame: pandas.DataFrame) -> list[dict[str, Any]]:
+    parameters = [column for column in map(str, frame.columns) if "." in column]
+    return [
+        {
+            "trial": _plain(row.get("trial")),
+            "reason": str(row.get("reason") or "no reason was recorded"),
+            "design": {column: _plain(row[column]) for column in parameters},
+        }
+        for row in frame.to_dict("records")
+    ]
+
+
+def _state(
+    points: pandas.DataFrame, failed: Array, wanted: Mapping[str, str], present: Mapping[str, str]
+) -> dict[str, str] | None:
+    """Return what to say in place of a figure, or None when there is something to draw."""
+    if not len(points) and failed.any():
+        return {
+            "title": "Every trial failed",
+            "text": "No design was measured. The reasons are below; the first is often the cause of all.",
+        }
+    if not len(points):
+        return {
+            "title": "No design yet",
+            "text": "This study has no finished trial. Run it, or let it run on, and open this page again.",
+        }
+    if not present:
+        return {
+            "title": "Nothing to compare",
+            "text": f"No row has a value of {', '.join(wanted) or 'any objective'}.",
+        }
+    return None
+
+
+def _remarks(
+    points: pandas.DataFrame, wanted: Mapping[str, str], present: Mapping[str, str], n_kept: int
+) -> list[str]:
+    """Return what a reader must know before trusting the figure."""
+    if not len(points):
+        return []
+    remarks = [
+        f"Column {column} is missing from this study, so the front leaves it out."
+        for column in wanted
+        if column not in present
+    ]
+    for column in present:
+        values = numbers(points, column)
+        missing = int((~np.isfinite(values)).sum())
+        if missing:
+            remarks.append(
+                f"{missing} of {len(points)} points have no {column} and are not on any front of it."
+            )
+        if len(points) > 1 and missing < len(points) and np.nanmin(values) == np.nanmax(values):
+            remarks.append(
+                f"{column} is {short(float(np.nanmin(values)))} everywhere: it tells no design apart."
+            )
+    if len(points) == 1:
+        remarks.append("One design point so far, so it is the front.")
+    if n_kept < len(points):
+        remarks.append(
+            f"{n_kept:,} of {len(points):,} points are shown: all of each front, a sample of the rest."
+        )
+    return remarks

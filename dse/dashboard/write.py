@@ -1,0 +1,92 @@
+"""Fill the page's template: one self-contained file that runs only its own two scripts."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dse.dashboard.gather import gather_page
+
+if TYPE_CHECKING:
+    import pandas
+
+_SLOT = re.compile(r"\{\{(\w+)\}\}")
+
+
+def write_page(
+    frame: pandas.DataFrame,
+    path: Path | str,
+    *,
+    name: str,
+    objectives: Mapping[str, str] | Sequence[tuple[str, str]],
+    notes: Sequence[str] = (),
+) -> Path:
+    """Write the page of a study as one self-contained HTML file.
+
+    Args:
+        frame: design points and failed trials, one row each, columns as in the record of a trial. A row
+            whose `status` is 'failed' is listed with its `reason`; `task` and `hardware` split the fronts.
+        path: file to write; it appears complete or not at all.
+        name: name of the study.
+        objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
+        notes: sentences to print above the figure, such as warnings of the run.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: a column name occurs twice, or a direction is neither 'max' nor 'min'.
+    """
+    page = gather_page(frame, name=name, objectives=objectives, notes=notes)
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(f".{target.name}.{os.getpid()}")
+    unfinished.write_text(_fill(page), encoding="utf-8", newline="\n")
+    unfinished.replace(target)
+    return target
+
+
+def _sources() -> Path:
+    """Return the folder of the page's sources: inside the installed package, or beside it in a clone."""
+    package = Path(__file__).resolve().parent.parent
+    installed = package / "_dashboards"
+    return installed if installed.is_dir() else package.parent / "dashboards"
+
+
+def _fill(page: Mapping[str, Any]) -> str:
+    """Return the page's HTML. Values are inserted in one pass, so none of them is read as a slot."""
+    from plotly.offline import get_plotlyjs
+
+    sources = _sources()
+    scripts = {
+        "plotly": get_plotlyjs().replace("\r\n", "\n"),
+        "script": (sources / "page.js").read_text(encoding="utf-8"),
+    }
+    # Only these two scripts may run and nothing may be fetched, whatever a name in the study contains.
+    # 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; page.js never evaluates.
+    hashes = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in scripts.values()
+    )
+    slots = scripts | {
+        "title": html.escape(str(page["name"])),
+        "policy": f"default-src 'none'; script-src {hashes} 'unsafe-eval'; "
+        "style-src 'unsafe-inline'; img-src data: blob:",
+        "style": (sources / "style.css").read_text(encoding="utf-8"),
+        "data": _json(page),
+    }
+    template = (sources / "page.html").read_text(encoding="utf-8")
+    return _SLOT.sub(lambda slot: slots[slot[1]], template)
+
+
+def _json(page: Mapping[str, Any]) -> str:
+    """Return JSON that no HTML parser can leave: `<`, `>` and `&` are written as escapes."""
+    text = json.dumps(page, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -1,0 +1,140 @@
+"""Send-on-delta: a channel sends an event when it has moved by a threshold since the last one.
+
+Of each channel and threshold theta, r is the last level sent, at first the recording's first sample:
+
+    d = x[t] - r;  where |d| >= theta: ON (d > 0) or OFF (d < 0) at t, and r moves
+
+    reference 'value':  r = x[t]                                   send-on-delta (Miskowicz, Sensors 6, 2006)
+    reference 'step':   r = r + sign(d) theta                      delta modulation, lags behind fast changes
+    reference 'level':  r = r + sign(d) theta floor(|d| / theta)   levels crossed, several at once one spike
+
+At most one spike per channel, threshold and sample. A constant added to a channel changes nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from dse.records import Array, Signals, Spikes
+from dse.registry import param, register
+
+REFERENCES = ("step", "value", "level")
+
+
+@register("encoders", "send_on_delta")
+@dataclass(frozen=True)
+class SendOnDelta:
+    """ON and OFF spikes of each channel at each of several thresholds (Miskowicz, Sensors 6, 2006)."""
+
+    thresholds: tuple[float, ...] = param(
+        (1.0, 2.0, 4.0, 8.0, 16.0),
+        doc="one copy of the channels each",
+        unit="sensor units",
+        low=0,
+        low_open=True,
+    )
+    reference: str = param("step", doc="where the level sent last moves to at a spike", choices=REFERENCES)
+
+    def n_channels(self, n_in: int) -> int:
+        """Return the number of spike channels that n_in sampled channels become."""
+        return 2 * len(self.thresholds) * n_in
+
+    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
+
+        Each recording is encoded from its first sample on, so what is kept is what a running sensor
+        would send.
+
+        Args:
+            signals: the recordings.
+            first: (n,) first step to keep.
+            length: (n,) steps to keep; shorter ones end in empty rows.
+        """
+        thresholds = np.asarray(self.thresholds, dtype=np.float64)
+        rule = REFERENCES.index(self.reference)
+        n_steps = int(np.max(length))
+        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
+        pieces = []
+        for i in range(signals.n_recordings):
+            values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+            pieces.append(
+                _encode(values, thresholds, rule, int(first[i]), int(first[i] + length[i]), counts[i])
+            )
+        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        return Spikes(
+            offsets, np.concatenate(pieces), n_steps, self.n_channels(signals.n_channels), signals.step_ms
+        )
+
+
+def send_on_delta(values: Array, thresholds: tuple[float, ...], reference: str) -> Array:
+    """Return the spikes of one recording, (step, spike channel) bool: the definition, plain and slow.
+
+    Spike channel (2 k + p) n + c: threshold k, polarity p (0 OFF, 1 ON), channel c of n.
+
+    Args:
+        values: (step, channel) samples.
+        thresholds: each > 0, in the unit of `values`.
+        reference: 'step', 'value' or 'level'.
+    """
+    n_steps, n = values.shape
+    spikes = np.zeros((n_steps, len(thresholds), 2, n), dtype=bool)
+    x = values.astype(np.float64)
+    for k, theta in enumerate(thresholds):
+        r = x[0].copy()
+        for t in range(n_steps):
+            d = x[t] - r
+            fires = np.abs(d) >= theta
+            spikes[t, k, 0] = fires & (d < 0)
+            spikes[t, k, 1] = fires & (d > 0)
+            if reference == "value":
+                moved = x[t]
+            elif reference == "step":
+                moved = r + np.sign(d) * theta
+            else:
+                moved = r + np.sign(d) * (theta * np.floor(np.abs(d) / theta))
+            r = np.where(fires, moved, r)
+    return spikes.reshape(n_steps, -1)
+
+
+@numba.njit(cache=True)
+def _encode(values, thresholds, rule, first, end, counts):  # type: ignore[no-untyped-def]
+    """Return the spike channels of steps first .. end - 1 in order; write how many per step to counts."""
+    n, n_thresholds = values.shape[1], len(thresholds)
+    channels = np.empty((end - first) * n_thresholds * n, dtype=np.int32)
+    r = np.empty((n_thresholds, n))
+    for k in range(n_thresholds):
+        for c in range(n):
+            r[k, c] = values[0, c]
+    sign = np.zeros(n, dtype=np.int8)
+    filled = 0
+    for t in range(end):
+        before = filled
+        for k in range(n_thresholds):
+            theta = thresholds[k]
+            for c in range(n):
+                x = np.float64(values[t, c])
+                d = x - r[k, c]
+                sign[c] = 0
+                if abs(d) >= theta:
+                    sign[c] = 1 if d > 0 else -1
+                    if rule == 1:
+                        r[k, c] = x
+                    elif rule == 0:
+                        r[k, c] += sign[c] * theta
+                    else:
+                        r[k, c] += sign[c] * (theta * np.floor(abs(d) / theta))
+            if t >= first:
+                for c in range(n):
+                    if sign[c] < 0:
+                        channels[filled] = 2 * k * n + c
+                        filled += 1
+                for c in range(n):
+                    if sign[c] > 0:
+                        channels[filled] = (2 * k + 1) * n + c
+                        filled += 1
+        if t >= first:
+            counts[t - first] = filled - before
+    return channels[:filled].copy()

@@ -1,0 +1,110 @@
+"""Spikes of a batch as compressed rows: what every layer of the engine reads and writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from dse.records import Array, Spikes
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Spikes of a batch; row r = sample * n_steps + step holds `index[offsets[r]:offsets[r + 1]]`.
+
+    offsets: (n_samples * n_steps + 1,) int64.
+    index: (n_spikes,) int32 input numbers, rising within a row.
+    """
+
+    offsets: Array
+    index: Array
+    n_samples: int
+    n_steps: int
+    n_inputs: int
+
+    def per_step(self) -> Array:
+        """Return the number of spikes per sample and step, (sample, step) int32."""
+        return np.diff(self.offsets).reshape(self.n_samples, self.n_steps).astype(np.int32)
+
+
+@numba.njit(cache=True)
+def _gather(
+    row_offsets: Array,
+    channel: Array,
+    stored_steps: int,
+    n_channels: int,
+    samples: Array,
+    start: Array,
+    input_steps: int,
+    delays: Array,
+    steps_per_sample: int,
+    offsets: Array,
+    index: Array,
+) -> None:
+    """Fill `offsets`, and `index` where it is not empty, with the rows of each window and delayed copy."""
+    n_steps = input_steps * steps_per_sample
+    write = index.size > 0
+    position = 0
+    offsets[0] = 0
+    for n in range(samples.size):
+        base = samples[n] * stored_steps + start[n]
+        for t in range(n_steps):
+            for k in range(delays.size):
+                source = t - delays[k]
+                if source < 0 or source % steps_per_sample != 0:
+                    continue
+                row = base + source // steps_per_sample
+                if write:
+                    for e in range(row_offsets[row], row_offsets[row + 1]):
+                        index[position] = channel[e] + k * n_channels
+                        position += 1
+                else:
+                    position += row_offsets[row + 1] - row_offsets[row]
+            offsets[n * n_steps + t + 1] = position
+
+
+def gather(
+    spikes: Spikes,
+    samples: Array,
+    start: Array,
+    n_steps: int,
+    delays: tuple[int, ...] = (0,),
+    steps_per_sample: int = 1,
+) -> Rows:
+    """Cut windows out of stored spikes and add delayed copies of the inputs.
+
+    A copy with delay d shows at network step t what the window held at t - d; nothing from before
+    the window is seen. With k network steps per input step, spikes arrive on the first of the k.
+
+    Args:
+        spikes: stored spikes.
+        samples: (n,) sample numbers.
+        start: (n,) first stored step of each window.
+        n_steps: window length in input steps.
+        delays: delay of each copy, network steps.
+        steps_per_sample: network steps per input step.
+
+    Returns:
+        Rows of n samples, n_steps * steps_per_sample steps, n_channels * len(delays) inputs.
+
+    Raises:
+        ValueError: a window reaches outside the stored steps.
+    """
+    samples = np.asarray(samples, np.int64)
+    start = np.asarray(start, np.int64)
+    if samples.size and (start.min() < 0 or start.max() + n_steps > spikes.n_steps):
+        raise ValueError(
+            f"windows of {n_steps} steps must lie within the {spikes.n_steps} stored steps, "
+            f"got starts from {start.min()} to {start.max()}"
+        )
+    total = samples.size * n_steps * steps_per_sample
+    offsets = np.empty(total + 1, np.int64)
+    lags = np.asarray(delays, np.int64)
+    arguments = (spikes.row_offsets, spikes.channel, spikes.n_steps, spikes.n_channels, samples, start)
+    _gather(*arguments, n_steps, lags, steps_per_sample, offsets, np.empty(0, np.int32))
+    index = np.empty(offsets[-1], np.int32)
+    if index.size:
+        _gather(*arguments, n_steps, lags, steps_per_sample, offsets, index)
+    return Rows(offsets, index, samples.size, n_steps * steps_per_sample, spikes.n_channels * len(delays))

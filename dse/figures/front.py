@@ -1,0 +1,217 @@
+"""The front: which design points nothing beats, over any two or three columns."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
+from dse.pareto import non_dominated
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
+HOVER_CHARACTERS = 60
+
+
+@dataclass(frozen=True)
+class Front:
+    """Design points in the plane or space of two or three columns.
+
+    columns: the columns shown, x first.
+    values: (point, column) float64.
+    low, high: (point, column) distance from the value to the ends of its interval, 0 where none is known.
+    on_front: (point,) whether no other point of the same group is better, over the columns shown.
+    group: (point,) index into `groups`: fronts are never computed across groups (tasks).
+    hover: (point,) the design in words, HTML-escaped.
+    n_left_out: rows that miss one of the columns and are not shown.
+    """
+
+    columns: tuple[str, ...]
+    values: Array
+    low: Array
+    high: Array
+    on_front: Array
+    group: Array
+    groups: tuple[str, ...]
+    hover: tuple[str, ...]
+    n_left_out: int
+
+
+def front_mask(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
+    """Return which rows are non-dominated over the objectives.
+
+    Rows with a NaN or infinite objective are never on the front. Equal rows are kept together.
+
+    Args:
+        frame: one row per design point.
+        objectives: column -> 'max' or 'min'; every column must be in the frame.
+
+    Returns:
+        (row,) bool.
+
+    Raises:
+        ValueError: no objective, an unknown column or a direction other than 'max' and 'min'.
+    """
+    if not objectives:
+        raise ValueError("objectives must name at least one column, got none")
+    for column, direction in objectives.items():
+        if column not in frame.columns:
+            raise ValueError(f"objective must be a column of the table, got '{column}'")
+        if direction not in ("max", "min"):
+            raise ValueError(f"direction of '{column}' must be 'max' or 'min', got '{direction}'")
+    sign = np.array([-1.0 if direction == "max" else 1.0 for direction in objectives.values()])
+    points = np.column_stack([numbers(frame, column) for column in objectives]) * sign
+    mask = np.zeros(len(points), bool)
+    comparable = np.isfinite(points).all(axis=1)
+    if comparable.any():
+        mask[comparable] = non_dominated(points[comparable])
+    return mask
+
+
+def numbers(frame: pandas.DataFrame, column: str) -> Array:
+    """Return a column as float64, NaN where it holds no number or does not exist."""
+    import pandas
+
+    if column not in frame.columns:
+        return np.full(len(frame), np.nan)
+    return np.asarray(pandas.to_numeric(frame[column], errors="coerce"), dtype=np.float64)
+
+
+def interval(frame: pandas.DataFrame, column: str) -> tuple[Array, Array]:
+    """Return how far a column's interval reaches below and above its value, 0 where none is known.
+
+    `<column>_se` is one standard error on both sides; `<column>_low` and `<column>_high` are its ends.
+    """
+    error = numbers(frame, f"{column}_se")
+    value = numbers(frame, column)
+    low, high = numbers(frame, f"{column}_low"), numbers(frame, f"{column}_high")
+    below = np.where(np.isfinite(error), error, value - low)
+    above = np.where(np.isfinite(error), error, high - value)
+    return np.nan_to_num(np.maximum(below, 0.0)), np.nan_to_num(np.maximum(above, 0.0))
+
+
+def design_columns(frame: pandas.DataFrame) -> list[str]:
+    """Return the columns that say what a design is: trial, dotted parameters, phi, theta, hardware."""
+    named = [column for column in ("trial", "hardware", "phi", "theta") if column in frame.columns]
+    return named[:1] + [column for column in map(str, frame.columns) if "." in column] + named[1:]
+
+
+def gather_front(
+    frame: pandas.DataFrame, columns: Sequence[str], objectives: Mapping[str, str], by: str = "task"
+) -> Front:
+    """Gather two or three columns of a table of design points, and the front over them.
+
+    Args:
+        frame: one row per design point.
+        columns: two or three columns to show, x first.
+        objectives: column -> 'max' or 'min', at least for `columns`.
+        by: column whose values have a front each; ignored where the table lacks it.
+
+    Raises:
+        ValueError: not two or three columns, or a column without a direction or not in the table.
+    """
+    if len(columns) not in (2, 3):
+        raise ValueError(f"columns must be two or three, got {len(columns)}")
+    unknown = [column for column in columns if column not in frame.columns]
+    if unknown:
+        raise ValueError(f"columns must be in the table, got {unknown}")
+    undirected = [column for column in columns if column not in objectives]
+    if undirected:
+        raise ValueError(
+            f"objectives must say 'max' or 'min' for every column shown, got none for {undirected}"
+        )
+    values = np.column_stack([numbers(frame, column) for column in columns])
+    shown = np.isfinite(values).all(axis=1)
+    points = frame[shown]
+    names = points[by].astype(str) if by in points.columns else None
+    groups = ("",) if names is None else tuple(dict.fromkeys(names))
+    group = np.zeros(len(points), int) if names is None else np.array([groups.index(x) for x in names], int)
+    on_front = np.zeros(len(points), bool)
+    for index in range(len(groups)):
+        mine = group == index
+        on_front[mine] = front_mask(points[mine], {column: objectives[column] for column in columns})
+    ends = [interval(points, column) for column in columns]
+    return Front(
+        columns=tuple(columns),
+        values=values[shown],
+        low=np.column_stack([low for low, _ in ends]),
+        high=np.column_stack([high for _, high in ends]),
+        on_front=on_front,
+        group=group,
+        groups=groups,
+        hover=_hover(points, columns),
+        n_left_out=int((~shown).sum()),
+    )
+
+
+def draw_front(front: Front) -> plotly.graph_objects.Figure:
+    """Draw a front: dominated points dim, the front joined (in the plane) with its intervals as bars."""
+    import plotly.graph_objects as go
+
+    flat = len(front.columns) == 2
+    figure = go.Figure()
+    for index, name in enumerate(front.groups):
+        colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
+        for best in (False, True):
+            rows = np.flatnonzero((front.group == index) & (front.on_front == best))
+            rows = rows[np.argsort(front.values[rows, 0], kind="stable")]
+            trace: dict[str, Any] = {
+                axis: front.values[rows, k] for k, axis in enumerate("xyz"[: len(front.columns)])
+            }
+            trace |= {
+                "name": html.escape(f"{name} {'front' if best else 'dominated'}".strip(), quote=False),
+                "mode": "lines+markers" if best and flat else "markers",
+                "marker": {"color": colour, "size": 9 if best else 5, "opacity": 1.0 if best else 0.25},
+                "text": [front.hover[row] for row in rows],
+                "hovertemplate": "%{text}<extra></extra>",
+            }
+            if best:
+                trace |= {f"error_{axis}": bars for axis, bars in _bars(front, rows, colour).items()}
+            if flat:
+                trace["line"] = {"color": colour, "width": 1.5}
+            figure.add_trace(go.Scatter(trace) if flat else go.Scatter3d(trace))
+    titles = {
+        f"{axis}axis": {"title": {"text": axis_title(column)}}
+        for axis, column in zip("xyz", front.columns, strict=False)
+    }
+    figure.update_layout(**(titles if flat else {"scene": titles}), hoverlabel={"align": "left"})
+    return figure
+
+
+def _bars(front: Front, rows: Array, colour: str) -> dict[str, dict[str, Any]]:
+    return {
+        axis: {
+            "type": "data",
+            "array": front.high[rows, k],
+            "arrayminus": front.low[rows, k],
+            "symmetric": False,
+            "color": colour,
+            "thickness": 1,
+        }
+        for k, axis in enumerate("xyz"[: len(front.columns)])
+        if front.high[rows, k].any() or front.low[rows, k].any()
+    }
+
+
+def _hover(frame: pandas.DataFrame, columns: Sequence[str]) -> tuple[str, ...]:
+    named = [*design_columns(frame), *(column for column in columns)]
+    titles = [axis_title(column) for column in named]
+    rows = zip(*(frame[column].tolist() for column in named), strict=True)
+    return tuple(
+        "<br>".join(f"{title} {_safe(value)}" for title, value in zip(titles, row, strict=True))
+        for row in rows
+    )
+
+
+def _safe(value: object) -> str:
+    text = short(value)
+    return html.escape(
+        text if len(text) <= HOVER_CHARACTERS else text[: HOVER_CHARACTERS - 1] + "…", quote=False
+    )

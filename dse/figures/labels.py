@@ -1,0 +1,48 @@
+"""What a column is called in figures, and the palette: colour only ever carries meaning."""
+
+from __future__ import annotations
+
+import html
+import re
+
+# Okabe & Ito (2008): eight colours told apart with every common colour vision. Yellow is left out: it
+# vanishes on white. One order for a light page, one for a dark page.
+OKABE_ITO_LIGHT = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+OKABE_ITO_DARK = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E00")
+
+_UNITS = {"_mm_s": "mm/s", "_ms": "ms", "_us": "µs", "_mv": "mV", "_uj": "µJ", "_bits": "bit", "_s": "s"}
+_SYMBOLS = {"phi": "φ", "theta": "θ"}
+
+
+def label(column: str) -> tuple[str, str]:
+    """Return the words and the unit of a column: `energy_uj` is ("energy", "µJ").
+
+    A parameter keeps its dotted path, because that is how the YAML file names it.
+    """
+    if column in _SYMBOLS:
+        return _SYMBOLS[column], ""
+    for suffix, unit in _UNITS.items():
+        if column.endswith(suffix) and len(column) > len(suffix):
+            return _words(column.removesuffix(suffix)), unit
+    return _words(column), ""
+
+
+def axis_title(column: str) -> str:
+    """Return a column's words with its unit in brackets, safe as plotly text."""
+    words, unit = label(column)
+    return html.escape(f"{words} ({unit})" if unit else words, quote=False)
+
+
+def short(value: object) -> str:
+    """Return a value in at most three significant digits, anything but a number as its text."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    if value != value or value in (float("inf"), float("-inf")):
+        return "–"
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}".replace(",", "\u202f") if abs(rounded) >= 1000 else f"{rounded:g}"
+
+
+def _words(column: str) -> str:
+    is_symbol = "." in column or re.fullmatch("t_[a-z]", column)  # a dotted path, or t_p, t_h, t_c
+    return column if is_symbol else column.removeprefix("n_").replace("_", " ")

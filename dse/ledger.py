@@ -1,0 +1,156 @@
+"""The ledger of a study: which designs were asked for, in which batch, and what the sampler was told.
+
+It is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. Every entry is
+on the disk before anything is trained for it; a half-written last line (the process was killed) is cut off.
+The caller holds the study folder (`store.exclusive`): a lock file beside the journal is then a dead one's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dse.config import Axis, SearchSpace
+from dse.store import StoreError, explained
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
+    from optuna.trial import FrozenTrial
+
+_NAME = "dse"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One asked design; `values` is None until told, or where the trial failed (`told` says which)."""
+
+    trial: int
+    batch: int
+    design: dict[str, Any]
+    told: bool
+    values: tuple[float, ...] | None
+
+
+class Ledger:
+    """The journal file of one study, opened for appending.
+
+    Raises:
+        StoreError: the file is damaged before its last line, or cannot be written.
+    """
+
+    def __init__(self, path: Path, space: SearchSpace) -> None:
+        from optuna.storages import JournalStorage
+        from optuna.storages.journal import JournalFileBackend
+        from optuna.study import StudyDirection
+
+        self._path = path
+        self._axes = space.axes
+        with self._explained(), _quiet():
+            _repair(path)
+            self._storage = JournalStorage(JournalFileBackend(str(path)))
+            studies = self._storage.get_all_studies()
+            self._study = (
+                studies[0]._study_id
+                if studies
+                else self._storage.create_new_study(
+                    [
+                        StudyDirection.MAXIMIZE if direction == "max" else StudyDirection.MINIMIZE
+                        for _, direction in space.objectives
+                    ],
+                    _NAME,
+                )
+            )
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            with explained(self._path):
+                yield
+        except (KeyError, ValueError) as error:
+            raise StoreError(f"{self._path}: is damaged: {error}") from error
+
+    @property
+    def entries(self) -> list[Entry]:
+        """Every entry in the order of asking; `trial` counts from 0."""
+        return [_entry(trial) for trial in self._storage.get_all_trials(self._study, deepcopy=False)]
+
+    def ask(self, batch: int, designs: Sequence[Mapping[str, Any]]) -> None:
+        """Append designs that are about to be trained."""
+        from optuna.trial import TrialState, create_trial
+
+        for design in designs:
+            template = create_trial(
+                state=TrialState.RUNNING,
+                params={name: _scalar(value) for name, value in design.items()},
+                distributions={name: _distribution(axis) for name, axis in self._axes.items()},
+                user_attrs={"batch": batch, "design": dict(design)},
+            )
+            with self._explained():
+                self._storage.create_new_trial(self._study, template)
+
+    def tell(self, trial: int, values: Sequence[float] | None) -> None:
+        """Append what the sampler is told of a trial: its objectives, or None for a failed trial."""
+        from optuna.trial import TrialState
+
+        state = TrialState.FAIL if values is None else TrialState.COMPLETE
+        with self._explained():
+            number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
+            self._storage.set_trial_state_values(number, state, values)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Optuna from announcing the journal."""
+    import optuna
+
+    verbosity = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        yield
+    finally:
+        optuna.logging.set_verbosity(verbosity)
+
+
+def _entry(trial: FrozenTrial) -> Entry:
+    values = None if trial.values is None else tuple(float(v) for v in trial.values)
+    attributes = trial.user_attrs
+    return Entry(trial.number, attributes["batch"], attributes["design"], trial.state.is_finished(), values)
+
+
+def _scalar(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str) else json.dumps(value)
+
+
+def _distribution(axis: Axis) -> BaseDistribution:
+    """Return an axis as Optuna's tools show it; the samplers have distributions of their own."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    if axis.values is not None:
+        return CategoricalDistribution([_scalar(value) for value in axis.values])
+    assert axis.low is not None and axis.high is not None  # a range has ends
+    if axis.is_int:
+        return IntDistribution(int(axis.low), int(axis.high), log=axis.log)
+    return FloatDistribution(axis.low, axis.high, log=axis.log)
+
+
+def _repair(path: Path) -> None:
+    for lock in path.parent.glob(f"{path.name}.lock*"):
+        lock.unlink(missing_ok=True)
+    if not path.exists():
+        return
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
+    last = whole[whole.rfind(b"\n", 0, -1) + 1 :]
+    try:
+        json.loads(last or b"{}")
+    except ValueError:
+        whole = whole[: -len(last)]
+    if len(whole) < len(content):
+        with path.open("r+b") as file:
+            file.truncate(len(whole))
+            os.fsync(file.fileno())

@@ -1,0 +1,133 @@
+"""Asynchronous events in an .npz file: time, address and polarity, laid end to end with offsets."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from dse.recordings import RecordingError, npz
+from dse.recordings.files import locate
+from dse.recordings.labels import class_names_key, columns_key, label_columns
+from dse.recordings.time_series import checked_offsets
+from dse.records import Array, Events
+from dse.registry import param, register
+
+
+@register("recordings", "events")
+@dataclasses.dataclass(frozen=True)
+class EventFile:
+    """Event recordings of an .npz file; recording i is events[offsets[i]:offsets[i+1]].
+
+    An address is a pixel (`x`, `y`) or a `taxel`; polarity is 1 for ON and 0 for OFF.
+    """
+
+    file: str = param(doc="the .npz file: absolute, beside the YAML or in $DSE_DATA", axis=False)
+    width: int = param(doc="addresses run from 0 to width - 1 along x or taxel", low=1, axis=False)
+    height: int = param(1, doc="addresses run from 0 to height - 1 along y", low=1, axis=False)
+    t_us: str = param("t_us", doc="array of the integer time stamps in microseconds", axis=False)
+    x: str | None = param(None, doc="array of the columns of the pixels", axis=False)
+    y: str | None = param(None, doc="array of the rows of the pixels", axis=False)
+    taxel: str | None = param(None, doc="array of the taxel numbers, in place of x and y", axis=False)
+    polarity: str | None = param(None, doc="array of 1 (ON) and 0 (OFF); absent: all ON", axis=False)
+    offsets: str = param("offsets", doc="array of the n + 1 recording borders", axis=False)
+    columns: Mapping[str, str] = columns_key()
+    class_names: Mapping[str, str] = class_names_key()
+
+    def __post_init__(self) -> None:
+        if (self.x is None) == (self.taxel is None) or (self.y is not None and self.x is None):
+            raise RecordingError("data must name the arrays of the addresses: x (and y), or taxel")
+
+    def _names(self) -> list[str]:
+        optional = [self.x, self.y, self.taxel, self.polarity]
+        arrays = [self.t_us, *(name for name in optional if name is not None), self.offsets]
+        return [*arrays, *self.columns.values(), *self.class_names.values()]
+
+    def _count(self, shapes: npz.Shapes) -> int | None:
+        return shapes[self.offsets][0] - 1 if self.offsets in shapes else None
+
+    def check(self, base: Path) -> list[str]:
+        """Return what the file's headers show to be wrong."""
+        return npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+
+    def with_columns_found(self, base: Path) -> Self:
+        """Return the component with only the label columns that its file holds."""
+        return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+
+    def read(self, base: Path) -> Events:
+        """Return the recordings.
+
+        Raises:
+            RecordingError: anything wrong with the file, naming recording and event.
+        """
+        path = locate(self.file, base)
+        arrays = npz.load(path, self._names())
+        t_us = arrays[self.t_us]
+        where = f"{path.name}: '{self.t_us}'"
+        if t_us.ndim != 1:
+            raise RecordingError(f"{where} must have one value per event, got shape {t_us.shape}")
+        borders = checked_offsets(arrays[self.offsets], len(t_us), where)
+        fields = {
+            "t_us": t_us,
+            "x": arrays[self.taxel or self.x or ""],
+            "y": np.zeros(len(t_us), dtype=np.int32) if self.y is None else arrays[self.y],
+            "polarity": np.ones(len(t_us), dtype=np.uint8)
+            if self.polarity is None
+            else arrays[self.polarity],
+        }
+        for key, values in fields.items():
+            if values.shape != t_us.shape or values.dtype.kind not in "biu":
+                raise RecordingError(
+                    f"{path.name}: '{getattr(self, key) or self.taxel}' must be one integer for each of the "
+                    f"{len(t_us)} events, got {values.dtype} of shape {values.shape}"
+                )
+        wide = {key: values.astype(np.int64) for key, values in fields.items()}
+        for fault in event_faults(**wide, offsets=borders, width=self.width, height=self.height):
+            raise RecordingError(f"{path.name}: {fault}")
+        return Events(
+            t_us=wide["t_us"],
+            x=wide["x"].astype(np.int32),
+            y=wide["y"].astype(np.int32),
+            polarity=wide["polarity"].astype(np.uint8),
+            offsets=borders,
+            width=self.width,
+            height=self.height,
+            columns=label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name),
+        )
+
+
+def event_faults(
+    t_us: Array, x: Array, y: Array, polarity: Array, offsets: Array, width: int, height: int
+) -> list[str]:
+    """Return what is wrong with events: order and sign of times, addresses outside the frame, polarity.
+
+    Args:
+        t_us: (n_events,) int64 microseconds.
+        x: (n_events,) int64.
+        y: (n_events,) int64.
+        polarity: (n_events,) int64.
+        offsets: (n + 1,) borders of the recordings.
+        width: addresses x must be below.
+        height: addresses y must be below.
+    """
+    falls = np.diff(t_us, prepend=t_us[:1]) < 0
+    falls[offsets[:-1]] = False
+    tests = [
+        (t_us < 0, "time must be >= 0 us", t_us),
+        (falls, "time must never fall within a recording", t_us),
+        ((x < 0) | (x >= width), f"address must be in [0, {width - 1}]", x),
+        ((y < 0) | (y >= height), f"row y must be in [0, {height - 1}]", y),
+        ((polarity < 0) | (polarity > 1), "polarity must be 0 or 1", polarity),
+    ]
+    found = []
+    for bad, rule, values in tests:
+        if bad.any():
+            event = int(bad.argmax())
+            recording = int(np.searchsorted(offsets, event, side="right")) - 1
+            found.append(
+                f"{rule}, got {values[event]} at event {event - offsets[recording]} of recording {recording}"
+            )
+    return found

@@ -1,0 +1,97 @@
+"""Shortcuts by which a data set gives its labels away without touch being understood."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dse.recordings import RecordingError
+from dse.records import Array
+
+_NEIGHBOURS = 5
+_ROWS_AT_ONCE = 256
+
+
+def guard(target_columns: Sequence[str], split_columns: Sequence[str]) -> None:
+    """Refuse a split by the column that is predicted.
+
+    Raises:
+        RecordingError: a column is in both.
+    """
+    for column in split_columns:
+        if column in target_columns:
+            raise RecordingError(f"split must not read column '{column}', which task.target predicts")
+
+
+def warnings(
+    lengths: Array,
+    levels: Array | None,
+    codes: Array,
+    train: Array,
+    validation: Array,
+    name: str,
+) -> list[str]:
+    """Return a sentence for each of length and resting level that alone predicts the target.
+
+    A shortcut is reported where 5 nearest neighbours on it close half of the gap between the largest
+    class and a perfect score, on validation, and are above that class by three standard errors.
+
+    Args:
+        lengths: (n,) steps per recording.
+        levels: (n, channel) mean level over the window, or None where recordings have no level.
+        codes: (n,) targets.
+        train: indices of the training recordings.
+        validation: indices of the validation recordings.
+        name: what the target is called in the sentence.
+    """
+    largest = float((codes[validation] == np.bincount(codes[train]).argmax()).mean())
+    noise = 3 * np.sqrt(largest * (1 - largest) / len(validation))
+    shortcuts = [
+        (
+            "recording length",
+            np.log(np.maximum(lengths, 1.0))[:, None],
+            "windows of one length hide it; never feed whole recordings",
+        ),
+        (
+            "resting level (mean of each channel)",
+            levels,
+            "send_on_delta sends changes only, window.remove_mean takes it away; never feed absolute levels",
+        ),
+    ]
+    found = []
+    for what, features, advice in shortcuts:
+        if features is None or np.ptp(features[train], axis=0).max() == 0:
+            continue
+        guess = nearest_neighbours(features[train], codes[train], features[validation])
+        accuracy = float((guess == codes[validation]).mean())
+        if accuracy >= (1 + largest) / 2 and accuracy > largest + noise:
+            found.append(
+                f"{what} alone predicts {name} with accuracy {accuracy:.3f} on validation "
+                f"(largest class {largest:.3f}): {advice}"
+            )
+    return found
+
+
+def nearest_neighbours(train: Array, codes: Array, query: Array) -> Array:
+    """Return the majority class (lowest on a tie) of the 5 nearest training rows of every query row.
+
+    Features are standardised by the training rows; fewer neighbours vote where a class has fewer rows.
+
+    Args:
+        train: (n, feature).
+        codes: (n,) classes of the training rows.
+        query: (m, feature).
+    """
+    centre, spread = train.mean(axis=0), train.std(axis=0)
+    spread = np.where(spread > 0, spread, 1.0)
+    a, b = (train - centre) / spread, (query - centre) / spread
+    k = min(_NEIGHBOURS, np.unique(codes, return_counts=True)[1].min())
+    guess = np.zeros(len(b), dtype=np.int64)
+    for first in range(0, len(b), _ROWS_AT_ONCE):
+        rows = b[first : first + _ROWS_AT_ONCE]
+        distance = (rows**2).sum(axis=1)[:, None] - 2 * rows @ a.T + (a**2).sum(axis=1)
+        nearest = codes[np.argsort(distance, axis=1, kind="stable")[:, :k]]
+        votes = (nearest[:, :, None] == np.arange(codes.max() + 1)).sum(axis=1)
+        guess[first : first + len(rows)] = votes.argmax(axis=1)
+    return guess

@@ -1,0 +1,113 @@
+"""Named arrays of an .npz file, read without pickle; every fault is one RecordingError line."""
+
+from __future__ import annotations
+
+import lzma
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+
+from dse.config.faults import known_names
+from dse.recordings import RecordingError
+from dse.recordings.files import locate
+from dse.recordings.labels import shape_faults
+from dse.records import Array
+
+_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, ValueError, EOFError, OSError)
+
+
+Shapes = Mapping[str, tuple[int, ...]]
+
+
+def headers(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shape of every array of an .npz file, reading its headers only.
+
+    Raises:
+        RecordingError: the file is empty, cut short, or no .npz file.
+    """
+    found = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for member in archive.namelist():
+                with archive.open(member) as stream:
+                    first = npy.read_magic(stream) == (1, 0)
+                    read = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
+                    found[member.removesuffix(".npy")] = read(stream)[0]
+    except _DAMAGE as error:
+        raise _unreadable(path, error) from None
+    return found
+
+
+def load(path: Path, names: Iterable[str]) -> dict[str, Array]:
+    """Return the named arrays of an .npz file.
+
+    Raises:
+        RecordingError: the file is unreadable, a name is not in it, or an array needs pickle.
+    """
+    known = headers(path)
+    arrays = {}
+    for name in dict.fromkeys(names):
+        if name not in known:
+            raise RecordingError(missing(path, name, known))
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                arrays[name] = archive[name]
+        except _DAMAGE as error:
+            raise _unreadable(path, error, f"array '{name}' of ") from None
+    return arrays
+
+
+def faults(
+    file: str,
+    base: Path,
+    names: Iterable[str],
+    columns: Mapping[str, str],
+    class_names: Mapping[str, str],
+    count: Callable[[Shapes], int | None],
+) -> list[str]:
+    """Return what an .npz file's headers show to be wrong: file or arrays missing, labels of wrong length.
+
+    Args:
+        file: as the YAML names it.
+        base: folder of the YAML.
+        names: arrays that are needed.
+        columns: column name -> array name.
+        class_names: column name -> array of names.
+        count: number of recordings from the arrays' shapes, None where they do not tell.
+    """
+    try:
+        path = locate(file, base)
+        shapes = headers(path)
+    except RecordingError as error:
+        return [str(error)]
+    found = [missing(path, name, shapes) for name in dict.fromkeys(names) if name not in shapes]
+    n = count(shapes)
+    return found if n is None else found + shape_faults(shapes, columns, class_names, n, path.name)
+
+
+def columns_found(
+    file: str, base: Path, columns: Mapping[str, str], class_names: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return `columns` and `class_names` without the columns that the file does not hold."""
+    shapes = headers(locate(file, base))
+    kept = {column: source for column, source in columns.items() if source in shapes}
+    return {"columns": kept, "class_names": {c: source for c, source in class_names.items() if c in kept}}
+
+
+def missing(path: Path, name: str, known: Mapping[str, object]) -> str:
+    """Return the sentence for an array that the file does not hold."""
+    return f"{path.name}: no array '{name}'; {known_names(name, known)}"
+
+
+def _unreadable(path: Path, error: Exception, part: str = "") -> RecordingError:
+    if path.stat().st_size == 0:
+        return RecordingError(f"{path.name}: the file is empty")
+    reason = " ".join(str(error).split())
+    return RecordingError(
+        f"{path.name}: {part}the file cannot be read: no .npz file, or cut short ({reason})"
+    )

@@ -1,0 +1,65 @@
+"""What is predicted: a label column, its absolute value, or a combination of columns."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dse.config.faults import known_names
+from dse.recordings import RecordingError
+from dse.records import Array
+
+
+def target(columns: Mapping[str, Array], settings: Any) -> tuple[Array, tuple[str, ...]]:
+    """Return codes (n,) int64 and the names of the classes, in the order of their values.
+
+    Args:
+        columns: label columns, each (n,).
+        settings: a column's name, `{column: name, abs: true}`, or a list of these, joined by `|`.
+
+    Raises:
+        RecordingError: an unknown column, `abs` of texts, or two combinations of one name.
+    """
+    parts = [_values(columns, x) for x in _parts(settings)]
+    unique, inverse = zip(*(np.unique(x, return_inverse=True) for x in parts), strict=True)
+    joint = np.ravel_multi_index(tuple(inverse), [len(x) for x in unique])
+    present, codes = np.unique(np.asarray(joint), return_inverse=True)
+    names = ["|".join(map(_text, x)) for x in itertools.product(*unique)]
+    classes = tuple(names[i] for i in present)
+    if len(set(classes)) < len(classes):
+        twice = next(x for x in classes if classes.count(x) > 1)
+        raise RecordingError(f"task.target: two combinations of labels are both named '{twice}'")
+    return codes.astype(np.int64), classes
+
+
+def target_columns(settings: Any) -> tuple[str, ...]:
+    """Return the columns that a target is made of."""
+    return tuple(x["column"] if isinstance(x, Mapping) else x for x in _parts(settings))
+
+
+def _parts(settings: Any) -> tuple[Any, ...]:
+    parts = tuple(settings) if isinstance(settings, list | tuple) else (settings,)
+    if not parts or any(isinstance(x, Mapping) and "column" not in x for x in parts):
+        raise RecordingError(f"task.target must name a column, got {settings!r}")
+    return parts
+
+
+def _values(columns: Mapping[str, Array], part: Any) -> Array:
+    name = part["column"] if isinstance(part, Mapping) else part
+    if name not in columns:
+        raise RecordingError(
+            f"task.target: no column '{name}' among data.columns; {known_names(str(name), columns)}"
+        )
+    values = columns[name]
+    if isinstance(part, Mapping) and part.get("abs", False):
+        if values.dtype.kind not in "iuf":
+            raise RecordingError(f"task.target: abs needs numbers, column '{name}' holds {values.dtype}")
+        return np.asarray(np.abs(values if values.dtype.kind == "f" else values.astype(np.int64)))
+    return values
+
+
+def _text(value: Any) -> str:
+    return str(value).removesuffix(".0") if isinstance(value, np.floating) else str(value)

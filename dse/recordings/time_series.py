@@ -1,0 +1,123 @@
+"""Sampled recordings in an .npz file: laid end to end with offsets, or of one length in a cube."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from dse.recordings import RecordingError, npz
+from dse.recordings.files import locate
+from dse.recordings.labels import class_names_key, columns_key, label_columns
+from dse.records import Array, Signals
+from dse.registry import param, register
+
+
+@register("recordings", "time_series")
+@dataclasses.dataclass(frozen=True)
+class TimeSeries:
+    """Sampled recordings of an .npz file.
+
+    `signal` is (sum of lengths, channel) with `offsets`, recording i being signal[offsets[i]:offsets[i+1]],
+    or (recording, sample, channel) without.
+    """
+
+    file: str = param(doc="the .npz file: absolute, beside the YAML or in $DSE_DATA", axis=False)
+    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
+    signal: str = param("signal", doc="array of the samples", axis=False)
+    offsets: str | None = param(
+        None, doc="array of the n + 1 recording borders; absent for a cube", axis=False
+    )
+    columns: Mapping[str, str] = columns_key()
+    class_names: Mapping[str, str] = class_names_key()
+
+    def _names(self) -> list[str]:
+        offsets = [] if self.offsets is None else [self.offsets]
+        return [self.signal, *offsets, *self.columns.values(), *self.class_names.values()]
+
+    def _count(self, shapes: npz.Shapes) -> int | None:
+        if self.offsets is None:
+            return shapes[self.signal][0] if self.signal in shapes else None
+        return shapes[self.offsets][0] - 1 if self.offsets in shapes else None
+
+    def check(self, base: Path) -> list[str]:
+        """Return what the file's headers show to be wrong."""
+        return npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+
+    def with_columns_found(self, base: Path) -> Self:
+        """Return the component with only the label columns that its file holds."""
+        return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+
+    def read(self, base: Path) -> Signals:
+        """Return the recordings.
+
+        Raises:
+            RecordingError: anything wrong with the file, naming array, recording and sample.
+        """
+        path = locate(self.file, base)
+        arrays = npz.load(path, self._names())
+        offsets = None if self.offsets is None else arrays[self.offsets]
+        flat, borders = end_to_end(arrays[self.signal], offsets, f"{path.name}: '{self.signal}'")
+        columns = label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name)
+        return Signals(flat, borders, float(self.step_ms), columns)
+
+
+def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Array]:
+    """Return samples (sum of lengths, channel) float32 and borders (n + 1,) int64, both checked.
+
+    Raises:
+        RecordingError: wrong number of axes, bad borders, an empty recording, NaN or infinite samples.
+    """
+    if values.dtype.kind not in "biuf":
+        raise RecordingError(f"{where} must hold numbers, got {values.dtype}")
+    if offsets is None:
+        if values.ndim != 3:
+            raise RecordingError(
+                f"{where} must be (recording, sample, channel) without offsets, got shape {values.shape}"
+            )
+        n, n_steps, n_channels = values.shape
+        offsets, values = np.arange(n + 1) * n_steps, values.reshape(n * n_steps, n_channels)
+    elif values.ndim != 2:
+        raise RecordingError(f"{where} must be (sample, channel), got shape {values.shape}")
+    borders = checked_offsets(offsets, len(values), where)
+    if values.shape[1] == 0:
+        raise RecordingError(f"{where} has no channel")
+    with np.errstate(over="ignore"):  # what is too large for float32 is reported as infinite
+        flat = np.ascontiguousarray(values, dtype=np.float32)
+    bad = ~np.isfinite(flat)
+    if bad.any():
+        sample, channel = (int(x) for x in np.argwhere(bad)[0])
+        recording = int(np.searchsorted(borders, sample, side="right")) - 1
+        raise RecordingError(
+            f"{where} must be finite, got {flat[sample, channel]} in recording {recording}, "
+            f"sample {sample - borders[recording]}, channel {channel}"
+        )
+    return flat, borders
+
+
+def checked_offsets(offsets: Array, n_rows: int, where: str) -> Array:
+    """Return borders as int64, checked to run from 0 to n_rows and to leave no recording empty.
+
+    Raises:
+        RecordingError: they do not.
+    """
+    if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu":
+        raise RecordingError(
+            f"{where}: offsets must be one integer more than there are recordings, "
+            f"got {offsets.dtype} of shape {offsets.shape}"
+        )
+    borders = offsets.astype(np.int64)
+    lengths = np.diff(borders)
+    if (lengths < 0).any():
+        i = int((lengths < 0).argmax())
+        raise RecordingError(f"{where}: offsets must never fall, got {borders[i]} and then {borders[i + 1]}")
+    if borders[0] != 0 or borders[-1] != n_rows:
+        raise RecordingError(
+            f"{where}: offsets must run from 0 to its end at {n_rows}, got {borders[0]} to {borders[-1]}"
+        )
+    if (lengths == 0).any():
+        raise RecordingError(f"{where}: recording {int((lengths == 0).argmax())} is empty")
+    return borders

@@ -1,0 +1,251 @@
+"""The records that packages share: reading this file explains the pipeline.
+
+    Signals | Events  -> encoder / preprocessing -> Spikes -> Dataset
+    Dataset -> model -> Network, Response -> decision, workload -> measurements
+
+Time series are (sample, step, channel) unless said otherwise; event stamps are integer
+microseconds; a *step* is one time step of the encoder (a sampling period or a time bin).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Sampled recordings laid end to end; recording i is `values[offsets[i]:offsets[i+1]]`.
+
+    values: (sum of lengths, channel) float32, in sensor counts or the file's unit.
+    offsets: (n + 1,) int64, starts at 0, never falls.
+    step_ms: sampling period.
+    columns: label columns, each (n,): numbers or strings.
+    """
+
+    values: Array
+    offsets: Array
+    step_ms: float
+    columns: Mapping[str, Array]
+
+    @property
+    def n_recordings(self) -> int:
+        return len(self.offsets) - 1
+
+    @property
+    def n_channels(self) -> int:
+        return int(self.values.shape[1])
+
+
+@dataclass(frozen=True)
+class Events:
+    """Event recordings laid end to end; recording i is `t_us[offsets[i]:offsets[i+1]]`.
+
+    t_us: (n_events,) int64 microseconds, never falling within a recording.
+    x, y: (n_events,) int32 address; taxel arrays use x = taxel and y = 0.
+    polarity: (n_events,) uint8, 1 = ON, 0 = OFF.
+    width, height: address ranges (x < width, y < height).
+    columns: label columns, each (n,).
+    """
+
+    t_us: Array
+    x: Array
+    y: Array
+    polarity: Array
+    offsets: Array
+    width: int
+    height: int
+    columns: Mapping[str, Array]
+
+    @property
+    def n_recordings(self) -> int:
+        return len(self.offsets) - 1
+
+
+@dataclass(frozen=True)
+class Spikes:
+    """Binary spikes of n samples, sparse: sorted by sample, step, channel; no duplicates.
+
+    row_offsets: (n * n_steps + 1,) int64; the spikes of sample i at step t are
+        `channel[row_offsets[i * n_steps + t]:row_offsets[i * n_steps + t + 1]]`.
+    channel: (n_spikes,) int32 in [0, n_channels).
+    n_steps: steps stored per sample (a shorter sample has empty rows at its end).
+    step_ms: duration of one step.
+    """
+
+    row_offsets: Array
+    channel: Array
+    n_steps: int
+    n_channels: int
+    step_ms: float
+
+    @property
+    def n_samples(self) -> int:
+        return (len(self.row_offsets) - 1) // self.n_steps if self.n_steps else 0
+
+
+@dataclass(frozen=True)
+class Rasters:
+    """Recordings that are spikes already, with their label columns, each (n,)."""
+
+    spikes: Spikes
+    columns: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Spikes with a target, a split, and the window that a classifier may see.
+
+    target: (n,) int64 into `classes`.
+    start: (n,) int32 first step of the window that is evaluated.
+    start_low, start_high: (n,) int32 inclusive bounds of the first step of a training crop
+        (both equal `start` without crops). Every window fits: start_high + n_steps <= spikes.n_steps.
+    n_steps: window length in steps.
+    train, validation, test: int64 sample indices, disjoint; test may be empty.
+    """
+
+    spikes: Spikes
+    target: Array
+    classes: tuple[str, ...]
+    start: Array
+    start_low: Array
+    start_high: Array
+    n_steps: int
+    train: Array
+    validation: Array
+    test: Array
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One dense CUBA-LIF layer.
+
+    weight: (neuron, input) float32; the deployed weight is its 8-bit rounding (neurons.cuba_lif.quantise).
+        Delayed copies of the inputs are inputs of their own: column k * n_channels + c is channel c
+        seen `delays[k]` steps ago.
+    recurrent: (neuron, neuron) float32 or None; row = postsynaptic, acts one step later.
+    decay_current, decay_voltage: (neuron,) int32 12-bit decays in [0, 4096].
+    threshold: integer threshold mantissa; the neuron fires where v > threshold / 64.
+    """
+
+    weight: Array
+    recurrent: Array | None
+    decay_current: Array
+    decay_voltage: Array
+    threshold: int
+
+
+@dataclass(frozen=True)
+class Network:
+    """A trained spiking network: what runs, and what is exported.
+
+    delays: input delays in network steps (0 = the spike itself), one copy of the input each.
+    steps_per_sample: network steps per input step (>= 1).
+    arithmetic: 'integer' (deployable), or 'ideal' (float states, unrounded weights).
+    """
+
+    layers: tuple[Layer, ...]
+    n_channels: int
+    delays: tuple[int, ...]
+    steps_per_sample: int
+    arithmetic: str
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights W_t, recurrent and delayed-input weights included."""
+        return sum(x.weight.size + (0 if x.recurrent is None else x.recurrent.size) for x in self.layers)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Neurons per layer, input copies first."""
+        return (self.layers[0].weight.shape[1], *(x.weight.shape[0] for x in self.layers))
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a network did on n samples, T network steps each.
+
+    output: (n, T, class) uint8 output spikes, one-step shift included.
+    spikes: (n, T, layer) int32 spikes per layer and step; layer 0 is the input (delayed copies counted).
+    updates: (n, T, layer - 1) int32 neurons with a non-zero membrane potential before reset, or with input.
+    step_ms: duration of a network step.
+    peak_state: largest |u| or |v| in integer units; above 2**23 - 1 the 24-bit registers of Loihi overflow.
+    """
+
+    output: Array
+    spikes: Array
+    updates: Array
+    step_ms: float
+    peak_state: int
+
+
+@dataclass(frozen=True)
+class Workload:
+    """Mean activity per inference of a dense spiking network; arrays may carry leading axes (design points).
+
+    sizes: neurons per layer, input first (delayed copies counted as inputs).
+    recurrent: per layer after the input, whether it is recurrent.
+    n_steps: (...,) network steps executed.
+    spikes: (..., layer) spikes, input first.
+    updates: (..., layer - 1) neuron updates, or None for "every neuron, every step".
+    step_ms: period of a network step on the sensor's clock.
+    """
+
+    sizes: tuple[int, ...]
+    recurrent: tuple[bool, ...]
+    n_steps: Array
+    spikes: Array
+    updates: Array | None
+    step_ms: float
+    weight_bits: int = 8
+
+    @property
+    def fan_out(self) -> tuple[int, ...]:
+        """Synapses that one spike of each layer reaches, input first; output spikes leave the network."""
+        forward = (*self.sizes[1:], 0)
+        own = (0, *(n * back for n, back in zip(self.sizes[1:], self.recurrent, strict=True)))
+        return tuple(a + b for a, b in zip(forward, own, strict=True))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Decision surfaces over (phi, theta): every array (phi, theta).
+
+    accuracy: undecided samples decide at the end by argmax (t = T).
+    accuracy_strict: undecided samples count as wrong.
+    decision_latency_ms: mean time of the decision (undecided: T).
+    undecided: fraction of samples that never reach theta.
+    ties: fraction of samples whose argmax at the decision was a tie (lowest index wins).
+    work: (phi, theta, m) mean per-sample cumulative work up to the decision, empty where none was asked for.
+    """
+
+    phi: Array
+    theta: Array
+    accuracy: Array
+    accuracy_strict: Array
+    decision_latency_ms: Array
+    undecided: Array
+    ties: Array
+    work: Array
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One training run of one design (one repeat): everything measured, nothing summarised over seeds.
+
+    validation, test: responses; test is None where no test set was named.
+    history: epoch curves by name (loss, accuracy_train, seconds).
+    health: dead and saturated units, non-finite gradients, overflow, initialisation notes.
+    """
+
+    network: Network
+    validation: Response
+    test: Response | None
+    history: Mapping[str, Array]
+    health: Mapping[str, Any] = field(default_factory=dict)
+    train_s: float = 0.0

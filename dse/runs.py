@@ -1,0 +1,214 @@
+"""The training runs of a study: which are finished, and how the missing ones are made.
+
+A run is (trial, repeat). It is finished when its folder exists and is undamaged; a failed run is finished
+too, its record says why. Data sets are prepared once per distinct data sections and shared by memory map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dse import dataset, registry, seeds, store, trial
+from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.sections import settings_class
+from dse.execution import Failure, Workers
+from dse.ledger import Entry
+from dse.progress import Progress
+from dse.recordings import RecordingError
+from dse.store import StoreError
+
+Record = dict[str, Any]
+
+
+class Runs:
+    """The runs of one study folder, which the caller holds (`store.exclusive`)."""
+
+    def __init__(self, space: SearchSpace, folder: Path, workers: Workers, progress: Progress) -> None:
+        self._space = space
+        self._folder = folder
+        self._workers = workers
+        self._progress = progress
+        self._records: dict[tuple[int, int], Record] = {}
+        self._warned: set[str] = set()
+
+    def of(self, trial: int) -> list[Record]:
+        """Return the records of a trial's finished runs, repeat 0 first."""
+        return [self._records[key] for key in sorted(self._records) if key[0] == trial]
+
+    def trials(self) -> dict[int, list[Record]]:
+        """Return trial number -> records, for every trial with a finished run."""
+        return {number: self.of(number) for number in sorted({trial for trial, _ in self._records})}
+
+    def count(self, repeats: int | None = None) -> int:
+        """Return the number of finished runs, if asked among the first `repeats` of every trial."""
+        return sum(repeats is None or repeat < repeats for _, repeat in self._records)
+
+    def recall(self, entries: Sequence[Entry]) -> None:
+        """Read what earlier sessions finished. A damaged run is removed, to be made again.
+
+        Raises:
+            ConfigError: a run was trained on other data than its design has now.
+        """
+        for entry in entries:
+            for repeat in range(max(self._space.search.repeats, self._space.search.repeats_on_front)):
+                if (entry.trial, repeat) in self._records:
+                    continue
+                folder = store.run_folder(self._folder, entry.trial, repeat)
+                try:
+                    record = store.load_run(folder)
+                    if record is not None and not _is_of(entry, record):
+                        raise StoreError(f"{folder}: belongs to another design than the journal says")
+                except StoreError as error:
+                    self._progress.note(f"{error}; this run is made again")
+                    store.remove(folder)
+                    continue
+                if record is not None:
+                    self._check_data(entry, record)
+                    self._records[entry.trial, repeat] = record
+
+    def complete(self, entries: Sequence[Entry], repeats: int) -> None:
+        """Make every missing run of some designs up to a number of repeats.
+
+        Raises:
+            StoreError: results cannot be written (the disk is full); nothing finished is lost.
+            RecordingError: no data set of any design could be prepared.
+        """
+        self.recall(entries)
+        wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
+        jobs = self._prepared(wanted)
+        for job, result in self._workers.map(trial.train, jobs):
+            if isinstance(result, Failure):
+                _stop_if_disk(result)
+                result = self._failed(job.folder, job.trial, job.repeat, job.design, result)
+            else:
+                result = store.load_run(job.folder) or result
+            self._keep(result)
+
+    def _keep(self, record: Record) -> None:
+        self._records[record["trial"], record["repeat"]] = record
+        self._progress.advance(_told(record))
+
+    def _failed(
+        self, folder: Path, number: int, repeat: int, design: Mapping[str, Any], why: Failure
+    ) -> Record:
+        record = {
+            "trial": number,
+            "repeat": repeat,
+            "design": dict(design),
+            "seed": self._space.seed,
+            "status": "failed",
+            "reason": why.reason,
+            "details": why.details,
+        }
+        store.save_run(folder, record, {})
+        return {**record, "files": {}}
+
+    def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[trial.Run]:
+        """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
+        sections = {entry.trial: self._space.resolve(entry.design) for entry, _ in wanted}
+        base = self._space.source.parent
+        keys = {number: dataset.dataset_key(resolved, base) for number, resolved in sections.items()}
+        needed = {key: sections[number] for number, key in keys.items()}
+        missing = [
+            trial.Preparation(resolved, base, self._data(key))
+            for key, resolved in needed.items()
+            if not self._is_prepared(key)
+        ]
+        failures: dict[str, Failure] = {}
+        for job, result in self._workers.map(trial.prepare, missing):
+            key = job.folder.name
+            if isinstance(result, Failure):
+                _stop_if_disk(result)
+                failures[key] = result
+            else:
+                store.write_json(self._warnings(key), result)
+        first = next(iter(failures.values()), None)
+        if first is not None and not self._records and len(failures) == len(needed):
+            told = first.error == RecordingError.__name__
+            raise RecordingError(first.message if told else f"data cannot be prepared: {first.reason}")
+        self._warn(needed.keys() - failures.keys())
+        runs = []
+        for entry, repeat in wanted:
+            key = keys[entry.trial]
+            why = failures.get(key)
+            if why is None:
+                try:
+                    runs.append(self._run(entry, repeat, sections[entry.trial], self._data(key)))
+                except ValueError as error:  # keys that are legal one by one and not together
+                    why = Failure(type(error).__name__, str(error))
+            if why is not None:
+                folder = store.run_folder(self._folder, entry.trial, repeat)
+                self._keep(self._failed(folder, entry.trial, repeat, entry.design, why))
+        return runs
+
+    def _run(self, entry: Entry, repeat: int, resolved: Mapping[str, Any], data: Path) -> trial.Run:
+        model = {key: value for key, value in resolved["model"].items() if key != "kind"}
+        return trial.Run(
+            trial=entry.trial,
+            repeat=repeat,
+            design=entry.design,
+            seed=self._space.seed,
+            sections=resolved,
+            model=registry.known("models")[resolved["model"]["kind"]](**model),
+            training=settings_class("training")(**resolved["training"]),
+            data=data,
+            folder=store.run_folder(self._folder, entry.trial, repeat),
+            phi=tuple(self._space.decision.phi.tolist()),
+            theta=tuple(self._space.decision.theta.tolist()),
+            hardware=self._space.hardware,
+        )
+
+    def _data(self, key: str) -> Path:
+        return self._folder / "data" / key
+
+    def _warnings(self, key: str) -> Path:
+        return self._folder / "data" / f"{key}.json"
+
+    def _is_prepared(self, key: str) -> bool:
+        """Return whether a data set is there and readable; a damaged one is removed."""
+        if not self._data(key).is_dir():
+            return False
+        try:
+            dataset.load(self._data(key))
+            store.read_json(self._warnings(key))
+        except Exception:  # whatever is wrong with a cache, building it again is right
+            store.remove(self._data(key))
+            return False
+        return True
+
+    def _warn(self, keys: Any) -> None:
+        for key in sorted(keys):
+            for text in store.read_json(self._warnings(key)):
+                if text not in self._warned:
+                    self._warned.add(text)
+                    self._progress.note(f"warning: {text}")
+
+    def _check_data(self, entry: Entry, record: Record) -> None:
+        if "data" not in record:
+            return
+        key = dataset.dataset_key(self._space.resolve(entry.design), self._space.source.parent)
+        if key != record["data"]:
+            text = (
+                f"data: the recordings differ from those that trial {entry.trial} was trained on; "
+                f"restore them, or choose another --results folder"
+            )
+            raise ConfigError([Fault(str(self._space.source), 0, text)])
+
+
+def _is_of(entry: Entry, record: Record) -> bool:
+    return seeds.design_key(record["design"]) == seeds.design_key(entry.design)
+
+
+def _stop_if_disk(failure: Failure) -> None:
+    """A full disk is nobody's design: the study stops, and the same command goes on."""
+    if failure.error == StoreError.__name__:
+        raise StoreError(failure.message)
+
+
+def _told(record: Record) -> str:
+    name = f"trial {record['trial']}" + (f" repeat {record['repeat']}" if record["repeat"] else "")
+    if record["status"] == "failed":
+        return f"{name} failed: {record['reason']}"
+    return f"{name} accuracy {record['columns']['accuracy']:.3f}"

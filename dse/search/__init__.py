@@ -1,0 +1,6 @@
+"""Proposing designs: the space as a grid (`space`) and the samplers (`samplers/`).
+
+A sampler is a frozen dataclass of settings with `start(space, directions) -> Sampler`; the started sampler
+has `ask(n) -> designs` and `tell(designs, values)`. Given the same history it asks for the same designs, so
+a study that was stopped goes on as if it had not been. To add one, add one file to `samplers/`.
+"""

@@ -1,0 +1,182 @@
+"""What every sampler promises, and the Optuna-backed one.
+
+The promise that matters is resumption: what `ask` returns is a function of the study seed and of
+what was asked and told before, not of how often the process was restarted in between.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from dse import seeds
+from dse.config.axes import Axis
+from dse.config.space import Design, SearchSpace
+from dse.search.space import design_at, index_of, n_designs, position
+
+if TYPE_CHECKING:
+    import optuna
+
+Values = Sequence[float] | None
+# A sampler that proposes only known designs this often in a row gets them from the rest of the grid.
+_TRIES = 20
+
+
+class Sampler(Protocol):
+    """A started sampler."""
+
+    def ask(self, n: int) -> list[Design]:
+        """Return up to n designs that were never asked or told before; fewer when no more are left."""
+
+    def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
+        """Take in the objectives of designs, in the order of the space's objectives; None for a failed one.
+
+        Designs that this sampler did not ask for are taken in as well: so a stopped study resumes.
+        """
+
+
+class OptunaSampler:
+    """Asks one of Optuna's samplers, in a fresh in-memory study built from the history at every ask.
+
+    A fresh study makes an ask a pure function of the history. It is seeded by the study seed and the
+    number of designs known, so batch k gets the same generator whether or not the process lived on.
+
+    make: seed -> Optuna sampler.
+    replay: batch size with which the history is asked and told again, for samplers that note
+        something at every ask (generations); None where values alone carry the history.
+    """
+
+    def __init__(
+        self,
+        space: SearchSpace,
+        directions: Sequence[str],
+        make: Callable[[int], optuna.samplers.BaseSampler],
+        replay: int | None = None,
+    ) -> None:
+        self._space = space
+        self._directions = directions
+        self._make = make
+        self._replay = replay
+        self._asked: dict[str, Design] = {}
+        self._told: dict[str, tuple[Design, Values]] = {}
+
+    def ask(self, n: int) -> list[Design]:
+        """Return up to n new designs; fewer when the space has no more."""
+        import optuna
+
+        rng = seeds.generator(self._space.seed, {}, "sampler", len(self._asked))
+        distributions = {axis.name: _distribution(axis) for axis in self._space.axes.values()}
+        found: list[Design] = []
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            study = self._study(distributions, int(rng.integers(2**31)))
+            for _ in range(n):
+                design = self._new(study, distributions) or self._untried(rng)
+                if design is None:
+                    break
+                self._asked[seeds.design_key(design)] = design
+                found.append(design)
+        return found
+
+    def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
+        """Add to the history; telling a design again replaces its values."""
+        for design, value in zip(designs, values, strict=True):
+            key = seeds.design_key(design)
+            self._asked.setdefault(key, dict(design))
+            failed = value is None or not all(map(math.isfinite, value))
+            self._told[key] = (dict(design), None if failed else value)
+
+    def _study(self, distributions: dict[str, Any], seed: int) -> optuna.Study:
+        """Return a study that knows the history and a sampler with a fresh generator."""
+        import optuna
+
+        verbosity = optuna.logging.get_verbosity()
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        try:
+            study = optuna.create_study(
+                directions=["maximize" if name == "max" else "minimize" for name in self._directions],
+                sampler=self._make(seed),
+            )
+        finally:
+            optuna.logging.set_verbosity(verbosity)
+        history = [
+            ({name: _to_optuna(axis, design[name]) for name, axis in self._space.axes.items()}, value)
+            for design, value in self._told.values()
+        ]
+        if self._replay is None:
+            for parameters, value in history:
+                state = optuna.trial.TrialState.FAIL if value is None else optuna.trial.TrialState.COMPLETE
+                study.add_trial(
+                    optuna.trial.create_trial(
+                        state=state, values=value, params=parameters, distributions=distributions
+                    )
+                )
+            return study
+        for first in range(0, len(history), self._replay):
+            batch = history[first : first + self._replay]
+            for parameters, _ in batch:
+                study.enqueue_trial(parameters)
+            trials = [study.ask(distributions) for _ in batch]
+            for trial in trials:
+                _ = trial.relative_params  # Optuna lets the sampler note the generation on this access
+            for trial, (_, value) in zip(trials, batch, strict=True):
+                study.tell(trial, value, state=optuna.trial.TrialState.FAIL if value is None else None)
+        # The replay drew numbers; what follows must not depend on how many.
+        study.sampler = self._make(seed)
+        return study
+
+    def _new(self, study: optuna.Study, distributions: dict[str, Any]) -> Design | None:
+        """Return a design that was never asked before, or None if the sampler finds none."""
+        import optuna
+
+        for _ in range(_TRIES):
+            trial = study.ask(distributions)
+            design = {name: _to_value(axis, trial.params[name]) for name, axis in self._space.axes.items()}
+            if seeds.design_key(design) not in self._asked:
+                return design
+            study.tell(trial, state=optuna.trial.TrialState.FAIL)
+        return None
+
+    def _untried(self, rng: np.random.Generator) -> Design | None:
+        """Return the first design not asked before, from a random place of the grid on; None without one."""
+        total = n_designs(self._space)
+        if total is None:
+            return None
+        tried = {index_of(self._space, design) for design in self._asked.values()}
+        if len(tried) >= total:
+            return None
+        index = int(rng.integers(total))
+        while index in tried:
+            index = (index + 1) % total
+        return design_at(self._space, index)
+
+
+def _is_ordered(axis: Axis) -> bool:
+    values = axis.values or ()
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    return numbers and list(values) == sorted(values)
+
+
+def _distribution(axis: Axis) -> optuna.distributions.BaseDistribution:
+    """Return an axis as Optuna knows it: the place among its values, or the number itself."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    if axis.values is not None:
+        last = len(axis.values) - 1
+        return IntDistribution(0, last) if _is_ordered(axis) else CategoricalDistribution(range(last + 1))
+    assert axis.low is not None and axis.high is not None  # a range has ends
+    if axis.is_int:
+        return IntDistribution(int(axis.low), int(axis.high), log=axis.log)
+    return FloatDistribution(axis.low, axis.high, log=axis.log)
+
+
+def _to_optuna(axis: Axis, value: Any) -> Any:
+    return value if axis.values is None else position(axis, value)
+
+
+def _to_value(axis: Axis, parameter: Any) -> Any:
+    return parameter if axis.values is None else axis.values[parameter]

@@ -1,0 +1,1 @@
+"""Samplers: which designs to train next. Contract and how to add one: `dse.search`."""

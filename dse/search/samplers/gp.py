@@ -1,0 +1,29 @@
+"""Gaussian process with expected hypervolume improvement (Optuna's GPSampler)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dse.config.space import SearchSpace
+from dse.registry import param, register
+from dse.search.proposals import OptunaSampler, Sampler
+
+
+@register("search.samplers", "gp")
+@dataclass(frozen=True)
+class Gp:
+    """Gaussian process; for few, expensive designs on smooth axes, at about a second per design."""
+
+    startup: int = param(10, doc="random designs before the model is used", low=1, axis=False)
+
+    def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
+        """Return the sampler."""
+        import optuna
+
+        def make(seed: int) -> optuna.samplers.BaseSampler:
+            return optuna.samplers.GPSampler(
+                n_startup_trials=self.startup, deterministic_objective=False, seed=seed
+            )
+
+        return OptunaSampler(space, directions, make)

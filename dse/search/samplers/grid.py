@@ -1,0 +1,48 @@
+"""Every design in turn: the last axis changes fastest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dse.config.space import Design, SearchSpace
+from dse.registry import register
+from dse.search.proposals import Sampler, Values
+from dse.search.space import design_at, index_of, n_designs
+
+
+@register("search.samplers", "grid")
+@dataclass(frozen=True)
+class Grid:
+    """Every combination of the axes' values, in order; ranges need a step."""
+
+    def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
+        """Return the sampler.
+
+        Raises:
+            ValueError: an axis is a range without steps.
+        """
+        return _GridSampler(space)
+
+
+class _GridSampler:
+    def __init__(self, space: SearchSpace) -> None:
+        total = n_designs(space)
+        if total is None:
+            raise ValueError("the grid sampler needs axes with values, got a range without steps")
+        self._space = space
+        self._total = total
+        self._next = 0
+        self._asked: set[int] = set()
+
+    def ask(self, n: int) -> list[Design]:
+        found: list[Design] = []
+        while len(found) < n and self._next < self._total:
+            if self._next not in self._asked:
+                self._asked.add(self._next)
+                found.append(design_at(self._space, self._next))
+            self._next += 1
+        return found
+
+    def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
+        self._asked.update(index_of(self._space, design) for design in designs)

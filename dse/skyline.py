@@ -1,0 +1,231 @@
+"""Tables of design points: the skyline under constraints, and the pick within budgets.
+
+A table is a pandas DataFrame with one row per design point; columns are named as in the record of
+a trial. Objectives are (column, 'max' or 'min') pairs. Rows whose objective is NaN or infinite
+cannot be compared: they are left out, and the notes say how many and which.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from dse.constraints import ExpressionError, column, matches, split_budgets
+from dse.pareto import non_dominated
+
+Objective = tuple[str, str]
+
+_NAMED = 5  # rows that a note names before it says how many more there are
+
+
+class TableError(ValueError):
+    """A file that is no table of points."""
+
+
+class Skyline(NamedTuple):
+    """The non-dominated rows, and what was left out."""
+
+    rows: pd.DataFrame
+    notes: list[str]
+
+
+class Pick(NamedTuple):
+    """The best row within the budgets, or the rows that come nearest.
+
+    row: None where no row meets every budget.
+    nearest: only then: rows ranked by `shortfall`, the sum over the budgets of miss / |limit|
+        (miss itself where the limit is 0); one column `missed <budget>` each, in the budget's unit.
+        A strict limit that is hit exactly is missed by 0.
+    notes: what could not be compared.
+    """
+
+    row: pd.Series[Any] | None
+    nearest: pd.DataFrame
+    notes: list[str]
+
+
+def read(path: str | Path) -> pd.DataFrame:
+    """Read a table of points: CSV, Parquet, JSON (rows, or a `dse` document), or a study's folder.
+
+    Raises:
+        TableError: no such file, another kind of file, a damaged or an empty one.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / "points.parquet"
+    if not file.is_file():
+        raise TableError(f"{file}: no such file")
+    try:
+        frame = _read(file)
+    except TableError:
+        raise
+    except Exception as error:  # each reader has its own kinds; what users need is the file and the reason
+        raise TableError(f"{file}: no readable table: {str(error).strip().splitlines()[0]}") from error
+    if frame.empty:
+        raise TableError(f"{file}: the table has no rows")
+    return frame
+
+
+def _read(file: Path) -> pd.DataFrame:
+    kind = file.suffix.lower()
+    if kind == ".csv":
+        return pd.read_csv(file)
+    if kind in (".parquet", ".pq"):
+        return pd.read_parquet(file)
+    if kind == ".json":
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if isinstance(content, dict) and "rows" not in content:
+            raise TableError(f"{file}: must hold a list of rows, or an object with 'rows'")
+        return pd.DataFrame(content["rows"] if isinstance(content, dict) else content)
+    raise TableError(f"{file}: must be .csv, .parquet, .json or the folder of a study")
+
+
+def parse_objectives(text: str) -> list[Objective]:
+    """Return the objectives that "accuracy:max,energy_uj:min" names.
+
+    Raises:
+        ExpressionError: a direction is missing or unknown, or a column is named twice.
+    """
+    objectives = []
+    for part in text.split(","):
+        name, _, direction = (x.strip() for x in part.partition(":"))
+        objectives.append((name, direction))
+    _check(objectives)
+    return objectives
+
+
+def skyline(
+    frame: pd.DataFrame,
+    objectives: Sequence[Objective],
+    where: str | None = None,
+    by: str | None = None,
+) -> Skyline:
+    """Return the rows that meet a condition and that no other such row dominates.
+
+    Rows with equal objectives do not dominate each other: all of them are kept, one after the other.
+    Rows come group by group, best first objective first; the index says where they stood in the table.
+
+    Args:
+        frame: design points.
+        objectives: (column, 'max' or 'min') pairs.
+        where: condition in the language of `dse.constraints`.
+        by: column whose values are compared among themselves only (a front per task).
+
+    Raises:
+        ExpressionError: an unknown column or direction, or a condition that cannot be read.
+    """
+    _check(objectives)
+    if by is not None:
+        column(frame, by)
+    rows = frame if where is None else frame[matches(where, frame)]
+    rows, notes = _comparable(rows, [name for name, _ in objectives])
+    costs = _costs(rows, objectives)
+    group = pd.factorize(rows[by] if by else np.zeros(len(rows)), use_na_sentinel=False)[0]
+    on_front = np.zeros(len(rows), dtype=bool)
+    for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
+        on_front[members] = non_dominated(costs[members])
+    order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
+    return Skyline(rows[on_front].iloc[order], notes)
+
+
+def pick(
+    frame: pd.DataFrame,
+    budgets: Sequence[str],
+    maximise: str = "accuracy",
+    tie_breaks: Sequence[Objective] = (),
+    n_nearest: int = 5,
+) -> Pick:
+    """Return the best row within the budgets; where there is none, the nearest rows.
+
+    Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
+    budgets in their order, then to the first row of the table.
+
+    Args:
+        frame: design points.
+        budgets: conditions such as "energy_uj <= 50 and n_weights <= 150000". Comparisons of a column
+            with a number are budgets; anything else (task == 'texture') is a condition never relaxed.
+        maximise: column to maximise.
+        tie_breaks: (column, 'max' or 'min') pairs.
+        n_nearest: how many rows to name where no row is within the budgets.
+
+    Raises:
+        ExpressionError: an unknown column, or a budget that cannot be read.
+    """
+    limits, conditions = split_budgets(budgets)
+    used = [(limit.column, limit.direction) for limit in limits if limit.direction]
+    order = list(dict.fromkeys([(maximise, "max"), *tie_breaks, *used]))
+    _check([(maximise, "max"), *tie_breaks])
+    rows = frame
+    for condition in conditions:
+        rows = rows[matches(condition, rows)]
+    empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
+    names = dict.fromkeys([name for name, _ in order] + [limit.column for limit in limits])
+    rows, notes = _comparable(rows, list(names))
+    notes = empty + notes
+    ranking = _costs(rows, order).T[::-1]
+    values = [_numbers(rows, limit.column) for limit in limits]
+    feasible = np.ones(len(rows), dtype=bool)
+    for limit, used_up in zip(limits, values, strict=True):
+        feasible &= limit.met(used_up)
+    if feasible.any():
+        best = np.lexsort((*ranking, ~feasible))[0]
+        return Pick(rows.iloc[int(best)], rows.iloc[:0], notes)
+    missed = {limit: limit.excess(used_up) for limit, used_up in zip(limits, values, strict=True)}
+    shortfall = np.zeros(len(rows))
+    for limit, miss in missed.items():
+        shortfall += miss / (abs(limit.limit) or 1.0)
+    table = rows.assign(**{f"missed {limit}": miss for limit, miss in missed.items()}, shortfall=shortfall)
+    return Pick(None, table.iloc[np.lexsort((*ranking, shortfall))[:n_nearest]], notes)
+
+
+def _check(objectives: Sequence[Objective]) -> None:
+    if not objectives:
+        raise ExpressionError("objectives must name at least one column, such as accuracy:max")
+    for name, direction in objectives:
+        if direction not in ("max", "min"):
+            raise ExpressionError(f"objective '{name}' must be followed by :max or :min, got '{direction}'")
+    names = [name for name, _ in objectives]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise ExpressionError(f"objective '{twice[0]}' is named twice")
+
+
+def _numbers(frame: pd.DataFrame, name: str) -> NDArray[np.float64]:
+    series = column(frame, name)
+    try:
+        return series.to_numpy(dtype=np.float64, na_value=np.nan)
+    except (TypeError, ValueError):
+        raise ExpressionError(f"column '{name}' must hold numbers to be an objective or a budget") from None
+
+
+def _costs(frame: pd.DataFrame, objectives: Sequence[Objective]) -> NDArray[np.float64]:
+    """Return (row, objective), all minimised."""
+    signs = {"min": 1.0, "max": -1.0}
+    return np.stack([signs[direction] * _numbers(frame, name) for name, direction in objectives], axis=1)
+
+
+def _comparable(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
+    """Leave out rows with NaN or infinity in the named columns; one note per column and kind."""
+    keep = np.ones(len(frame), dtype=bool)
+    notes = []
+    for name in names:
+        values = _numbers(frame, name)
+        for kind, wrong in (("NaN", np.isnan(values)), ("infinite", np.isinf(values))):
+            if wrong.any():
+                notes.append(f"{_row_names(frame, wrong)} left out: {name} is {kind}")
+                keep &= ~wrong
+    return frame[keep], notes
+
+
+def _row_names(frame: pd.DataFrame, mask: NDArray[np.bool_]) -> str:
+    noun, labels = ("trial", frame["trial"]) if "trial" in frame.columns else ("row", frame.index.to_series())
+    names = list(dict.fromkeys(map(str, labels[mask])))
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    rows = "" if len(names) == mask.sum() else f" ({mask.sum()} rows)"
+    return f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names[:_NAMED])}{more}{rows}"

@@ -1,0 +1,56 @@
+"""Files of a study, written so that a crash at any moment leaves either the old or the new, never half.
+
+    results/<study>/
+        search_space.yaml   what is explored, fully resolved       environment.json   where it ran
+        journal.log         the ledger (dse.ledger)                trials.parquet, points.parquet, page.html
+        data/<key>/         prepared data sets, a cache            data/<key>.json    warnings about them
+        artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names
+
+A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
+therefore either complete or absent, and its presence is what makes the run finished.
+"""
+
+from dse.store.arrays import (
+    load_arrays,
+    network_arrays,
+    network_of,
+    response_arrays,
+    response_of,
+    save_arrays,
+)
+from dse.store.files import (
+    StoreError,
+    checksum,
+    exclusive,
+    explained,
+    published,
+    read_json,
+    remove,
+    sweep,
+    write_json,
+    write_text,
+)
+from dse.store.runs import SCHEMA, load_run, run_folder, save_run
+
+__all__ = [
+    "SCHEMA",
+    "StoreError",
+    "checksum",
+    "exclusive",
+    "explained",
+    "load_arrays",
+    "load_run",
+    "network_arrays",
+    "network_of",
+    "published",
+    "read_json",
+    "remove",
+    "response_arrays",
+    "response_of",
+    "run_folder",
+    "save_arrays",
+    "save_run",
+    "sweep",
+    "write_json",
+    "write_text",
+]

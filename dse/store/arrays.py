@@ -1,0 +1,105 @@
+"""Records as named arrays in .npz files: networks and responses."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from dse.records import Array, Layer, Network, Response
+from dse.store.files import StoreError
+
+
+def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write a compressed .npz."""
+    with path.open("wb") as file:
+        np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
+
+
+def load_arrays(path: Path) -> dict[str, Array]:
+    """Return the arrays of an .npz.
+
+    Raises:
+        StoreError: the file is missing or damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise StoreError(f"{path}: cannot be read: {error}") from error
+
+
+def network_arrays(network: Network) -> dict[str, Array]:
+    """Return a network as named arrays, layer k's under `<k>/`; `network_of` reads them back."""
+    arrays: dict[str, Array] = {
+        "n_layers": np.array(len(network.layers)),
+        "n_channels": np.array(network.n_channels),
+        "delays": np.array(network.delays, np.int64),
+        "steps_per_sample": np.array(network.steps_per_sample),
+        "arithmetic": np.array(network.arithmetic),
+    }
+    for k, layer in enumerate(network.layers):
+        arrays[f"{k}/weight"] = layer.weight
+        if layer.recurrent is not None:
+            arrays[f"{k}/recurrent"] = layer.recurrent
+        arrays[f"{k}/decay_current"] = layer.decay_current
+        arrays[f"{k}/decay_voltage"] = layer.decay_voltage
+        arrays[f"{k}/threshold"] = np.array(layer.threshold)
+    return arrays
+
+
+def network_of(arrays: Mapping[str, Array]) -> Network:
+    """Return the network of `network_arrays`.
+
+    Raises:
+        StoreError: an array is missing.
+    """
+    try:
+        layers = tuple(
+            Layer(
+                weight=arrays[f"{k}/weight"],
+                recurrent=arrays.get(f"{k}/recurrent"),
+                decay_current=arrays[f"{k}/decay_current"],
+                decay_voltage=arrays[f"{k}/decay_voltage"],
+                threshold=int(arrays[f"{k}/threshold"]),
+            )
+            for k in range(int(arrays["n_layers"]))
+        )
+        return Network(
+            layers=layers,
+            n_channels=int(arrays["n_channels"]),
+            delays=tuple(int(x) for x in arrays["delays"]),
+            steps_per_sample=int(arrays["steps_per_sample"]),
+            arithmetic=str(arrays["arithmetic"]),
+        )
+    except KeyError as error:
+        raise StoreError(f"a network needs the array {error}") from error
+
+
+def response_arrays(response: Response, index: Array) -> dict[str, Array]:
+    """Return a response as named arrays; `response_of` reads them back.
+
+    Args:
+        response: its output spikes are binary, so eight go into a byte.
+        index: (n,) sample numbers that were answered.
+    """
+    return {
+        "index": np.asarray(index),
+        "shape": np.array(response.output.shape),
+        "output": np.packbits(response.output),
+        "spikes": response.spikes,
+        "updates": response.updates,
+        "step_ms": np.array(response.step_ms),
+        "peak_state": np.array(response.peak_state),
+    }
+
+
+def response_of(arrays: Mapping[str, Array]) -> Response:
+    """Return the response of `response_arrays`."""
+    shape = tuple(int(n) for n in arrays["shape"])
+    output = np.unpackbits(arrays["output"], count=int(np.prod(shape))).reshape(shape)
+    return Response(
+        output, arrays["spikes"], arrays["updates"], float(arrays["step_ms"]), int(arrays["peak_state"])
+    )

@@ -1,0 +1,57 @@
+"""Whose a study folder is: the search space that it was begun with, and no other."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dse import environment, store
+from dse.config import ConfigError, Fault, SearchSpace
+from dse.study.results import plain_space
+
+# Their contents count, and are compared run by run (dse.runs).
+_PLACES = ("data.file", "data.labels", "test.file", "test.labels")
+
+
+def claim(space: SearchSpace, folder: Path) -> None:
+    """Write the search space and where it runs, or go on with the same one.
+
+    Where recordings lie, execution settings and more trials change no result: they are no other search
+    space. Until a run has finished, nothing depends on the one before.
+
+    Raises:
+        ConfigError: the folder was begun with another search space; one fault per key.
+    """
+    path = folder / "search_space.yaml"
+    now = yaml.safe_load(space.to_yaml())
+    if next(folder.glob("artefacts/*/repeat_*"), None) is None:
+        store.remove(folder / "journal.log")
+    elif path.exists():
+        hint = "change it back, or choose another study name or --results folder"
+        faults = [
+            Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was begun with {old!r}; {hint}")
+            for key, old, new in _changes(plain_space(path), now)
+            if not key.startswith("execution.")
+            and key not in _PLACES
+            and not (key == "search.n_trials" and _count(new) >= _count(old))
+        ]
+        if faults:
+            raise ConfigError(faults)
+    store.write_text(path, space.to_yaml())
+    sessions = store.read_json(folder / "environment.json") if (folder / "environment.json").exists() else []
+    store.write_json(folder / "environment.json", [*sessions, environment.describe()])
+
+
+def _changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:
+    """Return (dotted key, old, new) for every difference of two nested mappings."""
+    if not (isinstance(before, dict) and isinstance(now, dict)):
+        return [] if before == now else [(name, before, now)]
+    keys = dict.fromkeys([*before, *now])
+    return [c for k in keys for c in _changes(before.get(k), now.get(k), f"{name}.{k}" if name else str(k))]
+
+
+def _count(n_trials: int | None) -> float:
+    return math.inf if n_trials is None else n_trials

@@ -1,0 +1,118 @@
+"""What a study's folder holds, as tables and answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from dse import store
+from dse.runs import Record
+
+if TYPE_CHECKING:
+    import pandas
+
+    from dse.skyline import Pick, Skyline
+
+Objective = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study's folder holds."""
+
+    folder: Path
+
+    @property
+    def space(self) -> dict[str, Any]:
+        """The search space with every default written out, as plain data."""
+        return plain_space(self.folder / "search_space.yaml")
+
+    @property
+    def objectives(self) -> list[Objective]:
+        """(column, 'max' or 'min') of the search space."""
+        pairs = (text.split(":") for text in self.space["objectives"])
+        return [(name, direction) for name, direction in pairs]
+
+    @property
+    def trials(self) -> pandas.DataFrame:
+        """One row per trial (`dse.tables`)."""
+        return _table(self.folder / "trials.parquet")
+
+    def points(self) -> pandas.DataFrame:
+        """Return one row per trial x phi x theta x hardware profile (`dse.tables`)."""
+        return _table(self.folder / "points.parquet")
+
+    def runs(self, trial: int) -> list[Record]:
+        """Return the records of a trial's runs, repeat 0 first.
+
+        Raises:
+            StoreError: an artefact of the trial is damaged, or the study has no such trial.
+        """
+        folders = sorted(store.run_folder(self.folder, trial, 0).parent.glob("repeat_*"), key=_repeat_of)
+        records = [record for folder in folders if (record := store.load_run(folder)) is not None]
+        if not records:
+            raise store.StoreError(f"{self.folder}: has no trial {trial}")
+        return records
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is suspicious about the study's recordings, such as labels that are given away."""
+        files = sorted((self.folder / "data").glob("*.json"))
+        return list(dict.fromkeys(text for file in files for text in store.read_json(file)))
+
+    def skyline(
+        self, objectives: Sequence[Objective] | None = None, where: str | None = None, by: str | None = None
+    ) -> Skyline:
+        """Return the non-dominated points (`dse.skyline`); objectives: the search space's where None."""
+        from dse.skyline import skyline
+
+        return skyline(self.points(), objectives or self.objectives, where, by)
+
+    def pick(self, budgets: Sequence[str], maximise: str = "accuracy") -> Pick:
+        """Return the best point within the budgets, or the nearest ones (`dse.skyline.pick`)."""
+        from dse.skyline import pick
+
+        return pick(self.points(), budgets, maximise)
+
+
+def open(folder: str | Path) -> Study:
+    """Return the study in a folder.
+
+    Raises:
+        StoreError: there is none, or nothing has finished yet.
+    """
+    path = Path(folder)
+    for name in ("search_space.yaml", "trials.parquet", "points.parquet"):
+        if not (path / name).is_file():
+            raise store.StoreError(f"{path}: is no folder of a study with results: it has no {name}")
+    return Study(path)
+
+
+def plain_space(path: Path) -> dict[str, Any]:
+    """Return a written search space as plain data.
+
+    Raises:
+        StoreError: it is missing or damaged.
+    """
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise store.StoreError(f"{path}: cannot be read: {error}") from error
+    return dict(found)
+
+
+def _table(path: Path) -> pandas.DataFrame:
+    import pandas
+
+    try:
+        return pandas.read_parquet(path)
+    except (OSError, ValueError) as error:
+        raise store.StoreError(f"{path}: cannot be read: {error}") from error
+
+
+def _repeat_of(folder: Path) -> int:
+    return int(folder.name.removeprefix("repeat_"))

@@ -1,0 +1,333 @@
+"""Every command from its arguments to exit code, stdout and stderr."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from dse import study
+from dse.cli import main
+from dse.cli.command_line import COMMANDS
+from dse.config.sections import SECTIONS
+from tests.spaces import write_space
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study of two designs, trained for an epoch."""
+    folder = tmp_path_factory.mktemp("study")
+    space = write_space(folder, ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"), ("[4, 8, 12]", "[4, 8]"))
+    assert main(["run", str(space), "--results", str(folder / "results"), "--quiet", "--json"]) == 0
+    return folder / "results" / "tiny"
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A table of points: three on the front, one dominated."""
+    path = tmp_path / "points.csv"
+    path.write_text(
+        "trial,task,model.hidden,accuracy,n_weights\n0,a,4,0.7,40\n1,a,8,0.9,80\n2,b,16,0.8,160\n3,b,32,0.95,320\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+def document(text: str) -> dict[str, Any]:
+    found = json.loads(text)
+    assert set(found) == {"schema", "rows", "notes"}
+    return found  # type: ignore[no-any-return]
+
+
+def test_check_says_what_a_run_would_be(tmp_path: Path, capsys: Captured) -> None:
+    path = write_space(tmp_path)
+    assert main(["check", str(path), "--json"]) == 0
+    found = document(capsys.readouterr().out)
+    assert found["schema"] == "dse/check/1"
+    (row,) = found["rows"]
+    assert row["designs"] == row["trained"] == row["runs"] == 6
+    assert row["design_points"] == 6 * 2 * 3
+    assert (row["train"], row["validation"], row["test"]) == (12, 12, 0)
+    assert row["classes"] == ["0", "1"]
+    assert row["data"] == str(tmp_path / "touch.npz")
+    # 2 channels x 2 polarities x 2 or 3 thresholds -> 4 to 12 neurons -> 2 classes
+    assert (row["n_weights_low"], row["n_weights_high"]) == (8 * 4 + 4 * 2, 12 * 12 + 12 * 2)
+
+
+def test_check_in_words(tmp_path: Path, capsys: Captured) -> None:
+    changes = (
+        ("true_rate: 0.8", "true_rate: {range: [0.1, 0.9]}"),
+        ("sampler: grid", "sampler: tpe, n_trials: 9"),
+    )
+    assert main(["check", str(write_space(tmp_path, *changes))]) == 0
+    lines = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert lines["designs"] == "unlimited"
+    assert lines["trained"] == "9"
+    assert lines["axes"] == "encoder.thresholds, model.hidden, model.true_rate"
+
+
+def test_check_lists_faults_in_both_forms(tmp_path: Path, capsys: Captured) -> None:
+    path = write_space(tmp_path, ("seed: 3", "seed: x"), ("epochs: 1", "epochs: 0"))
+    assert main(["check", str(path)]) == 2
+    plain = capsys.readouterr()
+    assert plain.out == ""
+    assert plain.err.splitlines() == [
+        f"{path}:2: seed must be an integer, got 'x'",
+        f"{path}:15: training.epochs must be >= 1, got 0",
+    ]
+    assert main(["check", str(path), "--json"]) == 2
+    rows = document(capsys.readouterr().out)["rows"]
+    assert [row["line"] for row in rows] == [2, 15]
+    assert rows[0]["message"] == "seed must be an integer, got 'x'"
+
+
+def test_check_finds_what_only_the_recordings_show(tmp_path: Path, capsys: Captured) -> None:
+    path = write_space(tmp_path, ("validation: {repetition: [1]}", "validation: {repetition: [7]}"))
+    assert main(["check", str(path)]) == 2
+    captured = capsys.readouterr()
+    assert len(captured.err.splitlines()) == 1
+    assert "repetition" in captured.err
+
+
+@pytest.mark.parametrize("text", ["execution.jobs", "=3", "a..b=3"])
+def test_set_must_be_a_key_and_a_value(tmp_path: Path, capsys: Captured, text: str) -> None:
+    assert main(["check", str(write_space(tmp_path)), "--set", text]) == 2
+    assert capsys.readouterr().err.startswith("--set ")
+
+
+def test_set_replaces_a_value(tmp_path: Path, capsys: Captured) -> None:
+    assert (
+        main(["check", str(write_space(tmp_path)), "--set", "model.hidden={choice: [3, 5]}", "--json"]) == 0
+    )
+    assert document(capsys.readouterr().out)["rows"][0]["designs"] == 4
+
+
+def test_run_leaves_a_study_and_its_page(results: Path) -> None:
+    assert len(study.open(results).trials) == 2
+    page = (results / "page.html").read_text(encoding="utf-8")
+    assert page.startswith("<!doctype html>") or page.startswith("<!DOCTYPE html>")
+    assert "tiny" in page
+
+
+def test_run_again_trains_nothing_and_prints_the_same(results: Path, capsys: Captured) -> None:
+    space = results.parent.parent / "tiny.yaml"
+    arguments = ["run", str(space), "--results", str(results.parent), "--jobs", "2", "--json", "--quiet"]
+    before = {path: path.stat().st_mtime_ns for path in results.glob("artefacts/**/record.json")}
+    assert before
+    assert main(arguments) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    found = document(captured.out)
+    assert found["rows"]
+    assert any(note.startswith("page: ") and note.endswith("page.html") for note in found["notes"])
+    assert {path: path.stat().st_mtime_ns for path in results.glob("artefacts/**/record.json")} == before
+
+
+def test_run_reports_when_nothing_could_be_trained(
+    tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = pd.DataFrame({"trial": [0], "status": ["failed"], "reason": ["the loss is NaN in epoch 1"]})
+    (tmp_path / "tiny").mkdir()
+    (tmp_path / "tiny" / "search_space.yaml").write_text("study: tiny\nobjectives: ['accuracy:max']\n")
+    failed.to_parquet(tmp_path / "tiny" / "trials.parquet")
+    pd.DataFrame().to_parquet(tmp_path / "tiny" / "points.parquet")
+    monkeypatch.setattr(study, "run", lambda *_, **__: study.Study(tmp_path / "tiny"))
+    assert main(["run", str(write_space(tmp_path)), "--json"]) == 1
+    found = document(capsys.readouterr().out)
+    assert found["rows"] == []
+    assert "1 of 1 designs failed; the first: the loss is NaN in epoch 1" in found["notes"]
+
+
+def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study, "run", interrupted)
+    assert main(["run", str(write_space(tmp_path))]) == 130
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "stopped; what was finished is kept, and the same command goes on\n"
+
+
+def test_a_bug_is_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise ValueError("ours")
+
+    monkeypatch.setattr(study, "run", broken)
+    with pytest.raises(ValueError, match="ours"):
+        main(["run", str(write_space(tmp_path))])
+
+
+def test_another_search_space_in_the_same_folder(results: Path, capsys: Captured) -> None:
+    space = results.parent.parent / "tiny.yaml"
+    assert main(["run", str(space), "--results", str(results.parent), "--set", "training.epochs=2"]) == 2
+    assert "training.epochs is 2, but" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("jobs", ["0", "two", "-1"])
+def test_jobs_must_be_a_number(tmp_path: Path, capsys: Captured, jobs: str) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["run", str(write_space(tmp_path)), f"--jobs={jobs}"])
+    assert caught.value.code == 2
+    assert f"must be an integer >= 1, got '{jobs}'" in capsys.readouterr().err
+
+
+def test_skyline_of_a_table(table: Path, capsys: Captured) -> None:
+    arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min"]
+    assert main([*arguments, "--json"]) == 0
+    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [3, 1, 0]
+    assert main([*arguments, "--json", "--by", "task"]) == 0
+    assert {row["trial"] for row in document(capsys.readouterr().out)["rows"]} == {0, 1, 2, 3}
+    assert main([*arguments, "--json", "--where", "n_weights <= 100 and model.hidden > 4"]) == 0
+    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
+
+
+def test_skyline_formats(table: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+    arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min", "--format"]
+    assert main([*arguments, "csv"]) == 0
+    frame = pd.read_csv(io.BytesIO(capfdbinary.readouterr().out))
+    assert frame["trial"].tolist() == [3, 1, 0]
+    assert frame.columns.tolist() == ["trial", "task", "model.hidden", "accuracy", "n_weights"]
+    assert main([*arguments, "parquet"]) == 0
+    assert pd.read_parquet(io.BytesIO(capfdbinary.readouterr().out)).equals(frame)
+    assert main([*arguments, "table"]) == 0
+    assert capfdbinary.readouterr().out.decode().split("\n")[0].split() == [
+        "trial", "task", "model.hidden", "accuracy", "n_weights"
+    ]  # fmt: skip
+
+
+def test_without_a_terminal_the_default_is_csv(table: Path, capsys: Captured) -> None:
+    assert main(["skyline", str(table), "--objectives", "accuracy:max"]) == 0
+    assert capsys.readouterr().out == "trial,task,model.hidden,accuracy,n_weights\n3,b,32,0.95,320\n"
+
+
+def test_skyline_of_several_tables_and_of_a_study(results: Path, table: Path, capsys: Captured) -> None:
+    assert main(["skyline", str(results), "--json"]) == 0
+    alone = document(capsys.readouterr().out)["rows"]
+    assert {"phi", "theta", "energy_uj", "model.hidden"} <= set(alone[0])
+    assert main(["skyline", str(results), str(table), "--by", "task", "--json"]) == 0
+    assert {row["task"] for row in document(capsys.readouterr().out)["rows"]} == {"fabric", "a", "b"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["skyline", "{table}"], "a table has no objectives; name them"),
+        (["skyline", "{table}", "--objectives", "accuracy"], "must be followed by :max or :min"),
+        (["skyline", "{table}", "--objectives", "acuracy:max"], "Did you mean 'accuracy'?"),
+        (
+            ["skyline", "{table}", "--objectives", "accuracy:max", "--where", "1 +"],
+            "condition '1 +' must read like",
+        ),
+        (["skyline", "{table}x"], "no such file"),
+        (["pick", "{table}", "--budget", "n_weight<=3"], "Did you mean 'n_weights'?"),
+        (["pick", "{table}", "--export", "bundle"], "only a design of a study's folder can be exported"),
+        (["evaluate", "{table}", "--data", "x.npz"], "cannot be read"),
+        (["dashboard", "{table}"], "is no folder of a study"),
+        (["describe", "modle"], "unknown section 'modle'; known: "),
+        (["describe", "model", "snm"], "Did you mean 'snn'?"),
+        (["check", "no_such_space"], "no such file, nor a search space of this name"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    table: Path, capsys: Captured, arguments: list[str], message: str
+) -> None:
+    assert main([argument.format(table=table) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    assert message in captured.err
+
+
+def test_pick_within_budgets(table: Path, capsys: Captured) -> None:
+    assert main(["pick", str(table), "--budget", "n_weights<=100", "--budget", "task == 'a'", "--json"]) == 0
+    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
+
+
+def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: Captured) -> None:
+    assert main(["pick", str(table), "--budget", "n_weights<=30", "--json"]) == 3
+    found = document(capsys.readouterr().out)
+    assert found["rows"][0]["trial"] == 0
+    assert found["rows"][0]["missed n_weights<=30"] == 10
+    assert found["notes"][0] == "no design point is within the budgets; these come nearest"
+    assert main(["pick", str(table), "--budget", "n_weights<=30", "--format", "table"]) == 3
+    assert "missed n_weights<=30" in capsys.readouterr().out
+
+
+def test_pick_exports_what_evaluate_runs(results: Path, tmp_path: Path, capsys: Captured) -> None:
+    bundle = tmp_path / "bundle"
+    assert main(["pick", str(results), "--budget", "n_weights<=60", "--export", str(bundle), "--json"]) == 0
+    picked = document(capsys.readouterr().out)
+    assert picked["notes"][-1] == f"bundle: {bundle}"
+    data = results.parent.parent / "touch.npz"
+    assert main(["evaluate", str(bundle), "--data", str(data), "--json"]) == 0
+    (row,) = document(capsys.readouterr().out)["rows"]
+    assert row["recordings"] == row["labelled"] == 24
+    assert 0 <= row["accuracy"] <= 1
+
+
+def test_dashboard_writes_where_it_is_told(results: Path, tmp_path: Path, capsys: Captured) -> None:
+    assert main(["dashboard", str(results), "--html", str(tmp_path / "new" / "page.html")]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'new' / 'page.html'}\n"
+    assert (tmp_path / "new" / "page.html").stat().st_size > 10_000
+
+
+def test_describe_covers_every_section(capsys: Captured) -> None:
+    assert main(["describe"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
+        *SECTIONS,
+        "search.samplers",
+    ]
+    for section in (*SECTIONS, "search.samplers"):
+        assert main(["describe", section, "--json"]) == 0
+        rows = document(capsys.readouterr().out)["rows"]
+        assert rows, section
+        for row in rows:
+            if "name" in row:
+                assert row["doc"], (section, row["name"])
+                assert main(["describe", section, row["name"], "--json"]) == 0
+                document(capsys.readouterr().out)
+
+
+def test_every_key_says_what_it_means(capsys: Captured) -> None:
+    for arguments in (
+        ["model", "snn"],
+        ["encoder", "send_on_delta"],
+        ["window"],
+        ["training"],
+        ["search"],
+        ["decision"],
+    ):
+        assert main(["describe", *arguments, "--json"]) == 0
+        for row in document(capsys.readouterr().out)["rows"]:
+            assert row["doc"] and row["must_be"], row
+
+
+def test_describe_prints_the_schema(capsys: Captured) -> None:
+    assert main(["describe", "--schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "dse search space"
+
+
+def test_help_and_version(capsys: Captured) -> None:
+    for arguments in (
+        ["--help"],
+        ["--version"],
+        *([module.__name__.rsplit(".", 1)[-1], "--help"] for module in COMMANDS),
+    ):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 0
+        assert capsys.readouterr().out
+
+
+def test_no_command_is_bad_input(capsys: Captured) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([])
+    assert caught.value.code == 2
+    assert "COMMAND" in capsys.readouterr().err

@@ -1,0 +1,369 @@
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dse import registry
+from dse.config import ConfigError, SearchSpace, load_space, shipped_spaces
+from dse.config.sections import HELD_BACK, OF_HARDWARE, components, known_objectives
+from dse.registry import param, register
+from tests.spaces import SPACE, write_space
+
+
+def faults_of(path: Path, overrides: dict[str, str] | None = None, *, check_data: bool = False) -> list[str]:
+    """Return the faults without the name of the file."""
+    with pytest.raises(ConfigError) as caught:
+        load_space(path, overrides, check_data=check_data)
+    assert str(caught.value) == "\n".join(map(str, caught.value.faults))
+    return [str(fault).removeprefix(f"{path}:") for fault in caught.value.faults]
+
+
+def test_a_file_without_faults(tmp_path: Path) -> None:
+    space = load_space(write_space(tmp_path), check_data=True)
+    assert (space.study, space.seed, space.source) == ("tiny", 3, tmp_path / "tiny.yaml")
+    assert list(space.axes) == ["encoder.thresholds", "model.hidden"]
+    assert space.axes["model.hidden"].values == (4, 8, 12)
+    assert space.axes["encoder.thresholds"].values == ((1.0, 2.0), (1.0, 2.0, 4.0))
+    assert space.decision.phi.tolist() == [0, 2]
+    assert space.decision.theta.tolist() == [0.25, 0.5, 0.75]
+    assert space.decision.phi.dtype == np.int64
+    assert space.objectives == (("accuracy", "max"), ("n_weights", "min"))
+    assert space.hardware == ("loihi1_silicon",)
+    assert (space.search.sampler, space.search.n_trials, space.search.batch) == ("grid", None, 2)
+    assert space.execution.jobs == 1
+    assert space.fixed["task"] == {"target": "fabric", "name": "fabric"}
+    assert "hidden" not in space.fixed["model"]
+    assert space.fixed["training"]["epochs"] == 1
+    assert set(space.fixed["training"]) > {"epochs", "learning_rate"}  # defaults are written out
+
+
+def test_it_survives_a_round_trip(tmp_path: Path) -> None:
+    space = load_space(write_space(tmp_path, ("true_rate: 0.8", "true_rate: {range: [0.5, 1], step: 0.1}")))
+    again = tmp_path / "again.yaml"
+    again.write_text(space.to_yaml(), encoding="utf-8")
+    assert load_space(again).to_plain() == space.to_plain()
+    assert load_space(again).to_yaml() == space.to_yaml()
+
+
+def test_six_mistakes_of_six_kinds_are_all_listed(tmp_path: Path) -> None:
+    path = write_space(
+        tmp_path,
+        ("kind: send_on_delta", "kind: send_on_detla"),
+        ("hidden: {choice: [4, 8, 12]}", "hiden: {choice: [4, 8, 12]}"),
+        ("true_rate: 0.8", "true_rate: 1.8"),
+        ("epochs: 1,", "epochs: {range: [9, 1], step: 1},"),
+        ("accuracy:max", "acuracy:max"),
+        ("batch: 2", "batch: two"),
+    )
+    *faults, last = faults_of(path)
+    assert [fault.split(";")[0] for fault in faults] == [
+        "13: unknown encoder.kind 'send_on_detla'",
+        "14: unknown key 'model.hiden'",
+        "14: model.true_rate must be in [0, 1], got 1.8",
+        "15: training.epochs.range must go from low to high, got [9, 1]",
+        "18: unknown objective 'acuracy'",
+    ]
+    assert last == "19: search.batch must be an integer, got 'two'"
+    for fault, name in zip(
+        (faults[0], faults[1], faults[4]), ("send_on_delta", "hidden", "accuracy"), strict=True
+    ):
+        assert fault.endswith(f"Did you mean '{name}'?")
+
+
+def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path) -> None:
+    path = write_space(
+        tmp_path, ("kind: snn", "kind: sn"), ("seed: 3", "seed: x"), ("epochs: 1", "epochs: 0")
+    )
+    code = (
+        "import sys, time\n"
+        "from dse.cli import main\n"
+        "assert main(['check', sys.argv[1]]) == 2\n"
+        "assert 'torch' not in sys.modules and 'plotly' not in sys.modules and 'optuna' not in sys.modules\n"
+        "print(time.process_time())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert len(done.stderr.splitlines()) == 3, done.stderr
+    assert float(done.stdout) < 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("study: tiny", "study: a/b", "1: study must be a name that a folder can have, got 'a/b'"),
+        ("study: tiny", "study: ..", "1: study must be a name that a folder can have, got '..'"),
+        ("study: tiny", "study: 5", "1: study must be text, got 5"),
+        ("seed: 3", "seed: -1", "2: seed must be >= 0, got -1"),
+        (
+            "seed: 3",
+            "sed: 3",
+            "2: unknown section 'sed'; known: study, seed, data, task, window, split, test, "
+            "preprocessing, encoder, model, training, decision, hardware, objectives, search, "
+            "execution. Did you mean 'seed'?",
+        ),
+        ("seed: 3", "seed: 3\nseed: 4", "3: duplicate key 'seed', first on line 2"),
+        (
+            "kind: time_series",
+            "kind: time_serie",
+            "4: unknown data.kind 'time_serie'; known: ",
+        ),
+        ("  file: touch.npz\n", "", "3: data.file is required: "),
+        (
+            "step_ms: 10",
+            "step_ms: {choice: [5, 10]}",
+            "6: data.step_ms cannot be an axis; it must be a number",
+        ),
+        ("target: fabric", "traget: fabric", "8: task.target is required: "),
+        ("n_steps: 16", "n_steps: 0", "9: window.n_steps must be >= 1, got 0"),
+        (
+            "at: middle",
+            "at: {choice: [start, midle]}",
+            "9: unknown window.at.choice[1] 'midle'; known: start, middle, "
+            "contact_onset. Did you mean 'middle'?",
+        ),
+        ("model: {kind: snn, ", "model: {", "14: model.kind is required; known: "),
+        ("kind: snn", "kind: {choice: [snn]}", "14: unknown model.kind {'choice': ['snn']}; known: "),
+        (
+            "hidden: {choice: [4, 8, 12]}",
+            "hidden: {choice: [4, [8, 0]]}",
+            "14: model.hidden.choice[1][1] must be >= 1, got 0",
+        ),
+        ("phi: [0, 2]", "phi: [0, -2]", "16: decision.phi.choice[1] must be >= 0, got -2"),
+        (", step: 0.25}", "}", "16: decision.theta is evaluated on a grid, so its range must have a step"),
+        (
+            "[loihi1_silicon]",
+            "[loihi1]",
+            "17: unknown hardware 'loihi1'; known: ",
+        ),
+        (
+            "accuracy:max",
+            "accuracy:min",
+            "18: objective 'accuracy' must be 'accuracy:max', got 'accuracy:min'",
+        ),
+        (
+            "accuracy:max",
+            "accuracy:up",
+            "18: objective 'accuracy' must be followed by :max or :min, got 'accuracy:up'",
+        ),
+        ("accuracy:max", "n_weights", "18: objective 'n_weights' is named twice"),
+        ("[accuracy:max, n_weights:min]", "[]", "18: objectives must name at least one; known: "),
+        (
+            "[accuracy:max, n_weights:min]",
+            "{accuracy: max}",
+            "18: objectives must be a list of names, got {'accuracy': 'max'}",
+        ),
+        (
+            "accuracy:max",
+            "accuracy_test",
+            "18: objective 'accuracy_test' must not select designs: the test set is for the report alone",
+        ),
+        (
+            "sampler: grid",
+            "sampler: gird",
+            "19: unknown sampler 'gird'; known: ",
+        ),
+        ("sampler: grid", "sampler: tpe", "19: search.n_trials is required for sampler 'tpe'"),
+        (
+            "sampler: grid",
+            "sampler: nsga2, n_trials: 5, population: 1",
+            "19: search.population must be >= 2, got 1",
+        ),
+        (
+            "sampler: grid",
+            "sampler: grid, population: 4",
+            "19: unknown key 'search.population'; known: sampler, n_trials, batch, repeats, repeats_on_front",
+        ),
+        (
+            "true_rate: 0.8",
+            "true_rate: {range: [0.5, 0.9]}",
+            "14: model.true_rate needs a step or a choice for the grid sampler, got {'range': [0.5, 0.9]}",
+        ),
+        ("jobs: 1", "jobs: 0", "20: execution.jobs must be >= 1, got 0"),
+    ],
+)
+def test_one_fault_has_one_line(tmp_path: Path, old: str, new: str, fault: str) -> None:
+    faults = faults_of(write_space(tmp_path, (old, new)))
+    matching = [found for found in faults if found.startswith(fault)]
+    assert len(matching) == 1, faults
+    # A misspelt required key is missing as well; nothing else follows from one mistake.
+    assert len(faults) == (2 if "traget" in new else 1), faults
+
+
+def test_what_a_chip_decides_needs_a_chip(tmp_path: Path) -> None:
+    assert set(OF_HARDWARE) < set(known_objectives())
+    assert HELD_BACK in known_objectives()
+    path = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("accuracy:max", "energy_uj"))
+    assert faults_of(path) == ["18: objective 'energy_uj' needs a profile in section 'hardware', got none"]
+
+
+def test_missing_sections(tmp_path: Path) -> None:
+    path = tmp_path / "empty.yaml"
+    path.write_text("# nothing here\nseed: 1\n", encoding="utf-8")
+    names = ("study", "data", "task", "split", "model", "objectives")
+    assert faults_of(path) == [f"1: section '{name}' is required" for name in names]
+
+
+def test_a_search_space_is_a_mapping(tmp_path: Path) -> None:
+    path = tmp_path / "list.yaml"
+    path.write_text("- 1\n", encoding="utf-8")
+    assert faults_of(path) == ["1: a search space must be a mapping of sections, got [1]"]
+
+
+def test_a_syntax_error_is_the_only_fault(tmp_path: Path) -> None:
+    (fault,) = faults_of(write_space(tmp_path, ("target: fabric}", "target: fabric")))
+    assert fault.startswith("9: not valid YAML: ")
+
+
+def test_text_that_is_not_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "latin.yaml"
+    path.write_bytes(b"study: caf\xe9\n")
+    assert faults_of(path) == [" cannot be read: not UTF-8 text"]
+
+
+def test_the_front_end_belongs_to_the_recordings(tmp_path: Path) -> None:
+    path = write_space(
+        tmp_path,
+        ("encoder: {kind: send_on_delta", "preprocessing: {bin_ms: 5}\nencodr: {kind: send_on_delta"),
+    )
+    faults = faults_of(path)
+    assert "1: section 'encoder' is required for time_series recordings" in faults
+    assert "13: section 'preprocessing' has no meaning for time_series recordings" in faults
+
+
+def test_overrides(tmp_path: Path) -> None:
+    path = write_space(tmp_path)
+    space = load_space(path, {"model.hidden": "{choice: [7]}", "execution.jobs": "2", "task.name": "touch"})
+    assert space.axes["model.hidden"].values == (7,)
+    assert space.execution.jobs == 2
+    assert space.fixed["task"]["name"] == "touch"
+
+
+def test_faults_of_overrides_come_last_and_name_the_key(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("epochs: 1", "epochs: 0"))
+    faults = faults_of(path, {"model.hidden": "none", "modell.hidden": "3", "seed": "[1"})
+    assert faults[0] == "15: training.epochs must be >= 1, got 0"
+    assert sorted(fault.split(":")[0] for fault in faults[1:]) == [
+        "--set model.hidden", "--set modell.hidden", "--set seed"
+    ]  # fmt: skip
+
+
+def test_data_faults_are_listed_with_the_others(tmp_path: Path) -> None:
+    path = write_space(
+        tmp_path, ("repetition: repetition", "repetition: repetitoin"), ("epochs: 1", "epochs: 0")
+    )
+    faults = faults_of(path, check_data=True)
+    assert faults[0].startswith("5: ") and "repetitoin" in faults[0]
+    assert faults[1] == "15: training.epochs must be >= 1, got 0"
+
+
+def test_a_missing_data_file_says_where_it_was_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_DATA", "/somewhere/else")
+    (fault,) = faults_of(write_space(tmp_path, ("touch.npz", "tuch.npz")), check_data=True)
+    assert fault.startswith("5: ")
+    assert str(tmp_path) in fault and "/somewhere/else" in fault
+
+
+def test_the_test_file_takes_the_other_keys_from_data(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("encoder:", "test: {file: touch.npz}\nencoder:"))
+    assert load_space(path, check_data=True).fixed["test"] == {"file": "touch.npz"}
+    (fault,) = faults_of(path, {"test.file": "other.npz"}, check_data=True)
+    assert fault.startswith("--set test.file: ") and "other.npz" in fault
+
+
+@pytest.mark.parametrize(
+    ("target", "name"),
+    [
+        ("speed", "speed"),
+        ("{column: speed, abs: true}", "speed"),
+        ("[fabric, {column: speed, abs: true}]", "fabric|speed"),
+        ("{choice: [fabric, speed]}", "target"),
+    ],
+)
+def test_a_task_is_called_after_its_columns(tmp_path: Path, target: str, name: str) -> None:
+    space = load_space(write_space(tmp_path, ("target: fabric", f"target: {target}")))
+    assert space.fixed["task"]["name"] == name
+    assert ("task.target" in space.axes) == target.startswith("{choice")
+
+
+def test_the_sampler_depends_on_the_axes_unless_it_is_named(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("{sampler: grid, batch: 2}", "{n_trials: 4}"))
+    assert load_space(path).search.sampler == "grid"
+    assert load_space(path, {"model.true_rate": "{range: [0.1, 0.9]}"}).search.sampler == "tpe"
+
+
+def test_an_unknown_name_lists_the_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        ConfigError, match=r"^nothing_like_it: no such file, nor a search space of this name; known: "
+    ):
+        load_space("nothing_like_it")
+
+
+def test_every_shipped_search_space_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = shipped_spaces()
+    assert names
+    for name in names:
+        assert isinstance(load_space(name), SearchSpace)
+
+
+@pytest.fixture
+def pair() -> str:
+    """Register a model whose keys must fit each other."""
+
+    @register("models", "pair_of_a_test")
+    @dataclasses.dataclass(frozen=True)
+    class Pair:
+        low: int = param(1, doc="low")
+        high: int = param(5, doc="high")
+        plain: float = param(1.0, doc="plain", low=0, low_open=True)
+
+        def __post_init__(self) -> None:
+            if self.low >= self.high:
+                raise ValueError(f"low must be below high, got {self.low} and {self.high}")
+
+    yield "pair_of_a_test"
+    del registry._components["models"]["pair_of_a_test"]
+
+
+def test_rules_between_keys_hold_for_every_choice(tmp_path: Path, pair: str) -> None:
+    model = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
+    good = write_space(tmp_path, (model, f"{{kind: {pair}, low: {{choice: [1, 4]}}}}"))
+    assert pair in components("model")
+    assert load_space(good).axes["model.low"].values == (1, 4)
+    bad = write_space(
+        tmp_path, (model, f"{{kind: {pair}, low: {{range: [1, 7], step: 2}}, high: {{choice: [9, 6]}}}}")
+    )
+    assert faults_of(bad) == ["14: model.low must be below high, got 7 and 6"]
+
+
+def test_no_single_character_crashes_the_reader(tmp_path: Path) -> None:
+    """Whatever happens to a file, the answer is a search space or a list of faults."""
+    path = tmp_path / "broken.yaml"
+    write_space(tmp_path)
+    rng = np.random.default_rng(0)
+    outcomes = {True: 0, False: 0}
+    for _ in range(300):
+        place = int(rng.integers(len(SPACE)))
+        broken = SPACE[:place] + str(rng.choice(list("[]{}:,-x0\"' \n"))) + SPACE[place + 1 :]
+        path.write_text(broken, encoding="utf-8")
+        try:
+            load_space(path)
+        except ConfigError as error:
+            assert error.faults
+            outcomes[False] += 1
+        else:
+            outcomes[True] += 1
+    assert outcomes[False] > 100

@@ -1,0 +1,120 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.dashboard import gather as gather_module
+from dse.dashboard.gather import gather_page
+from tests.page_data import ACCURACY, OBJECTIVES, ON_FRONT, ON_PAIR, failed, points
+
+
+def gather(frame, objectives=OBJECTIVES, **more):
+    return gather_page(frame, name="fabric", objectives=objectives, **more)
+
+
+def rows(mask):
+    return np.flatnonzero(mask).tolist()
+
+
+def test_fronts_over_all_and_over_pairs():
+    page = gather(points())
+    assert page["fronts"]["all"] == rows(ON_FRONT)
+    assert page["fronts"]["accuracy|energy_uj"] == rows(ON_PAIR)
+    assert set(page["fronts"]) == {
+        "all",
+        "accuracy|energy_uj",
+        "accuracy|n_weights",
+        "energy_uj|n_weights",
+        "accuracy|energy_uj|n_weights",
+    }
+    assert page["state"] is None
+    assert page["columns"]["accuracy"] == {"label": "accuracy", "unit": "", "values": ACCURACY}
+    assert page["intervals"]["energy_uj"]["high"][1] == 10
+    assert page["design"] == ["trial", "model.hidden", "phi", "theta"]
+
+
+@pytest.mark.parametrize("column", ["task", "hardware"])
+def test_tasks_and_hardware_have_a_front_each(column):
+    both = pd.concat([points(**{column: "a"}), points(**{column: "b"}, accuracy=0.1)], ignore_index=True)
+    front = gather(both)["fronts"]["all"]
+    assert [row for row in front if row < 5] == rows(ON_FRONT)
+    assert [row for row in front if row >= 5] == [7, 8]
+
+
+def test_failed_trials_are_listed_not_drawn():
+    page = gather(pd.concat([points(), failed()], ignore_index=True))
+    assert page["counts"] == {"finished": 5, "failed": 1}
+    assert page["failures"] == [
+        {"trial": 9, "reason": "loss became NaN in epoch 3", "design": {"model.hidden": 500}}
+    ]
+    assert len(page["columns"]["accuracy"]["values"]) == 5
+
+
+@pytest.mark.parametrize(
+    ("frame", "title"),
+    [
+        (pd.DataFrame(), "No design yet"),
+        (points().iloc[:0], "No design yet"),
+        (failed(), "Every trial failed"),
+        (points().drop(columns=list(OBJECTIVES)), "Nothing to compare"),
+        (points(accuracy=np.nan, energy_uj=np.nan, n_weights=np.nan), "Nothing to compare"),
+    ],
+)
+def test_nothing_to_draw_is_said(frame, title):
+    assert gather(frame)["state"]["title"] == title
+
+
+@pytest.mark.parametrize(
+    ("frame", "remark"),
+    [
+        (points().drop(columns="energy_uj"), "Column energy_uj is missing from this study"),
+        (points(n_weights=1000), "n_weights is 1\u202f000 everywhere: it tells no design apart."),
+        (points(energy_uj=[50, np.nan, 21, 5, np.inf]), "2 of 5 points have no energy_uj"),
+        (points().iloc[:1], "One design point so far"),
+    ],
+)
+def test_remarks(frame, remark):
+    assert any(note.startswith(remark) for note in gather(frame)["notes"])
+
+
+def test_a_row_without_an_objective_is_on_no_front_of_it():
+    page = gather(points(energy_uj=[50, np.nan, 21, 5, 30]))
+    assert 1 not in page["fronts"]["all"]
+    assert 1 in page["fronts"]["accuracy|n_weights"]
+    assert page["columns"]["energy_uj"]["values"][1] is None
+
+
+def test_a_large_table_is_thinned_but_its_fronts_are_whole(monkeypatch):
+    monkeypatch.setattr(gather_module, "MAX_POINTS", 50)
+    many = pd.concat(
+        [points(accuracy=0.1, energy_uj=60.0, n_weights=10**6)] * 40 + [points()], ignore_index=True
+    ).assign(trial=range(205))
+    page = gather(many)
+    trials = page["columns"]["trial"]["values"]
+    assert len(trials) == 50
+    assert {trials[row] for row in page["fronts"]["all"]} >= {200, 201, 202, 203}
+    assert any(note.startswith("50 of 205 points are shown") for note in page["notes"])
+
+
+def test_values_keep_six_digits_and_whole_numbers():
+    page = gather(points(accuracy=[1 / 3] * 5, n_weights=[123_456_789.0] * 5))
+    assert page["columns"]["accuracy"]["values"][0] == 0.333333
+    assert page["columns"]["n_weights"]["values"][0] == 123_456_789
+
+
+def test_table_is_not_changed():
+    frame = pd.concat([points(), failed()], ignore_index=True)
+    before = frame.copy(deep=True)
+    gather(frame)
+    pd.testing.assert_frame_equal(frame, before)
+
+
+@pytest.mark.parametrize(
+    ("frame", "objectives", "message"),
+    [
+        (points(), {"accuracy": "up"}, "directions must be 'max' or 'min', got 'accuracy': 'up'"),
+        (pd.concat([points(), points()], axis=1), OBJECTIVES, "columns must be unique, got 'trial' twice"),
+    ],
+)
+def test_wrong_input(frame, objectives, message):
+    with pytest.raises(ValueError, match=message):
+        gather(frame, objectives)

@@ -1,0 +1,252 @@
+"""The page in a real browser: what is drawn, what a click does, and that nothing in a study can run."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from dse.dashboard import write_page
+from tests.page_data import OBJECTIVES, failed, points
+
+HOSTILE = (
+    '<img src=x onerror="window.hacked=1">',
+    "</script><script>window.hacked=1</script>",
+    '"><svg onload=window.hacked=1>',
+    "'; window.hacked=1; //",
+    '<a href="javascript:window.hacked=1">click</a>',
+    "%{text} ${window.hacked=1} {{script}}",
+    "🦔 émoji \u202e rtl \u2028 line",
+    "x" * 500,
+)
+
+
+class Page:
+    """A page opened from disk, and every complaint of the browser about it."""
+
+    def __init__(self, tab, path):
+        self.tab, self.path, self.faults = tab, path, []
+        tab.on("pageerror", lambda error: self.faults.append(str(error)))
+        tab.on("console", lambda line: self.faults.append(line.text) if line.type == "error" else None)
+        tab.on("request", lambda request: self._requested(request.url))
+
+    def _requested(self, url):
+        if not url.startswith(("file:", "data:", "blob:")):
+            self.faults.append(f"fetched {url}")
+
+    def open(self, fragment=""):
+        self.tab.goto(f"{self.path.as_uri()}#{fragment}")
+        self.tab.wait_for_function(
+            "document.querySelector('#plot .plot-container') || !document.querySelector('#state').hidden"
+        )
+        return self
+
+    def cells(self, column):
+        return self.tab.eval_on_selector_all(
+            f"#front tbody tr td:nth-child({column})", "cells => cells.map((cell) => cell.textContent)"
+        )
+
+    def traces(self):
+        return self.tab.evaluate(
+            "document.getElementById('plot').data"
+            ".map((t) => ({type: t.type, mode: t.mode, x: t.x, y: t.y, bars: t.error_y?.array}))"
+        )
+
+    def overflow(self):
+        return self.tab.evaluate("document.documentElement.scrollWidth - innerWidth")
+
+
+@pytest.fixture
+def opened(chromium, tmp_path):
+    """Return a function that writes a page of a table and opens it."""
+    contexts, pages = [], []
+
+    def open_page(frame, *, name="fabric", fragment=""):
+        path = write_page(frame, tmp_path / f"page{len(pages)}.html", name=name, objectives=OBJECTIVES)
+        contexts.append(chromium.new_context(viewport={"width": 1280, "height": 720}))
+        pages.append(Page(contexts[-1].new_page(), path))
+        return pages[-1].open(fragment)
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert [fault for page in pages for fault in page.faults] == []
+
+
+def test_front_is_drawn_with_bars_and_listed(opened):
+    page = opened(pd.concat([points(), failed()], ignore_index=True))
+    dominated, best, line, joined = page.traces()
+    assert dominated["x"] == [30]
+    assert best["x"] == [21]
+    assert line["mode"] == "lines"
+    assert joined["x"] == line["x"] == [5, 20, 50]
+    assert joined["bars"] == [0.02] * 3
+    assert page.cells(1) == ["0", "1", "2", "3"]
+    assert page.tab.inner_text("#counts") == "5 finished · 1 failed · 5 points, 4 on the front"
+    assert page.tab.inner_text("#failures summary") == "1 failed trial"
+
+
+def test_axes_change_and_the_link_restores_the_view(opened):
+    page = opened(points())
+    page.tab.select_option("#x", "n_weights")
+    page.tab.click("#front tbody tr:nth-child(2)")
+    assert page.traces()[3]["x"] == [10_000, 40_000, 90_000]
+    page.tab.reload()
+    assert page.tab.input_value("#x") == "n_weights"
+    assert page.tab.inner_text("#design h2") == "Trial 1"
+
+
+def test_design_panel_names_what_was_clicked_in_the_figure(opened):
+    page = opened(points())
+    page.tab.evaluate("document.getElementById('plot').emit('plotly_click', {points: [{customdata: 2}]})")
+    text = page.tab.inner_text("#design")
+    assert "Trial 2" in text
+    assert "on the front" in text
+    assert "0.850 ± 0.02" in text
+    assert "21 (16.8–31.5)\u00a0µJ" in text
+
+
+def test_hover_shows_the_design(opened):
+    page = opened(points())
+    box = page.tab.locator("#plot .nsewdrag").bounding_box()
+    spot = page.tab.evaluate(
+        "(() => { const l = document.getElementById('plot')._fullLayout;"
+        " return [l.xaxis._offset + l.xaxis.d2p(20), l.yaxis._offset + l.yaxis.d2p(0.9)]; })()"
+    )
+    assert box["width"] > 400
+    plot = page.tab.locator("#plot").bounding_box()
+    page.tab.mouse.move(plot["x"] + spot[0], plot["y"] + spot[1])
+    page.tab.wait_for_selector("#plot .hoverlayer .hovertext")
+    text = page.tab.text_content("#plot .hoverlayer")
+    assert "model.hidden  50" in text
+    assert "energy (µJ)  20" in text
+
+
+def test_table_sorts_by_any_column_and_by_keyboard(opened):
+    page = opened(points())
+    page.tab.click("#front th button[title=energy_uj]")
+    assert page.cells(1) == ["3", "1", "2", "0"]
+    page.tab.click("#front th button[title=energy_uj]")
+    assert page.cells(1) == ["0", "2", "1", "3"]
+    assert page.tab.get_attribute("#front th:nth-child(3)", "aria-sort") == "descending"
+    page.tab.focus("#front tbody tr:nth-child(4)")
+    page.tab.keyboard.press("Enter")
+    assert page.tab.inner_text("#design h2") == "Trial 3"
+
+
+def test_space_is_drawn(opened):
+    page = opened(points())
+    page.tab.click("#view-3")
+    page.tab.wait_for_selector("#plot canvas")
+    assert {trace["type"] for trace in page.traces()} <= {"scatter3d", "mesh3d"}
+    assert sum(len(trace["x"]) for trace in page.traces() if trace["type"] == "scatter3d") == 5
+    assert page.tab.is_visible("#z")
+    page.tab.click("#view-2")
+    assert not page.tab.is_visible("#z")
+
+
+def test_many_points_are_drawn(opened):
+    many = pd.concat([points(energy_uj=10.0 + k, trial=k) for k in range(500)], ignore_index=True)
+    page = opened(many)
+    assert {trace["type"] for trace in page.traces()} >= {"scattergl"}
+    assert page.tab.text_content("#plot").find("WebGL") == -1
+
+
+def test_two_tasks_are_told_apart(opened):
+    both = pd.concat([points(), points(task="velocity", accuracy=0.5)], ignore_index=True)
+    page = opened(both)
+    assert page.tab.eval_on_selector_all("#task option", "o => o.map((x) => x.textContent)") == [
+        "all",
+        "texture",
+        "velocity",
+    ]
+    page.tab.select_option("#task", "velocity")
+    assert set(page.cells(2)) == {"velocity"}
+
+
+FITS = """() => {
+  const [drawing, place] = ["#plot .main-svg", "#plot"].map((at) => document.querySelector(at));
+  return drawing.clientWidth <= place.clientWidth;
+}"""
+
+CONTRAST = """() => {
+  const linear = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  const light = (css) => {
+    const [r, g, b] = css.match(/\\d+/g).map((v) => linear(v / 255));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const back = light(getComputedStyle(document.body).backgroundColor);
+  return ["h1", "#counts", "#caption", "#notes li", "#design dt"].map((at) => {
+    const fore = light(getComputedStyle(document.querySelector(at)).color);
+    return (Math.max(fore, back) + 0.05) / (Math.min(fore, back) + 0.05);
+  });
+}"""
+
+
+def test_readable_at_any_size_in_light_and_dark(opened):
+    page = opened(points(n_weights=7), fragment="chosen=1")
+    for width, height in ((1280, 720), (390, 844), (320, 568)):
+        page.tab.set_viewport_size({"width": width, "height": height})
+        assert page.overflow() <= 0
+        assert page.tab.locator("#plot").bounding_box()["height"] >= 320
+        page.tab.wait_for_function(FITS)
+    for theme, background in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(21, 24, 28)")):
+        page.tab.emulate_media(color_scheme=theme)
+        assert page.tab.evaluate("getComputedStyle(document.body).backgroundColor") == background
+        assert min(page.tab.evaluate(CONTRAST)) >= 4.5
+        ink = "rgb(232, 234, 237)" if theme == "dark" else "rgb(27, 30, 34)"
+        page.tab.wait_for_function(
+            "(ink) => getComputedStyle(document.querySelector('#plot .ytitle')).fill === ink", arg=ink
+        )
+
+
+@pytest.mark.parametrize(
+    ("frame", "text"),
+    [
+        (pd.DataFrame(), "No design yet"),
+        (failed("out of memory"), "out of memory"),
+    ],
+)
+def test_nothing_to_draw_has_a_face(opened, frame, text):
+    page = opened(frame)
+    assert text in page.tab.inner_text("main")
+    assert not page.tab.is_visible("#plot")
+
+
+@pytest.mark.parametrize(
+    ("frame", "note", "n_front"),
+    [
+        (points().iloc[:1], "One design point so far", 1),
+        (points().drop(columns="energy_uj"), "Column energy_uj is missing", 3),
+        (points(accuracy=0.5, energy_uj=1.0, n_weights=7), "tells no design apart", 5),
+    ],
+)
+def test_poor_tables_are_drawn_with_a_note(opened, frame, note, n_front):
+    page = opened(frame)
+    assert note in page.tab.inner_text("#notes")
+    assert len(page.cells(1)) == n_front
+    assert page.tab.is_visible("#plot .plot-container")
+
+
+@pytest.mark.parametrize("fragment", ["view=3", "x=%3Cimg%3E&chosen=%22&task=__proto__&toString=1&rows=99"])
+def test_hostile_study_never_runs(opened, fragment):
+    frame = points(
+        **{
+            "model.kind": list(HOSTILE[:5]),
+            f"model.{HOSTILE[0]}": list(HOSTILE[3:8]),
+            HOSTILE[2]: [1.0, 2.0, 3.0, 4.0, 5.0],
+            "task": HOSTILE[0],
+            "hardware": HOSTILE[1],
+        }
+    )
+    frame = pd.concat([frame, failed(HOSTILE[0] + HOSTILE[1])], ignore_index=True)
+    page = opened(frame, name="".join(HOSTILE), fragment=fragment)
+    page.tab.click("#front tbody tr:first-child")
+    page.tab.click("#failures summary")
+    if fragment != "view=3":
+        page.tab.select_option("#x", HOSTILE[2])
+        page.tab.evaluate("Plotly.Fx.hover('plot', [{curveNumber: 1, pointNumber: 0}])")
+        page.tab.wait_for_selector("#plot .hoverlayer .hovertext")
+    assert page.tab.evaluate("window.hacked") is None
+    assert page.tab.locator("img, main a[href], main svg[onload]").count() == 0
+    assert page.tab.locator("h1").text_content() == "".join(HOSTILE)
+    assert page.overflow() <= 0

@@ -1,0 +1,39 @@
+import json
+import re
+
+from dse.dashboard import write_page
+from tests.page_data import OBJECTIVES, points
+
+
+def held(path):
+    """Return the data that a page carries."""
+    text = path.read_text(encoding="utf-8")
+    return json.loads(text.split('<script type="application/json" id="data">')[1].split("</script>")[0])
+
+
+def test_the_file_is_whole_and_self_contained(tmp_path):
+    path = write_page(
+        points(), tmp_path / "new" / "page.html", name="fabric", objectives=list(OBJECTIVES.items())
+    )
+    text = path.read_text(encoding="utf-8")
+    assert [file.name for file in path.parent.iterdir()] == ["page.html"]
+    page = text[: text.index("<body>")] + text[text.index("<body>") : text.index("<script")]
+    assert re.findall(r"(?:src|href)=(\S+)", page) == ['"data:,">']
+    assert "{{" not in text.replace("{{plotly}}", "").split('<script type="application/json"')[0]
+
+
+def test_hostile_text_stays_data(tmp_path):
+    bad = "</script><script>alert(1)</script>{{script}}"
+    frame = points(**{"model.kind": bad})
+    text = write_page(frame, tmp_path / "page.html", name=bad, objectives=OBJECTIVES).read_text(
+        encoding="utf-8"
+    )
+    assert held(tmp_path / "page.html")["columns"]["model.kind"]["values"][0] == bad
+    assert "alert(1)</script>" not in text
+    assert text.count("// One state object; every view is a function of it") == 1
+
+
+def test_same_input_same_bytes(tmp_path):
+    first = write_page(points(), tmp_path / "a.html", name="fabric", objectives=OBJECTIVES)
+    second = write_page(points(), tmp_path / "b.html", name="fabric", objectives=OBJECTIVES)
+    assert first.read_bytes() == second.read_bytes()

@@ -1,0 +1,306 @@
+import numpy as np
+import pytest
+
+from dse.dataset import build, build_for
+from dse.encoders.send_on_delta import send_on_delta
+from dse.recordings import RecordingError
+
+RNG = np.random.default_rng(8)
+LENGTHS = RNG.integers(40, 60, 12)
+OFFSETS = np.concatenate([[0], np.cumsum(LENGTHS)])
+SIGNAL = RNG.integers(0, 30, (OFFSETS[-1], 3)).astype(np.uint16)
+LABEL = np.arange(12) % 3
+REPETITION = np.arange(12) // 3
+NAMES = np.array(["wool", "silk", "linen"])
+
+DESIGN = {
+    "data": {
+        "kind": "time_series", "file": "x.npz", "signal": "signal", "offsets": "offsets", "step_ms": 28,
+        "columns": {"fabric": "label", "repetition": "repetition"}, "class_names": {"fabric": "names"},
+    },
+    "task": {"name": "texture", "target": "fabric"},
+    "window": {"n_steps": 20, "at": "middle", "jitter_steps": 4},
+    "split": {"train": {"repetition": [0, 1]}, "validation": {"repetition": [2]}},
+    "encoder": {"kind": "send_on_delta", "thresholds": [2, 5]},
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    save(tmp_path / "x.npz")
+    return tmp_path
+
+
+def save(path, recordings=range(12), **other):
+    recordings = list(recordings)
+    arrays = {
+        "signal": np.concatenate([SIGNAL[OFFSETS[i] : OFFSETS[i + 1]] for i in recordings]),
+        "offsets": np.concatenate([[0], np.cumsum(LENGTHS[recordings])]),
+        "label": LABEL[recordings],
+        "repetition": REPETITION[recordings],
+        "names": NAMES,
+    }
+    np.savez(path, **{name: array for name, array in (arrays | other).items() if array is not None})
+
+
+def window_of(dataset, sample, start=None):
+    """The spikes in a window of one sample, dense."""
+    spikes = dataset.spikes
+    start = dataset.start[sample] if start is None else start
+    out = np.zeros((dataset.n_steps, spikes.n_channels), dtype=bool)
+    for t in range(dataset.n_steps):
+        row = sample * spikes.n_steps + start + t
+        out[t, spikes.channel[spikes.row_offsets[row] : spikes.row_offsets[row + 1]]] = True
+    return out
+
+
+def encoded(recording, first, n_steps=20, thresholds=(2.0, 5.0)):
+    whole = send_on_delta(SIGNAL[OFFSETS[recording] : OFFSETS[recording + 1]], thresholds, "step")
+    return whole[first : first + n_steps]
+
+
+def test_sampled_recordings_become_windows_of_spikes(folder):
+    dataset, notes = build(DESIGN, folder)
+    assert notes == []
+    assert dataset.classes == ("linen", "silk", "wool")
+    assert [dataset.classes[i] for i in dataset.target[:9]] == ["wool", "silk", "linen"] * 3
+    assert dataset.train.tolist() == list(range(6)) and dataset.validation.tolist() == [6, 7, 8]
+    assert dataset.test.size == 0 and dataset.test.dtype == np.int64
+    assert (dataset.n_steps, dataset.spikes.n_channels, dataset.spikes.step_ms) == (20, 12, 28.0)
+    assert (dataset.start_high + dataset.n_steps <= dataset.spikes.n_steps).all()
+    for i in range(9):
+        middle = (LENGTHS[i] - 20) // 2
+        assert np.array_equal(window_of(dataset, i), encoded(i, middle))
+        assert np.array_equal(window_of(dataset, i, dataset.start_low[i]), encoded(i, middle - 4))
+        assert np.array_equal(window_of(dataset, i, dataset.start_high[i]), encoded(i, middle + 4))
+        assert dataset.start_high[i] - dataset.start_low[i] == 8
+
+
+def test_recordings_in_no_part_have_no_spikes_and_may_be_short(folder):
+    save(
+        folder / "x.npz",
+        offsets=np.concatenate([OFFSETS[:-1], [OFFSETS[-2] + 3]]),
+        signal=SIGNAL[: OFFSETS[-2] + 3],
+    )
+    spikes = build(DESIGN, folder)[0].spikes
+    assert spikes.n_samples == 12 and spikes.row_offsets[9 * spikes.n_steps] == spikes.channel.size
+
+
+def test_classes_are_those_in_use(folder):
+    save(folder / "x.npz", label=np.where(REPETITION == 3, 1, 2 * (LABEL % 2)))
+    dataset, _ = build(DESIGN, folder)
+    assert dataset.classes == ("linen", "wool")
+    assert set(dataset.target[:9].tolist()) == {0, 1} and dataset.target[9:].tolist() == [-1, -1, -1]
+
+
+def test_a_test_file_is_appended_and_keeps_the_classes_of_the_data_file(folder):
+    # Other codes for the same names, one class absent.
+    save(folder / "new.npz", [11, 9, 2], names=np.array(["linen", "none", "wool"]), label=np.array([0, 2, 0]))
+    dataset, _ = build(DESIGN | {"test": {"file": "new.npz"}}, folder)
+    assert dataset.test.tolist() == [12, 13, 14]
+    assert [dataset.classes[i] for i in dataset.target[12:]] == ["linen", "wool", "linen"]
+    for sample, recording in zip((12, 13, 14), (11, 9, 2), strict=True):
+        assert np.array_equal(window_of(dataset, sample), encoded(recording, (LENGTHS[recording] - 20) // 2))
+    alone, _ = build(DESIGN, folder)
+    for i in range(9):
+        assert np.array_equal(window_of(dataset, i), window_of(alone, i))
+
+
+def test_a_test_file_may_name_its_own_columns(folder):
+    save(folder / "new.npz", [0, 1, 2], label=None, repetition=None, cloth=np.array([2, 1, 0]))
+    test = {"file": "new.npz", "columns": {"fabric": "cloth"}}
+    dataset, _ = build(DESIGN | {"test": test}, folder)
+    assert [dataset.classes[i] for i in dataset.target[dataset.test]] == ["linen", "silk", "wool"]
+
+
+def test_new_recordings_are_prepared_alike(folder):
+    save(folder / "new.npz", [4, 10, 5])
+    new = {**DESIGN["data"], "file": "new.npz"}
+    by_test, _ = build(DESIGN | {"test": {"file": "new.npz"}}, folder)
+    dataset = build_for(DESIGN | {"data": new}, folder, by_test.classes)
+    assert dataset.test.tolist() == [0, 1, 2] and dataset.train.size == dataset.validation.size == 0
+    assert dataset.target.tolist() == by_test.target[by_test.test].tolist()
+    assert dataset.classes == by_test.classes
+    for i in range(3):
+        assert np.array_equal(window_of(dataset, i), window_of(by_test, 12 + i))
+
+
+def test_new_recordings_need_no_labels(folder):
+    save(folder / "new.npz", [4, 10], label=None, repetition=None, names=None)
+    dataset = build_for(DESIGN | {"data": {**DESIGN["data"], "file": "new.npz"}}, folder, ("a", "b"))
+    assert dataset.target.tolist() == [-1, -1] and dataset.classes == ("a", "b")
+
+
+def test_drawn_split_and_one_group_left_out(folder):
+    drawn, _ = build(
+        DESIGN | {"split": {"stratified": {"validation": 0.25, "test": 0.25, "seed": 1}}}, folder
+    )
+    assert [len(x) for x in (drawn.train, drawn.validation, drawn.test)] == [6, 3, 3]
+    left, _ = build(DESIGN | {"split": {"leave_out": {"column": "repetition", "value": 1}}}, folder)
+    assert left.validation.tolist() == [3, 4, 5] and left.train.tolist() == [0, 1, 2, 6, 7, 8, 9, 10, 11]
+
+
+def test_mean_removal_leaves_changes_as_they_are(folder):
+    plain, _ = build(DESIGN, folder)
+    window = {**DESIGN["window"], "remove_mean": True}
+    # Thresholds between two counts: rounding after the subtraction of a mean cannot reach them.
+    half = {"kind": "send_on_delta", "thresholds": [1.5, 4.5], "reference": "value"}
+    plain, _ = build(DESIGN | {"encoder": half}, folder)
+    removed, _ = build(DESIGN | {"encoder": half, "window": window}, folder)
+    assert np.array_equal(plain.spikes.channel, removed.spikes.channel)
+
+
+def test_traps_are_reported(folder):
+    level = np.repeat(LABEL * 100, LENGTHS).astype(np.uint16)[:, None]
+    save(folder / "x.npz", signal=SIGNAL + level)
+    split = {"train": {"repetition": [0, 1]}, "validation": {"repetition": [2, 3]}}
+    _, notes = build(DESIGN | {"split": split}, folder)
+    assert len(notes) == 1 and notes[0].startswith(
+        "resting level (mean of each channel) alone predicts fabric with"
+    )
+
+
+RASTER = {
+    "data": {
+        "kind": "raster", "file": "r.npz", "array": "spikes", "step_ms": 5,
+        "columns": {"letter": "label", "part": "part"},
+    },
+    "task": {"target": "letter"},
+    "split": {"train": {"part": "train"}, "validation": {"part": "val"}},
+}  # fmt: skip
+SPIKES = RNG.random((8, 30, 4)) < 0.3
+SPIKES[:, :5] = False
+
+
+@pytest.fixture
+def rasters(tmp_path):
+    part = np.array(["train", "train", "val", "val"] * 2)
+    np.savez(tmp_path / "r.npz", spikes=SPIKES, label=np.arange(8) % 2, part=part)
+    return tmp_path
+
+
+def test_rasters_whole_and_in_windows(rasters):
+    dataset, _ = build(RASTER, rasters)
+    assert (dataset.n_steps, dataset.classes, dataset.train.tolist()) == (30, ("0", "1"), [0, 1, 4, 5])
+    assert all(np.array_equal(window_of(dataset, i), SPIKES[i]) for i in range(8))
+    dataset, _ = build(RASTER | {"window": {"n_steps": 10, "jitter_steps": 15}}, rasters)
+    assert set(dataset.start.tolist()) == {10} and set(dataset.start_low.tolist()) == {0}
+    assert set(dataset.start_high.tolist()) == {20}
+    assert np.array_equal(window_of(dataset, 3), SPIKES[3, 10:20])
+    onset = {"n_steps": 10, "at": "contact_onset", "onset_threshold": 2}
+    dataset, _ = build(RASTER | {"window": onset}, rasters)
+    for i in range(8):
+        assert dataset.start[i] == (SPIKES[i].sum(axis=1) >= 2).argmax() >= 5
+
+
+EVENTS = {
+    "data": {
+        "kind": "events", "file": "e.npz", "width": 4, "taxel": "taxel", "polarity": "polarity",
+        "columns": {"object": "label", "part": "part"},
+    },
+    "task": {"target": "object"},
+    "window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 3},
+    "split": {"train": {"part": 0}, "validation": {"part": 1}},
+    "preprocessing": {"bin_ms": 1},
+}  # fmt: skip
+
+
+@pytest.fixture
+def events(tmp_path):
+    # Three events at the onset, 2 ms + i after the first; then one per ms on taxel i % 4 for 10 ms.
+    t, taxel, offsets = [], [], [0]
+    for i in range(4):
+        onset = 2000 + 1000 * i
+        t += [500, *[500 + onset] * 3, *(500 + onset + 1000 * np.arange(1, 10))]
+        taxel += [0, 1, 2, 3, *[i] * 9]
+        offsets.append(len(t))
+    polarity = np.ones(len(t), dtype=np.uint8)
+    np.savez(
+        tmp_path / "e.npz", t_us=np.array(t), taxel=np.array(taxel), polarity=polarity,
+        offsets=np.array(offsets), label=np.array([0, 1, 0, 1]), part=np.array([0, 0, 1, 1]),
+    )  # fmt: skip
+    return tmp_path
+
+
+def test_events_from_their_contact_onset(events):
+    dataset, _ = build(EVENTS, events)
+    assert (dataset.n_steps, dataset.spikes.n_channels, dataset.spikes.step_ms) == (5, 8, 1.0)
+    for i in range(4):
+        steps = [np.flatnonzero(row).tolist() for row in window_of(dataset, i)]
+        assert steps == [[5, 6, 7], *[[4 + i]] * 4]
+
+
+@pytest.mark.parametrize(
+    ("fixture", "design", "change", "message"),
+    [
+        ("folder", DESIGN, {"encoder": None}, "encoder must be given: data of kind 'time_series'"),
+        ("folder", DESIGN, {"preprocessing": {"bin_ms": 1}}, "preprocessing must be absent: data of"),
+        ("rasters", RASTER, {"encoder": DESIGN["encoder"]}, "encoder must be absent: data of kind 'raster'"),
+        ("rasters", RASTER, {"window": {"remove_mean": True}}, "window.remove_mean must be false"),
+        ("events", EVENTS, {"preprocessing": None}, "preprocessing must be given: data of kind 'events'"),
+        ("folder", DESIGN, {"window": {"n_steps": 70}}, "a window of 70 steps does not fit recording 0"),
+        ("folder", DESIGN, {"split": {"train": {"fabric": "wool"}, "validation": {"fabric": "silk"}}},
+         "split must not read column 'fabric'"),
+        ("folder", DESIGN, {"task": {"target": "velocity"}}, "task.target: no column 'velocity'"),
+        ("folder", DESIGN, {"data": {**DESIGN["data"], "kind": "series"}},
+         "no component 'series'; known: events,"),
+        ("folder", DESIGN, {"encoder": {"kind": "send_on_delta", "theta": 2}},
+         "unexpected keyword argument 'theta'"),
+        ("folder", DESIGN, {"test": {"file": "absent.npz"}}, "data file 'absent.npz' not found"),
+        ("folder", DESIGN,
+         {"test": {"file": "x.npz"}, "split": {"stratified": {"validation": 0.3, "test": 0.3}}},
+         "from split.test or from the test file, not from both"),
+    ],
+)  # fmt: skip
+def test_faults_are_one_clear_line(request, fixture, design, change, message):
+    with pytest.raises(RecordingError, match=message) as error:
+        build(design | change, request.getfixturevalue(fixture))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("other", "test", "message"),
+    [
+        (
+            {"names": np.array(["wool", "tweed", "linen"])},
+            {},
+            "the test file: class 'tweed' is unknown; .* linen, silk, wool",
+        ),
+        ({"signal": SIGNAL[:, :2]}, {}, "the test file must have 12 channels as the data file has, got 8"),
+        ({}, {"step_ms": 10}, "the test file must have 28.0 ms per step as the data file has, got 10.0"),
+    ],
+)
+def test_a_test_file_that_does_not_fit(folder, other, test, message):
+    save(folder / "new.npz", **other)
+    with pytest.raises(RecordingError, match=message):
+        build(DESIGN | {"test": {"file": "new.npz", **test}}, folder)
+
+
+def test_new_recordings_of_an_unknown_class(folder):
+    with pytest.raises(
+        RecordingError, match="the new recordings: class 'linen' is unknown; the classes are silk, wool"
+    ):
+        build_for(DESIGN, folder, ("silk", "wool"))
+
+
+def test_public_recordings(shared_data):
+    fabric = {
+        "data": {
+            "kind": "time_series", "file": "fabric_slide/fabric_slide_train_val.npz", "step_ms": 28,
+            "offsets": "offsets",
+            "columns": {"fabric": "label", "velocity": "velocity_mm_s", "repetition": "repetition"},
+            "class_names": {"fabric": "class_names"},
+        },
+        "task": {"target": {"column": "velocity", "abs": True}},
+        "window": {"n_steps": 128, "jitter_steps": 16},
+        "split": {"train": {"repetition": [0]}, "validation": {"repetition": [1]}},
+        "encoder": {"kind": "send_on_delta", "thresholds": [1, 2, 4, 8, 16]},
+    }  # fmt: skip
+    dataset, notes = build(fabric, shared_data)
+    assert dataset.classes == ("10", "20", "50", "100", "120", "150")
+    assert (len(dataset.train), len(dataset.validation), dataset.spikes.n_channels) == (322, 322, 160)
+    assert len(notes) == 1 and notes[0].startswith(
+        "recording length alone predicts velocity with accuracy 1.000"
+    )
+    majority = np.bincount(dataset.target[dataset.validation]).max() / 322
+    assert majority == pytest.approx(0.17, abs=0.005)

@@ -1,0 +1,117 @@
+"""The bundle's folder: what is in it, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, weights, write
+from dse.neurons.cuba_lif import quantise
+from dse.records import Layer, Network
+
+
+@pytest.fixture
+def made() -> Bundle:
+    rng = np.random.default_rng(1)
+    decay = np.full(3, 1024, np.int32)
+    ring = rng.normal(size=(3, 3)).astype(np.float32)
+    weight = np.array([[-9.0, 9.0], [1 / 64, 3 / 64], [0.5, -1 / 3]], np.float32)
+    network = Network((Layer(weight, ring, decay, decay, 80),), 2, (0,), 1, "integer")
+    return Bundle(
+        network=network,
+        sections={"data": {"kind": "raster"}, "model": {"kind": "snn", "hidden": [3]}},
+        classes=("felt", "silk", "wool"),
+        phi=4.0,
+        theta=0.7,
+        record={"trial": 3, "accuracy": 0.9, "fits": True},
+        evidence={"study": "tiny"},
+    )
+
+
+def test_a_bundle_survives_the_disk(made: Bundle, tmp_path: Path) -> None:
+    write(made, tmp_path / "b")
+    found = read(tmp_path / "b")
+    for name in ("sections", "classes", "phi", "theta", "record", "evidence"):
+        assert getattr(found, name) == getattr(made, name)
+    assert np.array_equal(found.network.layers[0].weight, made.network.layers[0].weight)
+    assert sorted(path.name for path in (tmp_path / "b").iterdir()) == [
+        "README.md",
+        "bundle.json",
+        "weights.npz",
+    ]
+    text = (tmp_path / "b" / "README.md").read_text()
+    assert "felt, silk, wool" in text and "more than 4 output spikes" in text and "| accuracy | 0.9 |" in text
+
+
+def test_eight_bits_hold_exactly_what_runs(made: Bundle) -> None:
+    arrays = weights(made.network)
+    [layer] = made.network.layers
+    for name, matrix in (("weight", layer.weight), ("recurrent", layer.recurrent)):
+        stored = arrays[f"0/{name}_8bit"]
+        assert stored.dtype == np.int8
+        assert np.array_equal(stored.astype(np.float32) / 32, quantise(matrix))
+    assert arrays["0/weight_8bit"][0].tolist() == [-128, 127]
+
+
+def test_exporting_again_replaces_a_bundle_and_nothing_else(made: Bundle, tmp_path: Path) -> None:
+    write(made, tmp_path / "b")
+    write(replace(made, phi=None, theta=None), tmp_path / "b")
+    assert read(tmp_path / "b").phi is None
+    assert "at the end of the window" in (tmp_path / "b" / "README.md").read_text()
+    (tmp_path / "empty").mkdir()
+    write(made, tmp_path / "empty")
+    assert read(tmp_path / "empty").phi == 4
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
+    with pytest.raises(BundleError, match="thesis: exists and is no bundle"):
+        write(made, tmp_path / "thesis")
+    assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
+
+
+def _edit(**changes: Any) -> Any:
+    def edit(folder: Path) -> None:
+        path = folder / "bundle.json"
+        document = json.loads(path.read_text())
+        for name, value in changes.items():
+            if value is None:
+                del document[name]
+            else:
+                document[name] = value
+        path.write_text(json.dumps(document))
+
+    return edit
+
+
+def _cut(name: str) -> Any:
+    def cut(folder: Path) -> None:
+        content = (folder / name).read_bytes()
+        (folder / name).write_bytes(content[: len(content) // 2])
+
+    return cut
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (_cut("weights.npz"), r"weights\.npz: is damaged"),
+        (lambda folder: (folder / "weights.npz").unlink(), r"weights\.npz: is missing"),
+        (_cut("bundle.json"), r"bundle\.json: cannot be read"),
+        (lambda folder: (folder / "bundle.json").unlink(), r"bundle\.json: cannot be read"),
+        (lambda folder: (folder / "bundle.json").write_text("[]"), "is no bundle of dse"),
+        (_edit(schema="dse/bundle/9"), f"schema is dse/bundle/9, this version of dse reads {SCHEMA}"),
+        (_edit(schema="other"), "is no bundle of dse"),
+        (_edit(classes=None), r"bundle\.json: lacks or garbles 'classes'"),
+        (_edit(decision=[1]), r"bundle\.json: lacks or garbles"),
+    ],
+)
+def test_damage_is_one_line(made: Bundle, tmp_path: Path, damage: Any, message: str) -> None:
+    write(made, tmp_path / "b")
+    damage(tmp_path / "b")
+    with pytest.raises(BundleError, match=message) as caught:
+        read(tmp_path / "b")
+    assert "\n" not in str(caught.value)

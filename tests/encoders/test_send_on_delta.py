@@ -1,0 +1,144 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from dse import registry
+from dse.encoders.send_on_delta import REFERENCES, SendOnDelta, send_on_delta
+from dse.recordings.time_series import TimeSeries
+from dse.records import Signals, Spikes
+
+
+def dense(spikes: Spikes) -> np.ndarray:
+    out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=bool)
+    rows = np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets))
+    assert len(set(zip(rows.tolist(), spikes.channel.tolist(), strict=True))) == len(rows)
+    out[rows, spikes.channel] = True
+    return out.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
+
+
+def one(values: np.ndarray) -> Signals:
+    return Signals(values.astype(np.float32), np.array([0, len(values)]), 28.0, {})
+
+
+@pytest.mark.parametrize(
+    ("reference", "off", "on"),
+    [
+        # x = 10 10 11 13 18 18 17 12, threshold 2, by hand. Level sent last:
+        #     value 10 10 10 13 18 18 18 12,  step 10 10 10 12 14 16 16 14,  level 10 10 10 12 18 18 18 12
+        ("value", [0, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 1, 1, 0, 0, 0]),
+        ("step", [0, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 1, 1, 1, 0, 0]),
+        ("level", [0, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 1, 1, 0, 0, 0]),
+    ],
+)
+def test_a_trace_by_hand(reference, off, on):
+    values = np.array([10, 10, 11, 13, 18, 18, 17, 12])[:, None]
+    assert send_on_delta(values, (2.0,), reference).astype(int).T.tolist() == [off, on]
+
+
+def test_where_the_rules_differ():
+    values = np.array([0, 3, 4, 4, 4])[:, None]
+    on = {rule: send_on_delta(values, (2.0,), rule)[:, 1].astype(int).tolist() for rule in REFERENCES}
+    assert on == {"value": [0, 1, 0, 0, 0], "step": [0, 1, 1, 0, 0], "level": [0, 1, 1, 0, 0]}
+    values = np.array([0, 6, 6, 6])[:, None]
+    on = {rule: send_on_delta(values, (2.0,), rule)[:, 1].astype(int).tolist() for rule in REFERENCES}
+    assert on == {"value": [0, 1, 0, 0], "step": [0, 1, 1, 1], "level": [0, 1, 0, 0]}
+
+
+def test_channels_are_threshold_then_polarity_then_channel():
+    values = np.array([[0, 0, 0], [1, -5, 0]])
+    spikes = send_on_delta(values, (1.0, 4.0), "value")
+    assert np.flatnonzero(spikes[1]).tolist() == [1, 3, 7]  # OFF of channel 1; ON of 0; OFF of 1 at 4
+    encoder = SendOnDelta((1.0, 4.0), "value")
+    assert encoder.n_channels(3) == 12
+    found = encoder.encode_all(one(values), np.array([0]), np.array([2]))
+    assert (found.n_channels, found.channel.tolist(), found.row_offsets.tolist()) == (
+        12,
+        [1, 3, 7],
+        [0, 0, 3],
+    )
+    assert (found.step_ms, found.channel.dtype, found.row_offsets.dtype) == (28.0, np.int32, np.int64)
+
+
+@given(
+    values=arrays.arrays(
+        np.float32, arrays.array_shapes(min_dims=2, max_dims=2, max_side=12),
+        elements=st.integers(-40, 40).map(lambda x: x / 4),
+    ),
+    thresholds=st.lists(st.sampled_from([0.25, 0.3, 1.0, 2.5, 7.0]), min_size=1, max_size=3),
+    reference=st.sampled_from(REFERENCES),
+)  # fmt: skip
+def test_the_fast_path_is_the_definition(values, thresholds, reference):
+    encoder = SendOnDelta(tuple(thresholds), reference)
+    found = dense(encoder.encode_all(one(values), np.array([0]), np.array([len(values)])))
+    assert np.array_equal(found[0], send_on_delta(values, tuple(thresholds), reference))
+
+
+@given(
+    values=arrays.arrays(np.int16, (12, 2), elements=st.integers(-30, 30)),
+    cut=st.integers(1, 12),
+    level=st.integers(-500, 500),
+    reference=st.sampled_from(REFERENCES),
+)
+def test_causal_blind_to_level_and_quiet_at_first(values, cut, level, reference):
+    spikes = send_on_delta(values, (1.0, 3.0), reference)
+    assert not spikes[0].any()
+    assert np.array_equal(send_on_delta(values[:cut], (1.0, 3.0), reference), spikes[:cut])
+    assert np.array_equal(send_on_delta(values + level, (1.0, 3.0), reference), spikes)
+    mirrored = send_on_delta(-values, (1.0, 3.0), reference).reshape(12, 2, 2, 2)
+    assert np.array_equal(mirrored[:, :, ::-1].reshape(12, -1), spikes)
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_recordings_of_many_lengths_cut_to_their_spans(reference):
+    rng = np.random.default_rng(3)
+    lengths = [30, 7, 19]
+    values = rng.integers(0, 20, (sum(lengths), 3)).astype(np.float32)
+    values.setflags(write=False)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    encoder = SendOnDelta((2.0, 5.0), reference)
+    first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
+    found = dense(encoder.encode_all(Signals(values, offsets, 1.0, {}), first, length))
+    assert found.shape == (3, 12, 12)
+    for i in range(3):
+        whole = send_on_delta(values[offsets[i] : offsets[i + 1]], (2.0, 5.0), reference)
+        assert np.array_equal(found[i, : length[i]], whole[first[i] : first[i] + length[i]])
+        assert not found[i, length[i] :].any()
+
+
+def test_it_is_a_component_whose_thresholds_are_an_axis():
+    assert registry.known("encoders")["send_on_delta"] is SendOnDelta
+
+
+def test_events_of_public_recordings(shared_data):
+    """The data's README: 1, 2, 3, 5 counts give a median of about 5000, 2040, 1110, 480 crossings per window.
+
+    Crossings are counted from the window's first sample, several per sample where several levels are crossed;
+    rule 'level' sends one spike for them.
+    """
+    source = TimeSeries("fabric_slide/fabric_slide_train_val.npz", 28, offsets="offsets")
+    signals = source.read(shared_data)
+    start = signals.offsets[:-1] + (np.diff(signals.offsets) - 128) // 2
+    windows = signals.values.reshape(-1, 16)[start[:, None] + np.arange(128)]
+    everywhere = Signals(windows.reshape(-1, 16), np.arange(645) * 128, 28.0, {})
+    n, whole = np.zeros(644, dtype=np.int64), np.full(644, 128)
+    for theta, about in ((1, 5000), (2, 2040), (3, 1110), (5, 480)):
+        crossings, spikes = _crossings(windows, theta)
+        assert np.median(crossings) == pytest.approx(about, rel=0.01)
+        found = SendOnDelta((float(theta),), "level").encode_all(everywhere, n, whole)
+        per_window = np.diff(found.row_offsets[::128])
+        assert np.array_equal(per_window, spikes)
+
+
+def _crossings(windows: np.ndarray, theta: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return levels crossed and samples with a crossing, per window, by integer arithmetic."""
+    sent = windows[:, 0].astype(np.int64)
+    crossings, spikes = np.zeros(len(windows), dtype=np.int64), np.zeros(len(windows), dtype=np.int64)
+    for t in range(1, windows.shape[1]):
+        d = windows[:, t].astype(np.int64) - sent
+        levels = np.abs(d) // theta
+        sent = sent + np.sign(d) * levels * theta
+        crossings += levels.sum(axis=1)
+        spikes += (levels > 0).sum(axis=1)
+    return crossings, spikes

@@ -1,0 +1,111 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dse.figures.front import draw_front, front_mask, gather_front, interval
+from tests.page_data import ENERGY, OBJECTIVES, ON_FRONT, ON_PAIR, points
+
+
+def test_front_over_all_objectives():
+    assert front_mask(points(), OBJECTIVES).tolist() == ON_FRONT
+
+
+def test_front_over_the_columns_shown():
+    front = gather_front(points(), ["energy_uj", "accuracy"], OBJECTIVES)
+    assert front.on_front.tolist() == ON_PAIR
+    assert front.values[:, 0].tolist() == ENERGY
+
+
+def test_tasks_have_a_front_each():
+    both = pd.concat([points(), points(task="velocity", accuracy=0.1)], ignore_index=True)
+    front = gather_front(both, ["energy_uj", "accuracy"], OBJECTIVES)
+    assert front.groups == ("texture", "velocity")
+    assert front.on_front[front.group == 0].tolist() == ON_PAIR
+    assert front.on_front[front.group == 1].tolist() == [False, False, False, True, False]
+
+
+def test_rows_without_a_value_are_counted_and_not_shown():
+    front = gather_front(
+        points(energy_uj=[50, np.nan, 21, np.inf, 30]), ["energy_uj", "accuracy"], OBJECTIVES
+    )
+    assert front.n_left_out == 2
+    assert len(front.values) == 3
+    assert front.on_front.tolist() == [True, True, True]
+
+
+def test_intervals_are_distances_from_the_value():
+    low, high = interval(points(), "energy_uj")
+    np.testing.assert_allclose(low, np.array(ENERGY) * 0.2)
+    np.testing.assert_allclose(high, np.array(ENERGY) * 0.5)
+    low, high = interval(points(), "accuracy")
+    assert low.tolist() == high.tolist() == [0.02] * 5
+    assert interval(points(), "n_weights")[0].tolist() == [0.0] * 5
+
+
+def test_table_is_not_changed():
+    frame = points()
+    before = frame.copy(deep=True)
+    draw_front(gather_front(frame, ["energy_uj", "accuracy", "n_weights"], OBJECTIVES))
+    pd.testing.assert_frame_equal(frame, before)
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=12))
+def test_front_agrees_with_the_definition(values):
+    frame = pd.DataFrame(values, columns=["accuracy", "energy_uj"])
+    expected = [not any(a >= x and e <= y and (a > x or e < y) for a, e in values) for x, y in values]
+    assert front_mask(frame, {"accuracy": "max", "energy_uj": "min"}).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("columns", "objectives", "message"),
+    [
+        (["accuracy"], OBJECTIVES, "columns must be two or three, got 1"),
+        (["phi", "accuracy"], OBJECTIVES, r"for every column shown, got none for \['phi'\]"),
+        (["accuracy", "cost"], OBJECTIVES | {"cost": "min"}, r"columns must be in the table, got \['cost'\]"),
+    ],
+)
+def test_wrong_columns(columns, objectives, message):
+    with pytest.raises(ValueError, match=message):
+        gather_front(points(), columns, objectives)
+
+
+@pytest.mark.parametrize(
+    ("objectives", "message"),
+    [
+        ({}, "at least one column"),
+        ({"cost": "min"}, "must be a column of the table, got 'cost'"),
+        ({"accuracy": "up"}, "direction of 'accuracy' must be 'max' or 'min', got 'up'"),
+    ],
+)
+def test_wrong_objectives(objectives, message):
+    with pytest.raises(ValueError, match=message):
+        front_mask(points(), objectives)
+
+
+def test_drawing_shows_every_point_once_and_joins_the_front():
+    figure = draw_front(gather_front(points(), ["energy_uj", "accuracy"], OBJECTIVES))
+    dominated, best = figure.data
+    assert list(dominated.x) == [21.0, 30.0]
+    assert list(best.x) == [5.0, 20.0, 50.0]
+    assert best.mode == "lines+markers"
+    assert list(best.error_y.array) == [0.02] * 3
+    assert figure.layout.xaxis.title.text == "energy (µJ)"
+
+
+def test_drawing_in_space():
+    figure = draw_front(gather_front(points(), ["energy_uj", "accuracy", "n_weights"], OBJECTIVES))
+    assert {trace.type for trace in figure.data} == {"scatter3d"}
+    assert sum(len(trace.z) for trace in figure.data) == 5
+
+
+def test_hover_is_escaped_and_short():
+    front = gather_front(
+        points(**{"model.kind": "<img src=x onerror=alert(1)>" + "a" * 500}),
+        ["energy_uj", "accuracy"],
+        OBJECTIVES,
+    )
+    assert "<img" not in front.hover[0]
+    assert "&lt;img" in front.hover[0]
+    assert max(len(line) for line in front.hover[0].split("<br>")) < 100

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from dse.metrics.latency import decision_latency_ms, latency_ms
+from dse.metrics.n_weights import n_weights
+from dse.metrics.spikes import spikes_per_inference, spikes_total
+from dse.metrics.synaptic_operations import synaptic_operations
+from dse.records import Layer, Network, Response, Workload
+
+
+def layer(n, n_in, recurrent=False):
+    own = np.zeros((n, n), dtype=np.float32) if recurrent else None
+    decay = np.zeros(n, dtype=np.int32)
+    return Layer(np.zeros((n, n_in), dtype=np.float32), own, decay, decay, 80)
+
+
+def test_weights_count_delays_and_recurrence():
+    network = Network((layer(5, 2 * 3, recurrent=True), layer(4, 5)), 3, (0, 2), 1, "integer")
+    assert n_weights(network) == 5 * 6 + 5 * 5 + 4 * 5
+
+
+def response(spikes):
+    spikes = np.asarray(spikes, dtype=np.int32)
+    return Response(
+        output=np.zeros((*spikes.shape[:2], 2), dtype=np.uint8),
+        spikes=spikes,
+        updates=spikes[:, :, 1:],
+        step_ms=1.0,
+        peak_state=0,
+    )
+
+
+def test_spikes_both_ways_with_and_without_input():
+    # Two samples, two steps, three layers.
+    found = response([[[5, 1, 0], [3, 2, 1]], [[0, 0, 0], [4, 0, 2]]])
+    assert spikes_total(found) == 18
+    assert spikes_per_inference(found) == 9.0
+    assert spikes_total(found, with_input=False) == 6
+    assert spikes_per_inference(found, with_input=False) == 3.0
+
+
+def test_spikes_do_not_overflow():
+    assert spikes_total(response(np.full((3, 1, 2), 2**30))) == 6 * 2**30
+
+
+def test_spikes_need_a_sample():
+    with pytest.raises(ValueError, match="at least one sample"):
+        spikes_per_inference(response(np.zeros((0, 4, 3))))
+
+
+def workload(sizes, recurrent, spikes):
+    spikes = np.asarray(spikes, dtype=float)
+    return Workload(sizes, recurrent, np.ones(spikes.shape[:-1]), spikes, None, 1.0)
+
+
+def test_synaptic_operations_of_a_network_small_enough_to_count():
+    # 3 inputs -> 2 recurrent neurons -> 4 outputs: 7 input, 5 hidden and 9 output spikes.
+    assert synaptic_operations(workload((3, 2, 4), (True, False), [7, 5, 9])) == 7 * 2 + 5 * (4 + 2)
+    assert synaptic_operations(workload((3, 2, 4), (False, True), [7, 5, 9])) == 7 * 2 + 5 * 4 + 9 * 4
+
+
+def test_synaptic_operations_keep_leading_axes():
+    spikes = np.arange(12.0).reshape(2, 2, 3)
+    found = synaptic_operations(workload((3, 2, 4), (False, False), spikes))
+    assert found.tolist() == (2 * spikes[..., 0] + 4 * spikes[..., 1]).tolist()
+
+
+def test_decisions_end_with_their_step():
+    assert decision_latency_ms([0, 3], 2.0) == 5.0
+    with pytest.raises(ValueError, match="step must be"):
+        decision_latency_ms([], 1.0)
+
+
+def queue(n, period, compute):
+    """When the last of n steps is done, one after the other."""
+    done = 0.0
+    for step in range(1, n + 1):
+        done = max(done, step * period) + compute
+    return done
+
+
+@pytest.mark.parametrize("compute_us", [0.0, 400.0, 2000.0, 5000.0])
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_latency_is_that_of_the_queue(n, compute_us):
+    assert latency_ms(n * 2.0, 2.0, compute_us) == pytest.approx(queue(n, 2.0, compute_us / 1e3))

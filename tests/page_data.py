@@ -1,0 +1,50 @@
+"""Small tables of design points for the page's and the figures' tests."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
+
+# Hand-made so that the fronts are known: over accuracy and energy rows 0, 1, 3; over all three rows
+# 0, 1, 2, 3; row 4 is beaten by row 1 in everything.
+ACCURACY = [0.95, 0.90, 0.85, 0.60, 0.88]
+ENERGY = [50.0, 20.0, 21.0, 5.0, 30.0]
+WEIGHTS = [90_000, 40_000, 10_000, 20_000, 45_000]
+ON_FRONT = [True, True, True, True, False]
+ON_PAIR = [True, True, False, True, False]
+
+
+def points(**more: object) -> pd.DataFrame:
+    """Return five design points of one task; keywords add or replace columns."""
+    frame = pd.DataFrame(
+        {
+            "trial": range(5),
+            "task": "texture",
+            "status": "finished",
+            "reason": "",
+            "model.hidden": [100, 50, 20, 25, 75],
+            "phi": [0, 2, 4, 6, 8],
+            "theta": 0.5,
+            "accuracy": ACCURACY,
+            "accuracy_se": 0.02,
+            "energy_uj": ENERGY,
+            "energy_uj_low": [x * 0.8 for x in ENERGY],
+            "energy_uj_high": [x * 1.5 for x in ENERGY],
+            "n_weights": WEIGHTS,
+        }
+    )
+    return frame.assign(**more)
+
+
+def failed(reason: str = "loss became NaN in epoch 3", trial: int = 9) -> pd.DataFrame:
+    """Return one failed trial: a reason, and no measurement."""
+    return pd.DataFrame(
+        {
+            "trial": [trial],
+            "task": ["texture"],
+            "status": ["failed"],
+            "reason": [reason],
+            "model.hidden": [500],
+        }
+    )

@@ -1,0 +1,66 @@
+"""Networks and responses survive the disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dse import store
+from dse.records import Layer, Network, Response
+
+
+def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:
+    (tmp_path / "x.npz").write_bytes(b"no zip")
+    with pytest.raises(store.StoreError, match=r"x\.npz: cannot be read"):
+        store.load_arrays(tmp_path / "x.npz")
+
+
+def test_a_network_survives_the_disk(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    layers = tuple(
+        Layer(
+            weight=rng.normal(size=(n, m)).astype(np.float32),
+            recurrent=ring,
+            decay_current=rng.integers(0, 4096, n, dtype=np.int32),
+            decay_voltage=rng.integers(0, 4096, n, dtype=np.int32),
+            threshold=80,
+        )
+        for m, n, ring in ((6, 5, np.eye(5, dtype=np.float32)), (5, 3, None))
+    )
+    network = Network(layers, n_channels=3, delays=(0, 2), steps_per_sample=2, arithmetic="ideal")
+    store.save_arrays(tmp_path / "w.npz", store.network_arrays(network))
+    found = store.network_of(store.load_arrays(tmp_path / "w.npz"))
+    assert (found.n_channels, found.delays, found.steps_per_sample, found.arithmetic) == (
+        3,
+        (0, 2),
+        2,
+        "ideal",
+    )
+    for got, put in zip(found.layers, layers, strict=True):
+        assert (got.recurrent is None) == (put.recurrent is None)
+        for name in ("weight", "decay_current", "decay_voltage", "threshold"):
+            assert np.array_equal(getattr(got, name), getattr(put, name))
+    assert np.array_equal(found.layers[0].recurrent, np.eye(5))
+    with pytest.raises(store.StoreError, match="needs the array '1/weight'"):
+        store.network_of({k: v for k, v in store.network_arrays(network).items() if k != "1/weight"})
+
+
+def test_a_response_survives_the_disk(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    response = Response(
+        output=rng.integers(0, 2, (3, 7, 5), dtype=np.uint8),
+        spikes=rng.integers(0, 9, (3, 7, 2), dtype=np.int32),
+        updates=rng.integers(0, 9, (3, 7, 1), dtype=np.int32),
+        step_ms=2.5,
+        peak_state=2**31,
+    )
+    arrays = store.response_arrays(response, np.array([4, 9, 2]))
+    assert arrays["output"].nbytes == 14  # 105 spikes in bits
+    store.save_arrays(tmp_path / "r.npz", arrays)
+    found = store.response_of(store.load_arrays(tmp_path / "r.npz"))
+    for name in ("output", "spikes", "updates"):
+        assert np.array_equal(getattr(found, name), getattr(response, name))
+        assert getattr(found, name).dtype == getattr(response, name).dtype
+    assert (found.step_ms, found.peak_state) == (2.5, 2**31)

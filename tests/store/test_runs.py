@@ -1,0 +1,67 @@
+"""A training run on disk: complete, or its damage is named."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import store
+
+
+def _save(folder: Path, **changes: Any) -> None:
+    record = {
+        "trial": 1,
+        "repeat": 0,
+        "columns": {"accuracy": np.float64(0.5), "fits": np.bool_(True)},
+        **changes,
+    }
+    store.save_run(folder, record, {"a.npz": lambda path: store.save_arrays(path, {"x": np.arange(3)})})
+
+
+def test_a_run_comes_back_with_its_checksums(tmp_path: Path) -> None:
+    folder = store.run_folder(tmp_path, 1, 0)
+    assert store.load_run(folder) is None
+    _save(folder)
+    record = store.load_run(folder)
+    assert record is not None
+    assert record["columns"] == {"accuracy": 0.5, "fits": True}
+    assert list(record["files"]) == ["a.npz"]
+    assert store.load_arrays(folder / "a.npz")["x"].tolist() == [0, 1, 2]
+
+
+def _truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+def _flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "message"),
+    [
+        ("a.npz", _truncate, "is damaged"),
+        ("a.npz", _flip, "is damaged"),
+        ("a.npz", os.remove, "is missing"),
+        ("record.json", _truncate, "cannot be read"),
+        ("record.json", os.remove, "cannot be read"),
+        ("record.json", lambda path: path.write_text("[]"), "is no record of a run"),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, name: str, damage: Any, message: str) -> None:
+    _save(tmp_path / "run")
+    damage(tmp_path / "run" / name)
+    with pytest.raises(store.StoreError, match=f"{name}: {message}"):
+        store.load_run(tmp_path / "run")
+
+
+def test_a_record_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
+    _save(tmp_path / "run", schema=store.SCHEMA + 1)
+    with pytest.raises(store.StoreError, match="is newer than"):
+        store.load_run(tmp_path / "run")

@@ -1,0 +1,144 @@
+"""From a trained point to a bundle, and the same answers from the bundle on recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import store, study
+from dse.bundles import evaluate, export
+from dse.config import load_space
+from dse.dataset import load
+from dse.deploy import bundle
+from dse.deploy.bundle import BundleError
+from dse.recordings import RecordingError
+from tests import tiny_study
+
+SPACE = """
+study: real
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}, class_names: {fabric: names}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model: {kind: snn, hidden: [12], input_delays: [0, 2]}
+training: {epochs: 4, batch_size: 9, learning_rate: 0.02}
+decision: {phi: [0, 2], theta: [0.4, 0.6]}
+hardware: [loihi1_silicon]
+objectives: [accuracy:max, energy_uj:min]
+search: {sampler: grid, repeats: 2}
+execution: {jobs: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory) -> study.Study:
+    """One spiking network, trained twice."""
+    folder = tmp_path_factory.mktemp("real")
+    tiny_study.write_recordings(folder / "tiny.npz")
+    (folder / "real.yaml").write_text(SPACE)
+    return study.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+
+
+@pytest.fixture
+def point(real: study.Study) -> dict[str, Any]:
+    points = real.points()
+    rows = points[(points["phi"] == 2) & (points["theta"] == 0.6)]
+    return dict(rows.iloc[0].to_dict())
+
+
+@pytest.fixture
+def exported(real: study.Study, point: dict[str, Any], tmp_path: Path) -> Path:
+    export(real, point, tmp_path / "bundle")
+    return tmp_path / "bundle"
+
+
+def recordings(real: study.Study) -> dict[str, Any]:
+    with np.load(real.folder.parents[1] / "tiny.npz") as file:
+        return dict(file)
+
+
+def test_the_bundle_answers_as_the_trained_network_did(
+    real: study.Study, point: dict[str, Any], exported: Path, tmp_path: Path
+) -> None:
+    read = bundle.read(exported)
+    records = real.runs(0)
+    chosen = records[read.evidence["repeat"]]
+    validation = load(real.folder / "data" / chosen["data"]).validation
+    arrays = recordings(real)
+    arrays |= {"spikes": arrays["spikes"][validation], "label": arrays["label"][validation]}
+    np.savez(tmp_path / "new.npz", **arrays)
+    found = evaluate(exported, tmp_path / "new.npz")
+    folder = store.run_folder(real.folder, 0, chosen["repeat"])
+    surface = store.load_arrays(folder / "surface.npz")
+    assert found.accuracy == pytest.approx(surface["accuracy"][1, 1])
+    assert found.accuracy_se == pytest.approx(surface["accuracy_se"][1, 1])
+    assert found.decision_latency_ms == pytest.approx(surface["decision_latency_ms"][1, 1])
+    assert found.undecided == pytest.approx(surface["undecided"][1, 1])
+    assert found.confusion is not None
+    assert found.confusion.sum(axis=1).tolist() == [6, 6, 6]
+    assert found.columns["labelled"] == found.columns["recordings"] == 18
+    assert read.classes == ("felt", "silk", "wool") == found.classes
+
+
+def test_the_repeat_nearest_the_mean_is_exported(
+    real: study.Study, point: dict[str, Any], exported: Path
+) -> None:
+    read = bundle.read(exported)
+    accuracies = np.array(read.evidence["accuracy_of_repeats"])
+    assert accuracies.mean() == pytest.approx(point["accuracy"])
+    assert read.evidence["repeat"] == np.abs(accuracies - accuracies.mean()).argmin()
+    weights = store.load_arrays(store.run_folder(real.folder, 0, read.evidence["repeat"]) / "weights.npz")
+    assert np.array_equal(read.network.layers[0].weight, weights["0/weight"])
+    assert (read.phi, read.theta) == (2.0, 0.6)
+    assert read.record["energy_uj"] == point["energy_uj"]
+    assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
+
+
+def test_recordings_without_labels_are_answered(real: study.Study, exported: Path, tmp_path: Path) -> None:
+    arrays = recordings(real)
+    np.savez(tmp_path / "new.npz", spikes=arrays["spikes"][:5])
+    found = evaluate(exported, tmp_path / "new.npz")
+    assert len(found.label) == 5 and set(found.label) <= {0, 1, 2}
+    assert (found.target == -1).all()
+    assert (found.accuracy, found.accuracy_se, found.confusion) == (None, None, None)
+    assert found.columns["labelled"] == 0
+    assert (found.time_ms > 0).all() and (found.time_ms <= 80).all()
+
+
+def test_recordings_that_do_not_fit_are_one_line(real: study.Study, exported: Path, tmp_path: Path) -> None:
+    arrays = recordings(real)
+    np.savez(tmp_path / "narrow.npz", spikes=arrays["spikes"][..., :2])
+    with pytest.raises(BundleError, match=r"narrow\.npz: must have 4 input channels .*, got 2"):
+        evaluate(exported, tmp_path / "narrow.npz")
+    with pytest.raises(RecordingError, match=r"missing\.npz"):
+        evaluate(exported, tmp_path / "missing.npz")
+    np.savez(tmp_path / "short.npz", spikes=arrays["spikes"][:, :8])
+    with pytest.raises(RecordingError, match="16"):
+        evaluate(exported, tmp_path / "short.npz")
+
+
+def test_points_that_are_not_there_are_refused(
+    real: study.Study, point: dict[str, Any], tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match="a point must name its trial, got the columns phi"):
+        export(real, {"phi": 0}, tmp_path / "b")
+    with pytest.raises(ValueError, match=r"was not evaluated at phi 2, theta 0\.99"):
+        export(real, {**point, "theta": 0.99}, tmp_path / "b")
+    with pytest.raises(store.StoreError, match="has no trial 4"):
+        export(real, {**point, "trial": 4}, tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+
+
+def test_the_full_read_out_can_be_exported(real: study.Study, tmp_path: Path) -> None:
+    row = real.trials.iloc[0].to_dict()
+    export(real, row, tmp_path / "b")
+    document = json.loads((tmp_path / "b" / "bundle.json").read_text())
+    assert document["decision"]["phi"] is None
+    found = evaluate(tmp_path / "b", real.folder.parents[1] / "tiny.npz")
+    assert set(found.time_ms) == {80.0}
+    assert found.undecided == 0

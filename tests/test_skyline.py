@@ -1,0 +1,263 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dse.skyline import ExpressionError, TableError, parse_objectives, pick, read, skyline
+
+OBJECTIVES = [("accuracy", "max"), ("energy_uj", "min")]
+
+
+def table(**columns):
+    return pd.DataFrame(columns)
+
+
+ROWS = st.lists(
+    st.tuples(
+        st.sampled_from([0.5, 0.7, 0.9, np.nan, np.inf]),
+        st.sampled_from([1.0, 2.0, 3.0, np.nan, -np.inf]),
+        st.sampled_from([10, 20]),
+        st.sampled_from(["texture", "speed"]),
+    ),
+    max_size=12,
+)
+
+
+@given(ROWS)
+def test_agrees_with_a_loop_over_pairs(rows):
+    frame = pd.DataFrame(rows, columns=["accuracy", "energy_uj", "n_weights", "task"])
+    found = skyline(frame, OBJECTIVES, where="n_weights < 20", by="task").rows
+    allowed = [
+        (i, a, e, task)
+        for i, (a, e, weights, task) in enumerate(rows)
+        if weights < 20 and np.isfinite(a) and np.isfinite(e)
+    ]
+    expected = {
+        i
+        for i, a, e, task in allowed
+        if not any(b >= a and f <= e and (b, f) != (a, e) and task == other for _, b, f, other in allowed)
+    }
+    assert set(found.index) == expected
+    assert len(found) == len(expected)
+    pd.testing.assert_frame_equal(found.sort_index(), frame.loc[sorted(expected)])
+
+
+@given(ROWS, st.randoms(use_true_random=False))
+def test_the_order_of_the_table_does_not_matter(rows, random):
+    frame = pd.DataFrame(rows, columns=["accuracy", "energy_uj", "n_weights", "task"])
+    order = list(range(len(rows)))
+    random.shuffle(order)
+    first = skyline(frame, OBJECTIVES, by="task").rows
+    assert set(skyline(frame.iloc[order], OBJECTIVES, by="task").rows.index) == set(first.index)
+
+
+def test_equal_points_stand_together_in_the_order_of_the_table():
+    frame = table(accuracy=[0.9, 0.8, 0.9, 0.7, 0.8], energy_uj=[5.0, 2.0, 5.0, 3.0, 2.0])
+    assert skyline(frame, OBJECTIVES).rows.index.tolist() == [0, 2, 1, 4]
+
+
+def test_groups_come_one_after_the_other_in_the_order_of_the_table():
+    frame = table(accuracy=[0.5, 0.9, 0.6, 0.4], energy_uj=[9.0, 1.0, 9.0, 1.0], task=["b", "a", "b", None])
+    assert skyline(frame, OBJECTIVES, by="task").rows.index.tolist() == [2, 1, 3]
+
+
+def test_what_cannot_be_compared_is_named():
+    frame = table(
+        trial=[4, 5, 6, 6, 7],
+        accuracy=[0.9, np.nan, 0.8, np.nan, 0.7],
+        energy_uj=[1.0, 1.0, np.inf, 1.0, -np.inf],
+    )
+    rows, notes = skyline(frame, OBJECTIVES)
+    assert rows["trial"].tolist() == [4]
+    assert notes == [
+        "trials 5, 6 left out: accuracy is NaN",
+        "trials 6, 7 left out: energy_uj is infinite",
+    ]
+
+
+def test_only_rows_in_question_are_named():
+    frame = table(accuracy=[0.9, np.nan], energy_uj=[1.0, 1.0])
+    assert skyline(frame, OBJECTIVES, where="accuracy > 0.5").notes == []
+
+
+def test_many_rows_are_named_in_short():
+    frame = table(trial=[1, 1, *range(2, 9)], accuracy=[np.nan] * 9, energy_uj=[1.0] * 9)
+    assert skyline(frame, OBJECTIVES).notes == [
+        "trials 1, 2, 3, 4, 5 and 3 more (9 rows) left out: accuracy is NaN"
+    ]
+    assert skyline(frame.drop(columns="trial").iloc[:1], OBJECTIVES).notes == [
+        "row 0 left out: accuracy is NaN"
+    ]
+
+
+def test_missing_values_of_nullable_columns_are_nan():
+    frame = table(accuracy=pd.array([1, None], dtype="Int64"), energy_uj=[1.0, 2.0])
+    assert skyline(frame, OBJECTIVES).notes == ["row 1 left out: accuracy is NaN"]
+
+
+def test_the_table_stays_as_it_was():
+    frame = table(accuracy=[0.9, np.nan], energy_uj=[1.0, 2.0])
+    before = frame.copy(deep=True)
+    skyline(frame, OBJECTIVES)
+    pick(frame, ["energy_uj <= 0.5"])
+    pd.testing.assert_frame_equal(frame, before)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"objectives": []}, "at least one column"),
+        ({"objectives": [("accuracy", "up")]}, "'accuracy' must be followed by :max or :min, got 'up'"),
+        ({"objectives": [("accuracy", "max"), ("accuracy", "min")]}, "'accuracy' is named twice"),
+        ({"objectives": [("acuracy", "max")]}, "unknown column 'acuracy'; .*Did you mean 'accuracy'"),
+        ({"objectives": [("task", "max")]}, "column 'task' must hold numbers"),
+        ({"objectives": OBJECTIVES[:1], "by": "tsk"}, "unknown column 'tsk'"),
+        ({"objectives": OBJECTIVES[:1], "where": "accuracy >"}, "must read like"),
+    ],
+)
+def test_wrong_requests_are_named(arguments, message):
+    with pytest.raises(ExpressionError, match=message):
+        skyline(table(accuracy=[0.9], task=["a"]), **arguments)
+
+
+def test_objectives_are_read_from_text():
+    assert parse_objectives("accuracy:max, energy_uj:min") == OBJECTIVES
+    with pytest.raises(ExpressionError, match="'accuracy' must be followed by :max or :min, got ''"):
+        parse_objectives("accuracy")
+    with pytest.raises(ExpressionError, match="'' must be followed"):
+        parse_objectives("accuracy:max,")
+
+
+POINTS = table(
+    accuracy=[0.95, 0.9, 0.9, 0.8, np.nan],
+    energy_uj=[100.0, 40.0, 30.0, 20.0, 1.0],
+    n_weights=[200_000, 90_000, 120_000, 50_000, 1],
+    task=["texture", "texture", "texture", "speed", "texture"],
+)
+
+
+def test_pick_is_the_most_accurate_within_the_budgets():
+    found = pick(POINTS, ["energy_uj <= 50 and n_weights <= 150000"])
+    assert found.row.name == 2  # as accurate as row 1, with less of the first budget
+    assert found.nearest.empty
+    assert found.notes == ["row 4 left out: accuracy is NaN"]
+
+
+def test_ties_go_to_what_was_asked_for_then_to_the_first_row():
+    assert pick(POINTS, ["energy_uj <= 50"], tie_breaks=[("n_weights", "min")]).row.name == 1
+    assert pick(POINTS, [], tie_breaks=[("n_weights", "max")]).row.name == 0
+    same = pd.concat([POINTS.iloc[[1]]] * 3, ignore_index=True)
+    assert pick(same, ["energy_uj <= 50"]).row.name == 0
+
+
+def test_another_column_can_be_maximised():
+    assert pick(POINTS, ["accuracy >= 0.85"], maximise="n_weights").row.name == 0
+
+
+def test_no_feasible_row_names_the_nearest_and_what_they_miss():
+    found = pick(POINTS, ["energy_uj <= 10", "accuracy >= 0.96"], n_nearest=3)
+    assert found.row is None
+    assert found.nearest.index.tolist() == [3, 2, 1]
+    assert found.nearest["missed energy_uj<=10"].tolist() == [10.0, 20.0, 30.0]
+    assert found.nearest["missed accuracy>=0.96"].tolist() == pytest.approx([0.16, 0.06, 0.06])
+    share = [10 / 10 + 0.16 / 0.96, 20 / 10 + 0.06 / 0.96, 30 / 10 + 0.06 / 0.96]
+    assert found.nearest["shortfall"].tolist() == pytest.approx(share)
+
+
+def test_a_limit_of_zero_counts_in_its_unit():
+    found = pick(POINTS, ["energy_uj <= 0"])
+    assert found.nearest["shortfall"].tolist() == [20.0, 30.0, 40.0, 100.0]
+
+
+def test_equally_near_rows_are_ranked_by_what_is_maximised():
+    frame = table(accuracy=[0.5, 0.9], energy_uj=[20.0, 20.0])
+    assert pick(frame, ["energy_uj <= 10"]).nearest.index.tolist() == [1, 0]
+
+
+def test_conditions_that_are_no_budget_are_never_relaxed():
+    assert pick(POINTS, ["task == 'speed' and energy_uj <= 50"]).row.name == 3
+    found = pick(POINTS, ["task == 'speed' and energy_uj <= 1"])
+    assert found.nearest.index.tolist() == [3]
+    nobody = pick(POINTS, ["task == 'joint'"])
+    assert nobody.row is None
+    assert nobody.nearest.empty
+    assert nobody.notes == ["no row meets task == 'joint'"]
+
+
+def test_strict_limits_are_not_met_by_equality():
+    frame = table(accuracy=[0.9, 0.8], energy_uj=[10.0, 9.0])
+    assert pick(frame, ["energy_uj < 10"]).row.name == 1
+    assert pick(frame, ["energy_uj > 9 and energy_uj < 10"]).row is None
+
+
+@pytest.mark.parametrize("budget", ["energy <= 5", "energy_uj", "task <= 5"])
+def test_wrong_budgets_are_named(budget):
+    with pytest.raises(ExpressionError):
+        pick(POINTS, [budget])
+
+
+@given(ROWS, st.sampled_from([0.5, 1.0, 2.0, 3.0]), st.sampled_from([10, 15, 20]))
+def test_pick_is_best_and_feasible_or_nothing_is(rows, energy, weights):
+    frame = pd.DataFrame(rows, columns=["accuracy", "energy_uj", "n_weights", "task"])
+    frame = frame.astype({"accuracy": float, "energy_uj": float, "n_weights": int})
+    found = pick(frame, [f"energy_uj <= {energy}", f"n_weights < {weights}"], n_nearest=99)
+    finite = frame[np.isfinite(frame[["accuracy", "energy_uj"]]).all(axis=1)]
+    feasible = finite[(finite["energy_uj"] <= energy) & (finite["n_weights"] < weights)]
+    if feasible.empty:
+        assert found.row is None
+        assert set(found.nearest.index) == set(finite.index)
+        assert (found.nearest["shortfall"] >= 0).all()
+        assert found.nearest["shortfall"].is_monotonic_increasing
+    else:
+        assert found.row["accuracy"] == feasible["accuracy"].max()
+        assert found.row.name in feasible.index
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "json", "rows.json"])
+def test_tables_survive_every_format(tmp_path, suffix):
+    frame = table(trial=[1, 2], accuracy=[0.5, 0.25], task=["a", "b"])
+    file = tmp_path / f"points.{suffix}"
+    if suffix == "csv":
+        frame.to_csv(file, index=False)
+    elif suffix == "parquet":
+        frame.to_parquet(file)
+    else:
+        rows = frame.to_dict("records")
+        document = {"schema": "dse/skyline/1", "rows": rows, "notes": []}
+        file.write_text(json.dumps(rows if suffix == "rows.json" else document))
+    pd.testing.assert_frame_equal(read(file), frame, check_dtype=False)
+
+
+def test_a_folder_is_a_study(tmp_path):
+    frame = table(accuracy=[0.5])
+    frame.to_parquet(tmp_path / "points.parquet")
+    pd.testing.assert_frame_equal(read(tmp_path), frame)
+
+
+def test_what_is_no_table_is_named(tmp_path):
+    def written(name, content):
+        file = tmp_path / name
+        file.write_bytes(content)
+        return file
+
+    with pytest.raises(TableError, match=r"none\.csv: no such file"):
+        read(tmp_path / "none.csv")
+    with pytest.raises(TableError, match=r"points\.parquet: no such file"):
+        read(tmp_path)
+    for file in (
+        written("torn.parquet", b"PAR1 and no more"),
+        written("torn.json", b'{"rows": ['),
+        written("empty.csv", b""),
+        written("binary.csv", b"a,b\n\xff\xfe,1\n"),
+    ):
+        with pytest.raises(TableError, match=rf"{file.name}: no readable table: \S"):
+            read(file)
+    with pytest.raises(TableError, match="the table has no rows"):
+        read(written("header.csv", b"a,b\n"))
+    with pytest.raises(TableError, match=r"points\.txt: must be \.csv"):
+        read(written("points.txt", b"a"))
+    with pytest.raises(TableError, match="an object with 'rows'"):
+        read(written("other.json", b"{}"))

@@ -1,0 +1,344 @@
+"""A study from its search space to its tables, the same whatever the workers, the order and the stops."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from pandas.testing import assert_frame_equal
+
+from dse import decision, store, study, trial
+from dse.config import ConfigError
+from dse.dataset import load
+from dse.execution import Workers
+from dse.measure import read_out
+from dse.recordings import RecordingError
+from tests import tiny_study
+from tests.tiny_study import make_space
+
+COLUMNS = [
+    *("accuracy", "accuracy_se", "n_weights", "spikes_per_inference", "spikes_total", "synaptic_operations"),
+    *("decision_latency_ms", "hardware_latency_ms", "latency_ms", "energy_uj", "energy_uj_low"),
+    *("energy_uj_high", "energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj", "n_cores"),
+    *("fits", "t_p_ms", "t_h_ms", "train_s", "dead_neurons", "status", "reason"),
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fake_model() -> Iterator[None]:
+    tiny_study.register()
+    yield
+    tiny_study.unregister()
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> study.Study:
+    """Six designs trained by two workers without interruption."""
+    folder = tmp_path_factory.mktemp("finished")
+    return study.run(make_space(folder), folder / "results", progress=False)
+
+
+@pytest.fixture
+def copied(finished: study.Study, tmp_path: Path) -> Path:
+    """A folder with the search space, the recordings and the results of the finished study."""
+    for name in ("tiny.npz", "tiny.yaml"):
+        shutil.copy(finished.folder.parents[1] / name, tmp_path / name)
+    shutil.copytree(finished.folder, tmp_path / "results" / "tiny")
+    return tmp_path
+
+
+def timeless(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.drop(columns="train_s")
+
+
+def assert_same(one: study.Study, other: study.Study) -> None:
+    assert_frame_equal(timeless(one.trials), timeless(other.trials), check_exact=True)
+    assert_frame_equal(timeless(one.points()), timeless(other.points()), check_exact=True)
+
+
+def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
+    """Return what tells a run's record from one written again."""
+    records = (folder / "results" / "tiny" / "artefacts").rglob("record.json")
+    return {str(path): (path.stat().st_ino, path.stat().st_mtime_ns) for path in records}
+
+
+def test_every_trial_has_its_record(finished: study.Study) -> None:
+    trials = finished.trials
+    assert set(COLUMNS) <= set(trials)
+    assert list(trials["trial"]) == list(range(6))
+    assert list(zip(trials["model.hidden"], trials["model.true_rate"], strict=True)) == [
+        (hidden, rate) for hidden in (4, 8, 16) for rate in (0.2, 0.8)
+    ]
+    assert set(trials["status"]) == {"finished"}
+    assert list(trials["n_weights"]) == [28, 28, 56, 56, 112, 112]  # (4 channels + 3 classes) * hidden
+    assert set(trials["decision_latency_ms"]) == {100.0}  # 20 steps of 5 ms
+    assert (
+        trials["accuracy"].is_monotonic_increasing or trials["accuracy"].iloc[-1] > trials["accuracy"].iloc[0]
+    )
+    assert set(trials["task"]) == {"fabric"}
+
+
+def test_the_folder_says_what_was_explored_and_where(finished: study.Study) -> None:
+    [session] = store.read_json(finished.folder / "environment.json")
+    assert session["versions"]["numpy"] == np.__version__
+    assert finished.space["model"]["hidden"] == {"choice": [4, 8, 16]}
+    assert finished.objectives == [("accuracy", "max"), ("n_weights", "min"), ("energy_uj", "min")]
+    assert finished.warnings == []
+    assert (finished.folder / "journal.log").exists()
+
+
+def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
+    points = finished.points()
+    assert len(points) == 6 * 2 * 3
+    for number in (0, 5):
+        [record] = finished.runs(number)
+        folder = store.run_folder(finished.folder, number, 0)
+        response = store.response_of(store.load_arrays(folder / "response.npz"))
+        data = load(finished.folder / "data" / record["data"])
+        target = data.target[data.validation]
+        done = response.spikes.cumsum(axis=1)
+        for _, row in points[points["trial"] == number].iterrows():
+            found = decision.decide(response.output, row["phi"], row["theta"])
+            spikes = done[np.arange(len(target)), found.step]
+            assert row["accuracy"] == pytest.approx((found.label == target).mean())
+            assert row["undecided"] == pytest.approx(1 - found.decided.mean())
+            assert row["decision_latency_ms"] == pytest.approx(5 * (found.step + 1).mean())
+            assert row["spikes_per_inference"] == pytest.approx(spikes.sum(axis=1).mean())
+            assert row["spikes_total"] == spikes.sum()
+            hidden = record["design"]["model.hidden"]
+            assert row["synaptic_operations"] == pytest.approx((spikes @ [hidden, 3, 0]).mean())
+        label = read_out(response.output)
+        assert finished.trials["accuracy"][number] == pytest.approx((label == target).mean())
+        confusion = store.load_arrays(folder / "confusion.npz")["validation"]
+        assert confusion.trace() == (label == target).sum()
+        assert confusion.sum(axis=1).tolist() == [6, 6, 6]
+
+
+def test_an_earlier_decision_costs_less(finished: study.Study) -> None:
+    points = finished.points()
+    full = finished.trials.set_index("trial")
+    for name in ("decision_latency_ms", "energy_dynamic_uj", "synaptic_operations", "spikes_per_inference"):
+        limit = full[name].reindex(points["trial"]).to_numpy()
+        assert (points[name].to_numpy() <= limit + 1e-12).all(), name
+        assert (points[name].to_numpy() < limit).any(), name
+
+
+def test_the_same_command_again_trains_nothing(finished: study.Study, copied: Path) -> None:
+    before = finished_runs(copied)
+    again = study.run(make_space(copied), copied / "results", progress=False)
+    assert finished_runs(copied) == before
+    assert_same(again, finished)
+
+
+def test_one_worker_and_another_order_of_axes_give_the_same_designs(
+    finished: study.Study, tmp_path: Path
+) -> None:
+    model = {"kind": "fake", "true_rate": {"choice": [0.8, 0.2]}, "hidden": {"choice": [[16], [8], [4]]}}
+    space = make_space(tmp_path, model=model, search={"sampler": "grid", "batch": 6})
+    other = study.run(space, tmp_path / "results", jobs=1, progress=False)
+    keys = ["model.hidden", "model.true_rate", "phi", "theta"]
+    one, two = (
+        timeless(x.points()).drop(columns="trial").sort_values(keys, ignore_index=True)
+        for x in (finished, other)
+    )
+    assert list(other.trials["model.hidden"]) != list(finished.trials["model.hidden"])
+    assert_frame_equal(one, two[one.columns], check_exact=True)
+
+
+@pytest.mark.parametrize("damage", ["truncated", "missing", "torn record"])
+def test_a_damaged_run_is_made_again_and_no_other(
+    finished: study.Study, copied: Path, capsys: pytest.CaptureFixture[str], damage: str
+) -> None:
+    folder = store.run_folder(copied / "results" / "tiny", 3, 0)
+    path = folder / ("record.json" if damage == "torn record" else "surface.npz")
+    content = path.read_bytes()
+    path.unlink()
+    if damage != "missing":
+        path.write_bytes(content[: len(content) // 2])
+    before = finished_runs(copied)
+    again = study.run(make_space(copied), copied / "results", jobs=1)
+    captured = capsys.readouterr()
+    assert "this run is made again" in captured.err
+    assert captured.out == ""
+    assert_same(again, finished)
+    after = finished_runs(copied)
+    changed = {name for name in after if after[name] != before.get(name)}
+    assert changed == {str(folder / "record.json")}
+
+
+def test_a_damaged_data_set_is_prepared_again(finished: study.Study, copied: Path) -> None:
+    for file in (copied / "results" / "tiny" / "data").rglob("channel.npy"):
+        file.write_bytes(file.read_bytes()[:100])
+    shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
+    assert_same(study.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.35, 0.6, 0.97])
+def test_a_torn_journal_loses_nothing(finished: study.Study, copied: Path, kept: float) -> None:
+    journal = copied / "results" / "tiny" / "journal.log"
+    content = journal.read_bytes()
+    journal.write_bytes(content[: int(kept * len(content))])
+    (journal.parent / "journal.log.lock").symlink_to(journal)
+    before = finished_runs(copied)
+    assert_same(study.run(make_space(copied), copied / "results", progress=False), finished)
+    assert finished_runs(copied) == before
+
+
+def test_failures_are_recorded_and_the_rest_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moods = ["raise", "fine", "memory", "killed"]
+    space = make_space(
+        tmp_path,
+        model={"kind": "fake", "mood": {"choice": moods}, "hidden": [16]},
+        window={"n_steps": {"choice": [20, 99]}},
+    )
+    found = study.run(space, tmp_path / "results")
+    trials = found.trials.set_index(["window.n_steps", "model.mood"])
+    assert trials.loc[(20, "raise"), "reason"] == "ValueError: hidden must be kind"
+    assert trials.loc[(20, "memory"), "reason"] == "MemoryError"
+    assert trials.loc[(20, "killed"), "reason"] == "worker died: signal 9"
+    assert trials.loc[(20, "fine"), "status"] == "finished"
+    for mood in moods:
+        assert "RecordingError: " in trials.loc[(99, mood), "reason"]
+    failed = found.trials[found.trials["status"] == "failed"]
+    assert len(failed) == 7
+    assert failed["accuracy"].isna().all()
+    assert set(found.points()["trial"]) == {1}
+    assert "8/8" in capsys.readouterr().err
+    details = found.runs(0)[0]["details"]
+    assert "in fit" in details and "hidden must be kind" in details
+
+    before = finished_runs(tmp_path)
+    again = study.run(space, tmp_path / "results", progress=False)
+    assert finished_runs(tmp_path) == before
+    assert_same(again, found)
+
+
+def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
+    space = make_space(tmp_path, search={"sampler": "grid", "repeats": 1, "repeats_on_front": 3})
+    found = study.run(space, tmp_path / "results", progress=False)
+    front = set(found.skyline().rows["trial"])
+    repeats = found.trials.set_index("trial")["repeats"]
+    assert set(repeats[sorted(front)]) == {3}
+    assert set(repeats) <= {1, 3}
+    number = min(front)
+    records = found.runs(number)
+    accuracy = np.array([record["columns"]["accuracy"] for record in records])
+    assert len(set(accuracy)) > 1, "repeats must have seeds of their own"
+    row = found.trials.set_index("trial").loc[number]
+    assert row["accuracy"] == pytest.approx(accuracy.mean())
+    assert row["accuracy_se"] == pytest.approx(accuracy.std(ddof=1) / np.sqrt(3))
+    surfaces = np.stack(
+        [
+            store.load_arrays(store.run_folder(found.folder, number, k) / "surface.npz")["accuracy"]
+            for k in range(3)
+        ]
+    )
+    points = found.points()
+    points = points[points["trial"] == number]
+    assert np.allclose(points["accuracy"], surfaces.mean(axis=0).ravel())
+    assert np.allclose(points["accuracy_se"], (surfaces.std(axis=0, ddof=1) / np.sqrt(3)).ravel())
+    assert_same(study.run(space, tmp_path / "results", progress=False), found)
+
+
+def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes: dict[str, Any] = {
+        "model": {"kind": "fake", "hidden": {"range": [1, 60]}, "true_rate": {"range": [0.0, 1.0]}},
+        "execution": {"jobs": 1},
+        "search": {"sampler": "tpe", "n_trials": 6, "batch": 3, "startup": 3},
+    }
+    for name in ("whole", "stopped"):
+        (tmp_path / name).mkdir()
+    whole = study.run(make_space(tmp_path / "whole", **changes), tmp_path / "whole", progress=False)
+    space = make_space(tmp_path / "stopped", **changes)
+    plain_map, count = Workers.map, 0
+
+    def stop_after_four(self: Workers, function: Any, jobs: Any) -> Any:
+        nonlocal count
+        for found in plain_map(self, function, jobs):
+            yield found
+            count += function is trial.train
+            if count == 4:
+                raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Workers, "map", stop_after_four)
+        with pytest.raises(KeyboardInterrupt):
+            study.run(space, tmp_path / "stopped", progress=False)
+    assert len(study.open(tmp_path / "stopped" / "tiny").trials) == 4
+    assert_same(study.run(space, tmp_path / "stopped", progress=False), whole)
+
+
+def test_more_trials_go_on_and_any_other_change_is_refused(finished: study.Study, copied: Path) -> None:
+    before = finished_runs(copied)
+    shutil.move(copied / "tiny.npz", copied / "moved.npz")
+    data = tiny_study.plain()["data"] | {"file": "moved.npz"}
+    more = make_space(
+        copied, data=data, execution={"jobs": 1}, search={"sampler": "grid", "batch": 4, "n_trials": 6}
+    )
+    with pytest.raises(ConfigError, match=r"search\.n_trials is 6, but .* was begun with None"):
+        study.run(more, copied / "results", progress=False)
+    same = make_space(copied, data=data, execution={"jobs": 1})
+    assert_same(study.run(same, copied / "results", progress=False), finished)
+    assert finished_runs(copied) == before
+
+    other = make_space(copied, data=data, seed=8, training={"epochs": 3})
+    with pytest.raises(ConfigError) as caught:
+        study.run(other, copied / "results", progress=False)
+    assert [fault.message.split(" is ")[0] for fault in caught.value.faults] == ["seed", "training.epochs"]
+    assert "choose another study name or --results folder" in str(caught.value)
+
+
+def test_fewer_trials_first_and_more_later(finished: study.Study, tmp_path: Path) -> None:
+    search = {"sampler": "grid", "batch": 4}
+    first = study.run(
+        make_space(tmp_path, search={**search, "n_trials": 2}), tmp_path / "results", progress=False
+    )
+    assert len(first.trials) == 2
+    before = finished_runs(tmp_path)
+    later = study.run(make_space(tmp_path, search=search), tmp_path / "results", progress=False)
+    assert before.items() <= finished_runs(tmp_path).items()
+    assert_same(later, finished)
+
+
+def test_other_recordings_are_refused(copied: Path) -> None:
+    tiny_study.write_recordings(copied / "tiny.npz", seed=1)
+    with pytest.raises(ConfigError, match="the recordings differ from those that trial 0 was trained on"):
+        study.run(make_space(copied), copied / "results", progress=False)
+
+
+def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    space = make_space(tmp_path, window={"n_steps": 99})
+    with pytest.raises(RecordingError, match="99"):
+        study.run(space, tmp_path / "results", jobs=1, progress=False)
+    with pytest.raises(store.StoreError, match="is no folder of a study with results"):
+        study.open(tmp_path / "results" / "nothing")
+    good = make_space(tmp_path, model={"kind": "fake"})
+    assert len(study.run(good, tmp_path / "results", jobs=1, progress=False).trials) == 1
+
+
+def test_two_processes_cannot_run_one_study(copied: Path) -> None:
+    with (
+        store.exclusive(copied / "results" / "tiny"),
+        pytest.raises(store.StoreError, match="another process is running this study"),
+    ):
+        study.run(make_space(copied), copied / "results", progress=False)
+
+
+def test_skyline_and_pick_answer_from_the_points(finished: study.Study) -> None:
+    front = finished.skyline().rows
+    assert len(front) and set(front.columns) == set(finished.points().columns)
+    best = finished.pick(["n_weights <= 60"])
+    assert best.row is not None
+    points = finished.points()
+    assert best.row["accuracy"] == points[points["n_weights"] <= 60]["accuracy"].max()
+    assert finished.pick(["n_weights <= 1"]).row is None

@@ -1,0 +1,67 @@
+"""The wheel carries what a user needs without the clone, and it is found there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel, built by the installed back end: nothing is fetched."""
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
+    (path,) = folder.glob("dse-*.whl")
+    return path
+
+
+def test_data_is_inside(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert "dse/py.typed" in names
+    for name in ("page.html", "page.js", "style.css"):
+        assert f"dse/_dashboards/{name}" in names
+    for space in ROOT.glob("search_spaces/*.yaml"):
+        assert f"dse/_search_spaces/{space.name}" in names
+    for profile in ROOT.glob("dse/hardware/profiles/*.yaml"):
+        assert f"dse/hardware/profiles/{profile.name}" in names
+    assert "dse/_search_spaces/fabric_texture.yaml" in names
+    assert "dse/hardware/profiles/loihi1_silicon.yaml" in names
+
+
+def test_nothing_else_is_inside(wheel):
+    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"dse"}
+
+
+def test_it_works_without_the_clone(wheel, tmp_path):
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "installed")
+    code = (
+        "import dse, pandas; from dse.dashboard import write_page;"
+        "assert 'installed' in dse.__file__, dse.__file__;"
+        "print(dse.load_space('fabric_texture', {}).study);"
+        "frame = pandas.DataFrame({'accuracy': [0.5]});"
+        "write_page(frame, 'page.html', name='x', objectives={'accuracy': 'max'})"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.strip() == "fabric_texture"
+    assert (tmp_path / "page.html").stat().st_size > 1_000_000

@@ -1,0 +1,148 @@
+"""A study that takes no time: a few recordings, and a model family that answers without training."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dse import registry, study
+from dse.config import SearchSpace, load_space
+from dse.records import Array, Dataset, Layer, Network, Outcome, Response
+from dse.registry import param
+from dse.store import StoreError
+
+N_CHANNELS, N_STEPS, N_PER_CLASS = 4, 20, 12
+
+
+@dataclass(frozen=True)
+class Fake:
+    """Answers well with a probability that grows with `hidden`, after doing what `mood` says."""
+
+    hidden: tuple[int, ...] = param((8,), low=1, doc="neurons")
+    true_rate: float = param(0.8, low=0, high=1, doc="changes nothing")
+    mood: str = param(
+        "fine", choices=("fine", "raise", "memory", "nan", "killed", "slow"), doc="what happens in training"
+    )
+    seconds: float = param(0.0, low=0, doc="time that training takes")
+
+    def fit(self, dataset: Dataset, training: Any, rngs: Any) -> Outcome:
+        time.sleep(self.seconds)
+        if self.mood == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.mood == "raise":
+            raise ValueError("hidden must be kind")
+        if self.mood == "memory":
+            raise MemoryError
+        rng = rngs("initialisation")
+        sizes = (dataset.spikes.n_channels, *self.hidden, len(dataset.classes))
+        layers = tuple(
+            Layer(
+                weight=rng.normal(size=(n_out, n_in)).astype(np.float32),
+                recurrent=None,
+                decay_current=np.full(n_out, 1024, np.int32),
+                decay_voltage=np.full(n_out, 123, np.int32),
+                threshold=80,
+            )
+            for n_in, n_out in itertools.pairwise(sizes)
+        )
+        network = Network(layers, sizes[0], (0,), 1, "integer")
+        history = {"loss": np.linspace(1, 0, training.epochs)}
+        validation = self._answer(dataset, dataset.validation, rng, sizes)
+        test = self._answer(dataset, dataset.test, rng, sizes) if dataset.test.size else None
+        health = {"dead_neurons": 0, "overflows_24_bit": False, "initial_gain": [1.0]}
+        return Outcome(network, validation, test, history, health, self.seconds)
+
+    def _answer(
+        self, dataset: Dataset, samples: Array, rng: np.random.Generator, sizes: tuple[int, ...]
+    ) -> Response:
+        n, n_steps, n_classes = len(samples), dataset.n_steps, len(dataset.classes)
+        output = rng.random((n, n_steps, n_classes)) < 0.1
+        knows = rng.random(n) < 1 - 1 / (1 + self.hidden[0] / 4)
+        output[np.flatnonzero(knows), :, dataset.target[samples][knows]] |= (
+            rng.random((knows.sum(), n_steps)) < 0.5
+        )
+        spikes = rng.integers(0, 3, (n, n_steps, len(sizes)), dtype=np.int32)
+        spikes[..., -1] = output.sum(axis=2)
+        updates = rng.integers(0, 3, (n, n_steps, len(sizes) - 1), dtype=np.int32)
+        return Response(output.astype(np.uint8), spikes, updates, dataset.spikes.step_ms, 1000)
+
+
+def write_recordings(path: Path, seed: int = 0) -> Path:
+    """Write labelled rasters of three classes, each with a channel that spikes most."""
+    rng = np.random.default_rng(seed)
+    label = np.repeat(np.arange(3), N_PER_CLASS)
+    rate = np.full((len(label), 1, N_CHANNELS), 0.05)
+    rate[np.arange(len(label)), 0, label] = 0.5
+    raster = (rng.random((len(label), N_STEPS, N_CHANNELS)) < rate).astype(np.uint8)
+    np.savez(path, spikes=raster, label=label, names=np.array(["felt", "silk", "wool"]))
+    return path
+
+
+def plain(**changes: Any) -> dict[str, Any]:
+    """Return a search space as plain data; keywords replace whole sections."""
+    return {
+        "study": "tiny",
+        "seed": 7,
+        "data": {
+            "kind": "raster",
+            "file": "tiny.npz",
+            "step_ms": 5.0,
+            "columns": {"fabric": "label"},
+            "class_names": {"fabric": "names"},
+        },
+        "task": {"target": "fabric"},
+        "split": {"stratified": {"validation": 0.5}},
+        "model": {
+            "kind": "fake",
+            "hidden": {"choice": [[4], [8], [16]]},
+            "true_rate": {"choice": [0.2, 0.8]},
+        },
+        "training": {"epochs": 2},
+        "decision": {"phi": [0, 4], "theta": [0.4, 0.7, 1.0]},
+        "hardware": ["loihi1_silicon"],
+        "objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"],
+        "search": {"sampler": "grid", "batch": 4},
+        "execution": {"jobs": 2},
+        **changes,
+    }
+
+
+def make_space(folder: Path, **changes: Any) -> SearchSpace:
+    """Write a search space and its recordings into a folder and load it."""
+    if not (folder / "tiny.npz").exists():
+        write_recordings(folder / "tiny.npz")
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump(plain(**changes), sort_keys=False))
+    register()
+    return load_space(path)
+
+
+def register() -> None:
+    """Make `kind: fake` known; tests undo it (fixture `fake_model`)."""
+    registry._components.setdefault("models", {})["fake"] = Fake
+
+
+def run_folder(folder: str) -> int:
+    """Run the study of a folder as the command line does; return the exit code."""
+    register()
+    try:
+        study.run(load_space(Path(folder) / "tiny.yaml"), Path(folder) / "results", progress=False)
+    except KeyboardInterrupt:
+        return 130
+    except StoreError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def unregister() -> None:
+    registry._components["models"].pop("fake", None)
