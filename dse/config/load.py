@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,8 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     study, seed = _study(data.get("study", "-"), report), _seed(data.get("seed", 0), report)
     found = _parts(data, report)
     if check_data and "data" in found:
-        for section, message in _data_faults(found, source.parent):
-            report((section, "file"), message)
+        for section, message in _data_faults(found, data["data"], source.parent):
+            report((section, *_named_in(message, data[section])), message)
     axes = {name: axis for part in found.values() for name, axis in part.axes.items()}
     decision = goals.decision(data.get("decision"), report)
     hardware = goals.hardware(data.get("hardware"), report)
@@ -116,15 +117,34 @@ def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
     return found
 
 
-def _data_faults(found: Mapping[str, Part], base: Path) -> list[tuple[str, str]]:
+def _data_faults(found: Mapping[str, Part], raw: Any, base: Path) -> list[tuple[str, str]]:
     """Return (section, sentence) for what the headers of the data files show to be wrong."""
     data, test = found["data"], found.get("test")
     keys = {key: value for key, value in data.values.items() if key != "kind"}
     cls: Any = components("data")[data.values["kind"]]
-    faults = [("data", message) for message in cls(**keys).check(base)] if data.good else []
-    if data.good and test is not None and test.good:
-        faults += [("test", message) for message in cls(**keys | test.values).check(base)]
+    if not data.good:
+        # Files can be checked without their numbers: a number at fault must not hide a wrong array name.
+        numbers = {f.name: 1 for f in dataclasses.fields(cls) if f.type == "float" and f.name not in keys}
+        if set(raw) - {"kind"} - keys.keys() - numbers.keys() or not numbers:
+            return []
+        keys |= numbers
+    try:
+        faults = [("data", message) for message in cls(**keys).check(base)]
+        if test is not None and test.good:
+            faults += [("test", message) for message in cls(**keys | test.values).check(base)]
+    except (TypeError, ValueError):  # a required key is missing, or a rule across keys: reported already
+        return []
     return faults
+
+
+def _named_in(message: str, raw: Any, above: Keys = ()) -> Keys:
+    """Return the keys to the array name that a sentence about a data file quotes; else the file."""
+    for key, value in raw.items() if isinstance(raw, dict) else ():
+        if isinstance(value, dict) and (inner := _named_in(message, value, (*above, key))) != ("file",):
+            return inner
+        if isinstance(value, str) and key not in ("kind", "file") and f"'{value}'" in message:
+            return (*above, key)
+    return ("file",)
 
 
 def _study(raw: Any, report: Report) -> str:

@@ -315,7 +315,8 @@ def fit(dataset: Dataset, model: SNN, training: Training, rngs: Generators) -> O
             if not (math.isfinite(found.loss) and all(np.isfinite(g).all() for g in steps)):
                 raise TrainingDiverged(f"loss or gradient is not finite in epoch {epoch + 1}")
             learning_rate = training.rate(epoch + batch / n_batches)
-            adam.update(masters, steps, [learning_rate * unit for unit in units])
+            with np.errstate(over="ignore", invalid="ignore"):  # what overflows is raised below
+                adam.update(masters, steps, [learning_rate * unit for unit in units])
             total += found.loss
             correct += found.correct
         if not all(np.isfinite(w).all() for w in masters):

@@ -30,7 +30,7 @@ class Training:
         choices=("initial", "weight"),
         doc="initial: each neuron's root mean square weight at start; weight: plain weight units, as SLAYER",
     )
-    warmup_epochs: float = param(0, low=0, unit="epochs", doc="the learning rate rises from 0 meanwhile")
+    warmup_epochs: float = param(0.0, low=0, unit="epochs", doc="the learning rate rises from 0 meanwhile")
     lr_factor: float = param(0.67, low=0, low_open=True, high=1, doc="learning rate factor at each step")
     lr_every: int = param(20, low=1, unit="epochs", doc="epochs between steps of the learning rate")
     average_epochs: int = param(1, low=1, unit="epochs", doc="weights are the mean over the last epochs")

@@ -262,8 +262,17 @@ def test_data_faults_are_listed_with_the_others(tmp_path: Path) -> None:
         tmp_path, ("repetition: repetition", "repetition: repetitoin"), ("epochs: 1", "epochs: 0")
     )
     faults = faults_of(path, check_data=True)
-    assert faults[0].startswith("5: ") and "repetitoin" in faults[0]
+    assert faults[0].startswith("7: ") and "repetitoin" in faults[0]
     assert faults[1] == "15: training.epochs must be >= 1, got 0"
+
+
+def test_a_number_at_fault_does_not_hide_a_wrong_array_name(tmp_path: Path) -> None:
+    path = write_space(
+        tmp_path, ("step_ms: 10", "step_ms: -10"), ("repetition: repetition", "repetition: repetitoin")
+    )
+    faults = faults_of(path, check_data=True)
+    assert faults[0] == "6: data.step_ms must be > 0, got -10.0"
+    assert faults[1].startswith("7: ") and "repetitoin" in faults[1]
 
 
 def test_a_missing_data_file_says_where_it_was_looked_for(
