@@ -121,7 +121,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     if "trial" not in point:
         raise ValueError(f"a point must name its trial, got the columns {', '.join(map(str, point))}")
     trial = int(point["trial"])
-    phi, theta = (None if point.get(name) is None else float(point[name]) for name in ("phi", "theta"))
+    phi, theta = (_setting(point.get(name)) for name in ("phi", "theta"))
     records = study.runs(trial)
     accuracies = np.array([_accuracy(study, record, phi, theta) for record in records])
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
@@ -147,6 +147,11 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     )
     write(made, Path(folder))
     return made
+
+
+def _setting(value: Any) -> float | None:
+    """Return phi or theta of a point; None for the full read-out, which has neither."""
+    return None if value is None or math.isnan(value) else float(value)
 
 
 def _accuracy(study: Study, record: Mapping[str, Any], phi: float | None, theta: float | None) -> float:

@@ -58,7 +58,9 @@ def points_table(
 ) -> pandas.DataFrame:
     """Return one row per trial x phi x theta x hardware profile of the finished trials.
 
-    Without a decision grid the points are the full read-outs, and there are no columns phi and theta.
+    The first row of each is the full read-out, which answers at the end of the window: its phi and theta
+    are NaN, and nothing is undecided. Without a decision grid there are only full read-outs, and no columns
+    phi and theta.
     """
     import pandas
 
@@ -71,8 +73,12 @@ def points_table(
             named = {"hardware": profile} if profile else {}
             full = summary(records, profile)
             grid = _grid([_of_profile(surface, profile) for surface in surfaces]) if surfaces[0] else {}
+            always = {**_named(space, trial, records), **named, **full}
+            if grid:
+                end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
+                grid = {n: np.concatenate([[(always | end).get(n, np.nan)], x]) for n, x in grid.items()}
             length = len(next(iter(grid.values()))) if grid else 1
-            columns = {**_named(space, trial, records), **named, **full, **grid}
+            columns = {**always, **grid}
             parts.append(pandas.DataFrame({name: _column(value, length) for name, value in columns.items()}))
     return pandas.concat(parts, ignore_index=True) if parts else pandas.DataFrame()
 

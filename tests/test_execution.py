@@ -98,7 +98,7 @@ def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
         [(_, pid)] = workers.map(sleep, [0.0])
         assert isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
-        _until(lambda: _gone(pid))
+        _until(lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None)
         assert list(workers.map(square, [3])) == [(3, 9)]
 
 

@@ -94,7 +94,7 @@ def test_the_folder_says_what_was_explored_and_where(finished: study.Study) -> N
 
 def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
     points = finished.points()
-    assert len(points) == 6 * 2 * 3
+    assert len(points) == 6 * (1 + 2 * 3)
     for number in (0, 5):
         [record] = finished.runs(number)
         folder = store.run_folder(finished.folder, number, 0)
@@ -102,7 +102,11 @@ def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
         data = load(finished.folder / "data" / record["data"])
         target = data.target[data.validation]
         done = response.spikes.cumsum(axis=1)
-        for _, row in points[points["trial"] == number].iterrows():
+        end, grid = points[points["trial"] == number].iloc[0], points[points["trial"] == number].iloc[1:]
+        assert np.isnan(end["phi"]) and np.isnan(end["theta"]) and end["undecided"] == 0
+        for name in ("accuracy", "energy_uj", "decision_latency_ms", "spikes_total", "synaptic_operations"):
+            assert end[name] == finished.trials[name][number], name
+        for _, row in grid.iterrows():
             found = decision.decide(response.output, row["phi"], row["theta"])
             spikes = done[np.arange(len(target)), found.step]
             assert row["accuracy"] == pytest.approx((found.label == target).mean())
@@ -241,7 +245,7 @@ def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
         ]
     )
     points = found.points()
-    points = points[points["trial"] == number]
+    points = points[points["trial"] == number].iloc[1:]
     assert np.allclose(points["accuracy"], surfaces.mean(axis=0).ravel())
     assert np.allclose(points["accuracy_se"], (surfaces.std(axis=0, ddof=1) / np.sqrt(3)).ravel())
     assert_same(study.run(space, tmp_path / "results", progress=False), found)

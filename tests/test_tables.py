@@ -92,9 +92,14 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
         folder.mkdir(parents=True)
         store.save_arrays(folder / "surface.npz", grid | arrays)
     runs = [{**record(0, repeat, 0.5), "files": {"surface.npz": ""}} for repeat in (0, 1)]
+    for run in runs:
+        run["columns"]["spikes_total"] = 9
     frame = tables.points_table(space, tmp_path, {0: runs})
-    assert len(frame) == 2 * 6
+    assert len(frame) == 2 * (1 + 6)
     chip = frame[frame["hardware"] == "chip"]
+    end, chip = chip.iloc[0], chip.iloc[1:]
+    assert np.isnan(end["phi"]) and np.isnan(end["theta"])
+    assert (end["accuracy"], end["spikes_total"]) == (0.5, 9)
     assert chip["phi"].tolist() == [0, 0, 0, 4, 4, 4]
     assert chip["theta"].tolist() == [0.5, 0.7, 1.0] * 2
     assert chip["accuracy"].tolist() == [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]
@@ -102,7 +107,7 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
     assert chip["energy_uj"].tolist() == [1.5] * 6
     assert chip["fits"].tolist() == [False] * 6
     assert chip["spikes_total"].dtype == np.int64
-    assert frame[frame["hardware"] == "other"]["energy_uj"].tolist() == [0.0] * 6
+    assert frame[frame["hardware"] == "other"]["energy_uj"].tolist()[1:] == [0.0] * 6
 
 
 def test_the_task_of_an_axis_of_targets_is_its_columns(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ def preview(space: SearchSpace) -> dict[str, Any]:
     """
     grid = n_designs(space)
     n_trials = min(x for x in (space.search.n_trials, grid) if x is not None)
-    points = len(space.decision.phi) * len(space.decision.theta) * max(1, len(space.hardware))
+    settings = len(space.decision.phi) * len(space.decision.theta) + 1  # and the full read-out
+    points = settings * max(1, len(space.hardware))
     path = locate(space.fixed["data"]["file"], space.source.parent)
     row: dict[str, Any] = {
         "study": space.study,

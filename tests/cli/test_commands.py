@@ -52,7 +52,7 @@ def test_check_says_what_a_run_would_be(tmp_path: Path, capsys: Captured) -> Non
     assert found["schema"] == "dse/check/1"
     (row,) = found["rows"]
     assert row["designs"] == row["trained"] == row["runs"] == 6
-    assert row["design_points"] == 6 * 2 * 3
+    assert row["design_points"] == 6 * (2 * 3 + 1)
     assert (row["train"], row["validation"], row["test"]) == (12, 12, 0)
     assert row["classes"] == ["0", "1"]
     assert row["data"] == str(tmp_path / "touch.npz")
