@@ -152,7 +152,8 @@ def pick(
             with a number are budgets; anything else (task == 'texture') is a condition never relaxed.
         maximise: column to maximise.
         tie_breaks: (column, 'max' or 'min') pairs.
-        n_nearest: how many rows to name where no row is within the budgets.
+        n_nearest: how many rows to name where no row is within the budgets; of several points of a trial
+            on one hardware profile, the nearest.
 
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
@@ -181,7 +182,10 @@ def pick(
     for limit, miss in missed.items():
         shortfall += miss / (abs(limit.limit) or 1.0)
     table = rows.assign(**{f"missed {limit}": miss for limit, miss in missed.items()}, shortfall=shortfall)
-    return Pick(None, table.iloc[np.lexsort((*ranking, shortfall))[:n_nearest]], notes)
+    nearest = table.iloc[np.lexsort((*ranking, shortfall))]
+    if "trial" in nearest.columns:  # five settings of one design would say little
+        nearest = nearest.drop_duplicates([name for name in ("trial", "hardware") if name in nearest.columns])
+    return Pick(None, nearest.iloc[:n_nearest], notes)
 
 
 def _check(objectives: Sequence[Objective]) -> None:

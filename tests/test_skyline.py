@@ -261,3 +261,13 @@ def test_what_is_no_table_is_named(tmp_path):
         read(written("points.txt", b"a"))
     with pytest.raises(TableError, match="an object with 'rows'"):
         read(written("other.json", b"{}"))
+
+
+def test_the_nearest_are_different_designs() -> None:
+    frame = pd.DataFrame(
+        {"trial": [0, 0, 0, 1], "accuracy": [0.5, 0.6, 0.7, 0.9], "energy_uj": [5.0, 6.0, 7.0, 9.0]}
+    )
+    found = pick(frame, ["energy_uj<=4"])
+    assert found.row is None
+    assert found.nearest["trial"].tolist() == [0, 1]
+    assert found.nearest["energy_uj"].tolist() == [5.0, 9.0]

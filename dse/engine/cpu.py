@@ -6,7 +6,6 @@ exact up to 2**40 (products of state and decay stay below 2**53), so that the lo
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numba
@@ -232,20 +231,17 @@ def _backward(
     gain: Array,
     fired_offsets: Array,
     fired_index: Array,
-    voltage: Array,
+    slope: Array,
     grad_spikes: Array,
     recurrent: Array,
     keep_u: Array,
     keep_v: Array,
-    centre: float,
-    width: float,
-    height: float,
     grad_input: Array,
     grad_weight: Array,
     grad_recurrent: Array,
 ) -> None:
     """Fill dL/dz and add to the weight gradients; all sums in the arrays' own precision."""
-    n_samples, n_steps, n_neurons = voltage.shape
+    n_samples, n_steps, n_neurons = slope.shape
     has_gain = gain.size > 0
     has_recurrent = recurrent.size > 0
     zero = grad_weight.dtype.type(0)
@@ -266,8 +262,7 @@ def _backward(
                         total += recurrent[i, o] * lu[o]
                     g[i] += total
             for o in range(n_neurons):
-                slope = height * math.exp(-abs(voltage[n, t, o] - centre) / width)
-                lv[o] = keep_v[o] * lv[o] + g[o] * slope
+                lv[o] = keep_v[o] * lv[o] + g[o] * slope[n, t, o]
                 lu[o] = keep_u[o] * lu[o] + lv[o]
                 grad_input[n, t, o] = lu[o]
             if has_gain:
@@ -324,14 +319,11 @@ def backward(
         np.zeros((0, 0), kind) if gain is None else gain.astype(kind, copy=False),
         answer.fired.offsets,
         answer.fired.index,
-        answer.voltage,
+        surrogate(answer.voltage),
         grad_spikes.astype(kind, copy=False),
         layer.recurrent.astype(kind, copy=False),
         layer.keep_current.astype(kind),
         layer.keep_voltage.astype(kind),
-        kind.type(surrogate.centre),
-        kind.type(surrogate.width),
-        kind.type(surrogate.height),
         grad_input,
         grad_weight,
         grad_recurrent,
