@@ -50,6 +50,22 @@ class Evaluation:
         return float(1 - self.decided.mean())
 
     @property
+    def answers(self) -> list[dict[str, Any]]:
+        """One row per recording, in the file's order; `true` is None where it has no label."""
+        return [
+            {
+                "recording": i,
+                "answer": self.classes[label],
+                "true": self.classes[target] if target >= 0 else None,
+                "time_ms": float(time_ms),
+                "decided": bool(decided),
+            }
+            for i, (label, target, time_ms, decided) in enumerate(
+                zip(self.label, self.target, self.time_ms, self.decided, strict=True)
+            )
+        ]
+
+    @property
     def columns(self) -> dict[str, Any]:
         """The numbers as one row, named as in the record of a trial."""
         return {

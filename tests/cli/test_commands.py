@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -267,9 +268,16 @@ def test_pick_exports_what_evaluate_runs(results: Path, tmp_path: Path, capsys: 
     assert picked["notes"][-1] == f"bundle: {bundle}"
     data = results.parent.parent / "touch.npz"
     assert main(["evaluate", str(bundle), "--data", str(data), "--json"]) == 0
-    (row,) = document(capsys.readouterr().out)["rows"]
+    found = document(capsys.readouterr().out)
+    (row,) = found["rows"]
     assert row["recordings"] == row["labelled"] == 24
     assert 0 <= row["accuracy"] <= 1
+    assert all(" of 12 right" in note for note in found["notes"]) and len(found["notes"]) == 2
+    assert main(["evaluate", str(bundle), "--data", str(data), "--each", "--json"]) == 0
+    each = document(capsys.readouterr().out)["rows"]
+    assert [r["recording"] for r in each] == list(range(24))
+    assert np.mean([r["answer"] == r["true"] for r in each]) == row["accuracy"]
+    assert np.mean([r["time_ms"] for r in each]) == pytest.approx(row["decision_latency_ms"])
 
 
 def test_dashboard_writes_where_it_is_told(results: Path, tmp_path: Path, capsys: Captured) -> None:
