@@ -64,6 +64,14 @@ def test_shown_commands_exist():
     assert set(commands) <= known
 
 
+def test_described_sections_exist(capsys):
+    from dse.cli import main
+
+    sections = re.findall(r"^dse describe (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)
+    assert sections
+    assert [main(["describe", section]) for section in sections] == [0] * len(sections)
+
+
 def test_search_spaces_named_exist():
     named = re.findall(r"search_spaces/[\w/]+\.yaml", README)
     assert named
