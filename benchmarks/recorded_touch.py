@@ -30,21 +30,21 @@ from dse.engine.events import gather
 DESIGNS: dict[str, dict[str, str]] = {
     "fabric_texture": {
         "encoder.thresholds": "[1, 2, 4, 8, 16]",
-        "model.hidden": "[150]",
-        "model.true_rate": "0.8",
+        "model.hidden": "150",
+        "model.true_rate": "0.5",
         "model.input_delays": "[0, 2, 5]",
     },
     "fabric_speed": {
         "encoder.thresholds": "[1, 2, 4, 8, 16]",
-        "model.hidden": "[120]",
-        "model.true_rate": "0.8",
+        "model.hidden": "120",
+        "model.true_rate": "0.5",
         "model.input_delays": "[0, 3, 8, 20]",
     },
     "braille": {
-        "model.hidden": "[100]",
-        "model.true_rate": "0.4",
-        "model.input_delays": "[0, 4, 8, 16, 32, 64]",
-        "model.recurrent": "false",
+        "model.hidden": "80",
+        "model.true_rate": "0.2",
+        "model.input_delays": "[0, 2, 4, 8, 16, 32, 64]",
+        "model.threshold": "5.0",
     },
 }
 
