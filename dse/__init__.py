@@ -2,7 +2,8 @@
 
     space = dse.load_space("fabric_texture")
     study = dse.run(space)
-    study.skyline(where="n_weights <= 100000")
+    picked = study.pick(["energy_uj <= 50", "n_weights <= 100000"])
+    dse.export(study, picked.row, "bundle")
 
 Names are imported when first used, so that importing `dse` costs nothing.
 """
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dse import figures as figures
     from dse.bundles import evaluate as evaluate
+    from dse.bundles import export as export
     from dse.config import ConfigError as ConfigError
     from dse.config import load_space as load_space
     from dse.study import Study as Study
@@ -27,12 +29,23 @@ _home = {
     "ConfigError": "dse.config",
     "Study": "dse.study",
     "evaluate": "dse.bundles",
+    "export": "dse.bundles",
     "load_space": "dse.config",
     "open": "dse.study",
     "run": "dse.study",
 }
 
-__all__ = ["ConfigError", "Study", "__version__", "evaluate", "figures", "load_space", "open", "run"]
+__all__ = [
+    "ConfigError",
+    "Study",
+    "__version__",
+    "evaluate",
+    "export",
+    "figures",
+    "load_space",
+    "open",
+    "run",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -113,7 +113,14 @@ def _cell(axis: Axis, value: Any) -> Any:
         bool if isinstance(v, bool) else float if isinstance(v, int | float) else type(v) for v in values
     }
     is_plain = len(kinds) <= 1 and not kinds & {tuple, list, dict}
-    return value if is_plain else json.dumps(value)
+    return value if is_plain else json.dumps(_short(value))
+
+
+def _short(value: Any) -> Any:
+    """Return a value whose whole floats are integers, as people write them: [1, 2.5], not [1.0, 2.5]."""
+    if isinstance(value, list | tuple):
+        return [_short(inner) for inner in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _blamed(record: Record, n_runs: int) -> str:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from dse import store, tables
-from dse.config import SearchSpace
+from dse.config import Axis, SearchSpace
 from tests import tiny_study
 
 
@@ -56,6 +56,11 @@ def test_a_list_is_text_in_a_table(space: SearchSpace, tmp_path: Path) -> None:
     assert list(frame["model.hidden"]) == ["[4]", "[8, 4]"]
     frame.to_parquet(tmp_path / "x.parquet")
     assert pd.read_parquet(tmp_path / "x.parquet")["model.hidden"].tolist() == ["[4]", "[8, 4]"]
+
+
+def test_whole_numbers_in_lists_are_written_as_people_do() -> None:
+    axis = Axis("encoder.thresholds", values=((1.0, 2.5), (2.0,)))
+    assert tables._cell(axis, (1.0, 2.5)) == "[1, 2.5]"
 
 
 def test_one_failed_repeat_fails_the_trial(space: SearchSpace, tmp_path: Path) -> None:
