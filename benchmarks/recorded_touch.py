@@ -1,6 +1,6 @@
 """Accuracy on recorded touch, last epoch, mean of seeds, beside scikit-learn baselines on the same split.
 
-    DSE_DATA=... python benchmarks/recorded_touch.py [--seeds 3] [--jobs 2]
+    DSE_DATA=... python -m benchmarks.recorded_touch [--seeds 3] [--jobs 2]
 
 For each shipped search space one design (below) is trained with several seeds; baselines are a standardised
 logistic regression and 5 nearest neighbours on simple features of the same windows. CPU seconds are per run.

@@ -1,6 +1,6 @@
 """One training step (forward, SpikeRate loss, backward, Adam) of this engine beside a plain torch loop.
 
-    python benchmarks/train_step.py [CASE ...]        one thread; CPU seconds, best of a few repeats
+    python -m benchmarks.train_step [CASE ...]        one thread; CPU seconds, best of a few repeats
 
 Cases as (inputs, hidden, outputs, steps, batch) at 2 % random input spikes; `fabric` has the density of five
 send-on-delta thresholds with three input delays. The error is the largest difference of a weight gradient

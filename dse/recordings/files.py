@@ -19,6 +19,10 @@ def locate(file: str, base: Path) -> Path:
     for place in places:
         if place.is_file():
             return place
-    raise RecordingError(
-        f"data file '{file}' not found; looked in {', '.join(str(x.parent) for x in places)}"
+    looked = ", ".join(str(x.parent) for x in places)
+    hint = (
+        ""
+        if Path(file).is_absolute()
+        else " (DSE_DATA names another folder, --set data.file=FILE another file)"
     )
+    raise RecordingError(f"data file '{file}' not found; looked in {looked}{hint}")
