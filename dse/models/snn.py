@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from dse.engine import cpu
 from dse.engine.events import Rows, gather
 from dse.engine.network import Answer, answer, gradients
+from dse.models.initialisation import deployed, initialise, populations_of
 from dse.models.training import Adam, Generators, Training, TrainingDiverged
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
@@ -21,7 +22,6 @@ from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param, register
 
 _PROBE_SAMPLES = 64
-_GAIN_RANGE = 16.0
 _RESPOND_BATCH = 128
 
 
@@ -86,156 +86,6 @@ class SNN:
         return dense + (sum(h * h for h in self.hidden) if self.recurrent else 0)
 
 
-@dataclass(frozen=True)
-class _Population:
-    """Fixed parameters of a layer: integer decays per neuron, threshold, unit response norms."""
-
-    decay_current: Array
-    decay_voltage: Array
-    threshold: int
-    norm: Array
-
-
-def _decays(bounds: tuple[float, ...], n: int, steps_per_sample: int, rng: np.random.Generator) -> Array:
-    """Return integer decays per network step; two bounds spread the time constants log-uniformly."""
-    keep = 1 - np.asarray(bounds, np.float64)
-    if len(bounds) == 1 or bounds[0] == bounds[1]:
-        kept = np.full(n, keep[0])
-    else:
-        tau = -1 / np.log(np.clip(keep, 1e-9, 1 - 1e-6))
-        shortest, longest = np.log(np.sort(tau))
-        kept = np.exp(-1 / np.exp(rng.uniform(shortest, longest, n)))
-    return cuba_lif.round_decay(1 - kept ** (1 / steps_per_sample))
-
-
-def _response_norm(decay_current: Array, decay_voltage: Array, n_steps: int) -> Array:
-    """Return the root of the summed squared potential after one unit input spike, (neuron,)."""
-    keep_u, keep_v = 1 - decay_current / 4096, 1 - decay_voltage / 4096
-    u, v, total = np.ones(len(keep_u)), np.zeros(len(keep_u)), np.zeros(len(keep_u))
-    for _ in range(n_steps):
-        v = keep_v * v + u
-        u = keep_u * u
-        total += v**2
-    return np.asarray(np.sqrt(total))
-
-
-def _populations(model: SNN, n_classes: int, n_steps: int, rng: np.random.Generator) -> list[_Population]:
-    found = []
-    for depth, n in enumerate((*model.hidden, n_classes)):
-        is_output = depth == len(model.hidden)
-        current = (model.output_current_decay,) if is_output else model.current_decay
-        voltage = (model.output_voltage_decay,) if is_output else model.voltage_decay
-        u = _decays(current, n, model.steps_per_sample, rng)
-        v = _decays(voltage, n, model.steps_per_sample, rng)
-        threshold = cuba_lif.round_threshold(model.threshold)
-        found.append(_Population(u, v, threshold, _response_norm(u, v, n_steps)))
-    return found
-
-
-def _deployed(
-    feed_forward: Sequence[Array],
-    recurrent: Sequence[Array | None],
-    populations: Sequence[_Population],
-    integer: bool,
-) -> list[cpu.Weights]:
-    """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic."""
-    rounding = cuba_lif.quantise if integer else np.asarray
-    return [
-        cpu.weights(
-            rounding(w), None if r is None else rounding(r), p.decay_current, p.decay_voltage, p.threshold
-        )
-        for w, r, p in zip(feed_forward, recurrent, populations, strict=True)
-    ]
-
-
-def _reach_rate(rate: Callable[[float], float], wanted: float, start: float) -> tuple[float, float]:
-    """Return the gain, and its rate, that comes closest to a wanted spike rate from below.
-
-    The gain doubles from start / 16 until the rate is reached and the last step is then halved, so that
-    the smallest gain is found where several reach it. It ends at 16 * start at the latest: a rate that
-    cannot be reached leaves the closest gain that was met, never a runaway.
-    """
-    tried: list[tuple[float, float, float]] = []
-
-    def measure(gain: float) -> float:
-        found = rate(gain)
-        tried.append((abs(found - wanted), gain, found))
-        return found
-
-    low = high = start / _GAIN_RANGE
-    while measure(high) < wanted and high < start * _GAIN_RANGE:
-        low, high = high, 2 * high
-    for _ in range(6):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if measure(middle) < wanted else (low, middle)
-    _, gain, reached = min(tried)
-    return gain, reached
-
-
-@dataclass(frozen=True)
-class _Start:
-    """Master weights, (input, neuron), and per layer the spike rate that was wanted and the one reached."""
-
-    feed_forward: list[Array]
-    recurrent: list[Array | None]
-    rates: list[tuple[float, float]]
-
-
-def _initialise(
-    rows: Rows, model: SNN, populations: Sequence[_Population], rng: np.random.Generator
-) -> _Start:
-    """Draw weights and scale each layer, as deployed, until it fires at a given rate on a probe batch.
-
-    Uniform weights are divided by each neuron's response to a unit spike, so that fast and slow neurons
-    are driven alike. A hidden layer's gain is searched for the initial rate, which carries it over the
-    8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
-    cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
-    that start elsewhere are pushed as one into a silence that the loss does not leave.
-    """
-    integer = model.arithmetic == "integer"
-    feed_forward: list[Array] = []
-    recurrent: list[Array | None] = []
-    rates = []
-    for depth, population in enumerate(populations):
-        n = len(population.norm)
-        cells = max(1, rows.n_samples * rows.n_steps)
-        unit = population.threshold / cuba_lif.WEIGHT_SCALE / population.norm
-        spread = math.sqrt(3 / max(1.0, rows.index.size / cells))
-        drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
-        fixed: Array | float = 0.0
-        ring = None
-        wanted = model.initial_rate
-        if depth == len(model.hidden):
-            share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
-            fixed = spread * (drawn - share @ drawn)
-            drawn = np.broadcast_to(unit, drawn.shape)
-            wanted = (model.true_rate + (n - 1) * model.false_rate) / n
-        elif model.recurrent:
-            drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
-            ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)
-
-        def layer(
-            gain: float,
-            drawn: Array = drawn,
-            fixed: Array | float = fixed,
-            ring: Array | None = ring,
-            population: _Population = population,
-        ) -> cpu.Weights:
-            return _deployed([(gain * drawn + fixed).astype(np.float32)], [ring], [population], integer)[0]
-
-        def rate(gain: float, rows: Rows = rows, layer: Callable[[float], cpu.Weights] = layer) -> float:
-            weights = layer(gain)
-            fired = cpu.forward(rows, weights, integer=integer).fired
-            return fired.index.size / max(1, rows.n_samples * rows.n_steps * weights.n_neurons)
-
-        gain, reached = _reach_rate(rate, wanted, spread)
-        feed_forward.append((gain * drawn + fixed).astype(np.float32))
-        recurrent.append(ring)
-        rates.append((wanted, reached))
-        rows = cpu.delayed(cpu.forward(rows, layer(gain), integer=integer).fired)
-    return _Start(feed_forward, recurrent, rates)
-
-
 def _step_units(masters: Sequence[Array], unit: str) -> list[Array]:
     """Return what a learning rate of 1 is for each array: one weight, or each neuron's initial rms weight."""
     if unit == "weight":
@@ -276,7 +126,7 @@ def fit(dataset: Dataset, model: SNN, training: Training, rngs: Generators) -> O
     integer = model.arithmetic == "integer"
     n_steps = dataset.n_steps * model.steps_per_sample
     delays = tuple(d * model.steps_per_sample for d in model.input_delays)
-    populations = _populations(model, len(dataset.classes), n_steps, rngs("time constants"))
+    populations = populations_of(model, len(dataset.classes), n_steps, rngs("time constants"))
     surrogates = [exponential(p.threshold, model.tau_grad, model.scale_grad) for p in populations[:-1]]
     surrogates.append(exponential(populations[-1].threshold, model.output_tau_grad, model.scale_grad))
 
@@ -284,7 +134,7 @@ def fit(dataset: Dataset, model: SNN, training: Training, rngs: Generators) -> O
         return gather(dataset.spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
 
     probe = rngs("probe").permutation(dataset.train)[:_PROBE_SAMPLES]
-    start = _initialise(rows_of(probe, dataset.start[probe]), model, populations, rngs("initialisation"))
+    start = initialise(rows_of(probe, dataset.start[probe]), model, populations, rngs("initialisation"))
     rings = [r for r in start.recurrent if r is not None]
     masters = [*start.feed_forward, *rings]
     units = _step_units(masters, training.step_unit)
@@ -301,7 +151,7 @@ def fit(dataset: Dataset, model: SNN, training: Training, rngs: Generators) -> O
             part = slice(batch * training.batch_size, (batch + 1) * training.batch_size)
             found = gradients(
                 rows_of(order[part], starts[part]),
-                _deployed(start.feed_forward, start.recurrent, populations, integer),
+                deployed(start.feed_forward, start.recurrent, populations, integer),
                 surrogates,
                 dataset.target[order[part]],
                 true_rate=model.true_rate,
