@@ -17,6 +17,7 @@ from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.recordings import RecordingError
 from tests import tiny_study
+from tests.spaces import write_space
 
 SPACE = """
 study: real
@@ -142,3 +143,23 @@ def test_the_full_read_out_can_be_exported(real: study.Study, tmp_path: Path) ->
     found = evaluate(tmp_path / "b", real.folder.parents[1] / "tiny.npz")
     assert set(found.time_ms) == {80.0}
     assert found.undecided == 0
+
+
+def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> None:
+    kinds = "recurrent: {choice: [false, true]}, arithmetic: {choice: [integer, ideal]}, input_delays: [0, 2]"
+    path = write_space(
+        tmp_path,
+        ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1, 2]"),
+        ("hidden: {choice: [4, 8, 12]}", f"hidden: [6, 5], steps_per_sample: 2, {kinds}"),
+        ("epochs: 1", "epochs: 3"),
+    )
+    found = study.run(load_space(path), tmp_path / "results", progress=False)
+    points = found.points()
+    assert set(points["trial"]) == {0, 1, 2, 3}
+    validation = np.load(tmp_path / "touch.npz")["repetition"] == 1
+    for _, point in points.iterrows():
+        export(found, point.to_dict(), tmp_path / "bundle")
+        answers = evaluate(tmp_path / "bundle", tmp_path / "touch.npz")
+        right = (answers.label == answers.target)[validation]
+        assert right.mean() == pytest.approx(point["accuracy"])
+        assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
