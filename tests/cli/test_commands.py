@@ -251,6 +251,14 @@ def test_pick_within_budgets(table: Path, capsys: Captured) -> None:
     assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
 
 
+def test_pick_says_when_it_went_across_tasks(table: Path, capsys: Captured) -> None:
+    assert main(["pick", str(table), "--budget", "n_weights<=200", "--json"]) == 0
+    (note,) = document(capsys.readouterr().out)["notes"]
+    assert note == "best over the tasks a, b; --budget \"task == 'a'\" picks within one"
+    assert main(["pick", str(table), "--budget", "task == 'b'", "--json"]) == 0
+    assert document(capsys.readouterr().out)["notes"] == []
+
+
 def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: Captured) -> None:
     assert main(["pick", str(table), "--budget", "n_weights<=30", "--json"]) == 3
     found = document(capsys.readouterr().out)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import Objective, columns, records
+
+if TYPE_CHECKING:
+    import pandas
 
 HELP = "pick the best design point within budgets, and export it"
 _NOTHING_FEASIBLE = 3
@@ -45,13 +48,21 @@ def answer(arguments: argparse.Namespace) -> Answer:
         shown = [*columns(found.nearest, goals), *missed]
         return Answer(records(found.nearest), notes, shown, code=_NOTHING_FEASIBLE)
     row: dict[str, Any] = {str(name): value for name, value in found.row.items()}
-    notes = list(found.notes)
+    notes = [*found.notes, *_other_tasks(points, arguments.budget)]
     if arguments.export:
         from dse import bundles
 
         bundles.export(study.open(arguments.results), row, arguments.export)
         notes.append(f"bundle: {arguments.export}")
     return Answer([row], notes, _telling(row, goals))
+
+
+def _other_tasks(points: pandas.DataFrame, budgets: list[str]) -> list[str]:
+    """Return a hint where the pick went across tasks, whose accuracies do not compare."""
+    tasks = list(dict.fromkeys(map(str, points["task"]))) if "task" in points else []
+    if len(tasks) < 2 or any("task" in budget for budget in budgets):
+        return []
+    return [f"best over the tasks {', '.join(tasks)}; --budget \"task == '{tasks[0]}'\" picks within one"]
 
 
 def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
