@@ -19,6 +19,8 @@ from dse.hardware.profile import load as load_profile
 from dse.metrics.accuracy import accuracy, wilson_se
 from dse.metrics.confusion import confusion
 from dse.metrics.latency import decision_latency_ms, latency_ms
+from dse.metrics.n_weights import n_weights
+from dse.metrics.spikes import spikes_per_inference, spikes_per_inference_no_input, spikes_total
 from dse.metrics.synaptic_operations import synaptic_operations
 from dse.records import Array, Dataset, Network, Outcome, Response, Workload
 
@@ -65,7 +67,7 @@ def measure(
     columns: dict[str, Any] = {
         "accuracy": accuracy(label, target),
         "accuracy_se": float(wilson_se(correct, n)),
-        "n_weights": network.n_weights,
+        "n_weights": n_weights(network),
         "decision_latency_ms": decision_latency_ms(last, response.step_ms),
     }
     confusion_test = None
@@ -158,8 +160,8 @@ def _workload(network: Network, work: Array, n_steps: Array, step_ms: float) -> 
 def _activity(load: Workload, n: int) -> dict[str, Array]:
     """Return spikes and synaptic operations; `n` samples were evaluated."""
     return {
-        "spikes_per_inference": np.asarray(load.spikes.sum(axis=-1)),
-        "spikes_per_inference_no_input": np.asarray(load.spikes[..., 1:].sum(axis=-1)),
-        "spikes_total": np.rint(load.spikes.sum(axis=-1) * n).astype(np.int64),
+        "spikes_per_inference": spikes_per_inference(load),
+        "spikes_per_inference_no_input": spikes_per_inference_no_input(load),
+        "spikes_total": spikes_total(load, n),
         "synaptic_operations": synaptic_operations(load),
     }

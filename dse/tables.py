@@ -17,6 +17,7 @@ import numpy as np
 
 from dse import store
 from dse.config import Axis, SearchSpace
+from dse.metrics.accuracy import seeds_se
 from dse.records import Array
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def summary(records: Sequence[Record], profile: str | None) -> dict[str, Any]:
         values = [row[name] for row in rows]
         found[name] = all(values) if isinstance(first, bool) else _mean(values)
     if len(rows) > 1:
-        found["accuracy_se"] = _seeds_error(np.array([row["accuracy"] for row in rows]))
+        found["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
     return found
 
 
@@ -148,11 +149,6 @@ def _mean(values: Sequence[Any]) -> Any:
     if any(v is None for v in values):
         return np.nan
     return values[0] if all(v == values[0] for v in values) else float(np.mean(values))
-
-
-def _seeds_error(accuracy: Array) -> Any:
-    error = np.std(accuracy, axis=0, ddof=1) / np.sqrt(len(accuracy))
-    return float(error) if error.ndim == 0 else error
 
 
 def _of_profile(surface: Mapping[str, Array], profile: str | None) -> dict[str, Array]:
@@ -177,7 +173,7 @@ def _grid(surfaces: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
             columns[name] = (stacked[0] if (stacked == stacked[0]).all() else stacked.mean(axis=0)).ravel()
     if len(surfaces) > 1:
         accuracy = np.stack([surface["accuracy"] for surface in surfaces])
-        columns["accuracy_se"] = _seeds_error(accuracy).ravel()
+        columns["accuracy_se"] = seeds_se(accuracy).ravel()
     return columns
 
 

@@ -53,13 +53,19 @@ def wilson_se(k: ArrayLike, n: ArrayLike) -> np.ndarray:
     return np.asarray(np.sqrt(p * (1 - p) / trials + 0.25 / trials**2) / (1 + 1 / trials))
 
 
-def seeds_se(values: ArrayLike) -> float:
+def seeds_se(values: ArrayLike) -> np.ndarray:
     """Return the standard error of the mean over seeds or folds: s / sqrt(r), s with r - 1.
 
+    Args:
+        values: (run, ...), two runs or more.
+
+    Returns:
+        (...,).
+
     Raises:
-        ValueError: fewer than two values.
+        ValueError: fewer than two runs.
     """
     runs = np.asarray(values, dtype=np.float64)
-    if runs.ndim != 1 or runs.size < 2:
+    if runs.ndim < 1 or len(runs) < 2:
         raise ValueError(f"values must be at least two runs, got shape {runs.shape}")
-    return float(runs.std(ddof=1) / np.sqrt(runs.size))
+    return np.asarray(runs.std(axis=0, ddof=1) / np.sqrt(len(runs)))

@@ -4,7 +4,7 @@
 
 The source prints values that exceed what one inference can hold and fit the sum over its test set,
 so both are recorded: the mean per inference, and the total over the set. Neurons include the input
-layer ("the total number of neurons in the network"); `with_input=False` leaves it out.
+layer ("the total number of neurons in the network"); a column of its own leaves it out.
 
 Source: Brayshaw et al., texture and velocity, Eq. (3) (REFERENCES.md).
 """
@@ -12,28 +12,29 @@ Source: Brayshaw et al., texture and velocity, Eq. (3) (REFERENCES.md).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dse.metrics import declare, objective
-from dse.records import Response
-
-declare(
-    "spikes_per_inference_no_input", "", "min", "Mean spikes per inference without those of the input layer."
-)
+from dse.metrics import objective
+from dse.records import Workload
 
 
 @objective(unit="", direction="min")
-def spikes_per_inference(response: Response, with_input: bool = True) -> float:
-    """Mean spikes per inference, all layers (S of Eq. 3)."""
-    return spikes_total(response, with_input) / len(response.spikes)
+def spikes_per_inference(workload: Workload) -> NDArray[np.float64]:
+    """Mean spikes per inference, all layers (S of Eq. 3).
 
-
-@objective(unit="", direction="min")
-def spikes_total(response: Response, with_input: bool = True) -> int:
-    """Spikes summed over the whole set, all layers (S as the source prints it).
-
-    Raises:
-        ValueError: the response holds no samples.
+    Returns:
+        (...,), the leading axes of `workload.spikes`.
     """
-    if len(response.spikes) == 0:
-        raise ValueError("spikes need a response with at least one sample, got none")
-    return int(response.spikes[:, :, 0 if with_input else 1 :].sum(dtype=np.int64))
+    return np.asarray(np.asarray(workload.spikes, dtype=np.float64).sum(axis=-1))
+
+
+@objective(unit="", direction="min")
+def spikes_per_inference_no_input(workload: Workload) -> NDArray[np.float64]:
+    """Mean spikes per inference without those of the input layer, shaped as `spikes_per_inference`."""
+    return np.asarray(np.asarray(workload.spikes, dtype=np.float64)[..., 1:].sum(axis=-1))
+
+
+@objective(unit="", direction="min")
+def spikes_total(workload: Workload, n_samples: int) -> NDArray[np.int64]:
+    """Spikes summed over the whole set of n_samples, all layers (S as the source prints it)."""
+    return np.asarray(np.rint(spikes_per_inference(workload) * n_samples).astype(np.int64))

@@ -12,7 +12,7 @@ import numpy as np
 from dse.engine import cpu
 from dse.engine.events import Rows
 from dse.neurons import cuba_lif
-from dse.records import Array
+from dse.records import Array, Layer
 
 if TYPE_CHECKING:
     from dse.models.snn import SNN
@@ -82,7 +82,7 @@ def populations_of(model: SNN, n_classes: int, n_steps: int, rng: np.random.Gene
 def deployed(
     feed_forward: Sequence[Array],
     recurrent: Sequence[Array | None],
-    populations: Sequence[Population],
+    populations: Sequence[Population | Layer],
     integer: bool,
 ) -> list[cpu.Weights]:
     """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic."""

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine import cpu
 from dse.engine.events import Rows, gather
 from dse.engine.network import Answer, answer, gradients
 from dse.models.initialisation import deployed, initialise, populations_of
@@ -228,17 +227,12 @@ def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
 def _respond(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
     """Respond, and count each layer's spikes per neuron."""
     integer = network.arithmetic == "integer"
-    rounding = cuba_lif.quantise if integer else np.asarray
-    layers = [
-        cpu.weights(
-            rounding(x.weight).T,
-            None if x.recurrent is None else rounding(x.recurrent).T,
-            x.decay_current,
-            x.decay_voltage,
-            x.threshold,
-        )
-        for x in network.layers
-    ]
+    layers = deployed(
+        [x.weight.T for x in network.layers],
+        [None if x.recurrent is None else x.recurrent.T for x in network.layers],
+        network.layers,
+        integer,
+    )
     answers: list[Answer] = []
     for first in range(0, max(1, samples.size), _RESPOND_BATCH):
         part = samples[first : first + _RESPOND_BATCH]

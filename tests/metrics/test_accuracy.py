@@ -42,6 +42,7 @@ def test_wilson_needs_counts(k, n):
 
 def test_seeds_se_is_the_error_of_the_mean():
     assert seeds_se([0.8, 0.9, 1.0]) == pytest.approx(0.1 / np.sqrt(3))
+    assert seeds_se([[0.8, 1], [0.9, 1], [1.0, 1]]) == pytest.approx([0.1 / np.sqrt(3), 0])
     with pytest.raises(ValueError, match="at least two runs"):
         seeds_se([0.9])
 

@@ -3,9 +3,9 @@ import pytest
 
 from dse.metrics.latency import decision_latency_ms, latency_ms
 from dse.metrics.n_weights import n_weights
-from dse.metrics.spikes import spikes_per_inference, spikes_total
+from dse.metrics.spikes import spikes_per_inference, spikes_per_inference_no_input, spikes_total
 from dse.metrics.synaptic_operations import synaptic_operations
-from dse.records import Layer, Network, Response, Workload
+from dse.records import Layer, Network, Workload
 
 
 def layer(n, n_in, recurrent=False):
@@ -19,38 +19,22 @@ def test_weights_count_delays_and_recurrence():
     assert n_weights(network) == 5 * 6 + 5 * 5 + 4 * 5
 
 
-def response(spikes):
-    spikes = np.asarray(spikes, dtype=np.int32)
-    return Response(
-        output=np.zeros((*spikes.shape[:2], 2), dtype=np.uint8),
-        spikes=spikes,
-        updates=spikes[:, :, 1:],
-        step_ms=1.0,
-        peak_state=0,
-    )
-
-
-def test_spikes_both_ways_with_and_without_input():
-    # Two samples, two steps, three layers.
-    found = response([[[5, 1, 0], [3, 2, 1]], [[0, 0, 0], [4, 0, 2]]])
-    assert spikes_total(found) == 18
-    assert spikes_per_inference(found) == 9.0
-    assert spikes_total(found, with_input=False) == 6
-    assert spikes_per_inference(found, with_input=False) == 3.0
-
-
-def test_spikes_do_not_overflow():
-    assert spikes_total(response(np.full((3, 1, 2), 2**30))) == 6 * 2**30
-
-
-def test_spikes_need_a_sample():
-    with pytest.raises(ValueError, match="at least one sample"):
-        spikes_per_inference(response(np.zeros((0, 4, 3))))
-
-
 def workload(sizes, recurrent, spikes):
     spikes = np.asarray(spikes, dtype=float)
     return Workload(sizes, recurrent, np.ones(spikes.shape[:-1]), spikes, None, 1.0)
+
+
+def test_spikes_both_ways_with_and_without_input():
+    found = workload((9, 4, 3), (False, False), [6.0, 1.5, 1.5])
+    assert spikes_per_inference(found) == 9.0
+    assert spikes_per_inference_no_input(found) == 3.0
+    assert spikes_total(found, 2) == 18
+
+
+def test_totals_are_whole_and_do_not_overflow():
+    thirds = workload((9, 4), (False,), [[2**33, 1 / 3], [1, 2 / 3]])
+    assert spikes_total(thirds, 3).tolist() == [3 * 2**33 + 1, 5]
+    assert spikes_total(thirds, 3).dtype == np.int64
 
 
 def test_synaptic_operations_of_a_network_small_enough_to_count():
