@@ -27,8 +27,7 @@ import dse
 import dse.config
 import dse.records
 from dse import dataset, registry
-from dse.engine.cpu import dense
-from dse.engine.events import gather
+from dse.engine.events import dense, gather
 
 DESIGNS: dict[str, dict[str, str]] = {
     "fabric_texture": {

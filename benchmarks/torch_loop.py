@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from dse.engine.cpu import Weights
+from dse.engine.layers import Weights
 from dse.neurons.surrogate import Exponential
 
 

@@ -89,7 +89,7 @@ def evaluate(bundle: str | Path, data_file: str | Path) -> Evaluation:
         BundleError: the bundle is damaged or of a newer schema.
         RecordingError: the recordings do not fit.
     """
-    from dse.models.snn import respond
+    from dse.models.response import respond
 
     found = read(bundle)
     path = Path(data_file).absolute()

@@ -11,11 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 Array = np.ndarray
+
+Arithmetic = Literal["integer", "float32", "ideal"]
+"""integer: 8-bit weights and integer states, as deployed; float32; ideal: real numbers in float64."""
 
 
 @dataclass(frozen=True)
@@ -146,14 +149,14 @@ class Network:
 
     delays: input delays in network steps (0 = the spike itself), one copy of the input each.
     steps_per_sample: network steps per input step (>= 1).
-    arithmetic: 'integer' (deployable), or 'ideal' (float states, unrounded weights).
+    arithmetic: 'integer' (deployable); 'float32' or 'ideal' (float64): real states, unrounded weights.
     """
 
     layers: tuple[Layer, ...]
     n_channels: int
     delays: tuple[int, ...]
     steps_per_sample: int
-    arithmetic: str
+    arithmetic: Arithmetic
 
     @property
     def n_weights(self) -> int:

@@ -1,331 +1,204 @@
-"""CUBA-LIF layers on the CPU: sparse rows in, sparse rows out, gradients scattered back.
-
-The equations are those of dse.neurons.cuba_lif; integer states are held in float64, where they are
-exact up to 2**40 (products of state and decay stay below 2**53), so that the loops vectorise.
-"""
+"""The CPU engine: the networks of a cohort, trained one after another on each batch they share."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from dse.engine import kernels
+from dse.engine.adam import BETA_1, BETA_2, EPSILON
+from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.events import Rows
-from dse.neurons.cuba_lif import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
-from dse.neurons.surrogate import Exponential
-from dse.records import Array
+from dse.engine.layers import GRID, Layer, layer_of, padded_ring, precision
+from dse.engine.layout import aligned, packed, padded, unpacked
+from dse.engine.learning import Workspace, common_factor, learn
+from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
+from dse.neurons.cuba_lif import DECAY_SCALE, WEIGHT_SCALE
+from dse.records import Arithmetic, Array
 
-_NONE = np.zeros((0, 0), np.float32)
+_NOTHING = np.zeros(0, np.float32)
+_LOWEST, _HIGHEST = -256 / WEIGHT_SCALE * GRID, 254 / WEIGHT_SCALE * GRID
 
 
 @dataclass(frozen=True)
-class Weights:
-    """What the engine runs of a layer: weights by input (input, neuron), so that a spike reads one row.
+class _Matrix:
+    """Master weights of a matrix in blocks, their gradient, Adam's moments, and the weights as they run.
 
-    feed_forward: (input, neuron) float32.
-    recurrent: (neuron, neuron) float32, row = presynaptic; (0, 0) where there is none.
-    keep_current, keep_voltage: (neuron,) float64 factors (4096 - d) / 4096.
-    threshold: integer mantissa.
+    table: int8 in integer arithmetic, else the master weights themselves.
+    unit: (column,) what a learning rate of 1 moves a weight by.
     """
 
-    feed_forward: Array
-    recurrent: Array
-    keep_current: Array
-    keep_voltage: Array
-    threshold: int
+    n_rows: int
+    weights: Array
+    gradient: Array
+    first: Array
+    second: Array
+    table: Array
+    unit: Array
 
     @property
-    def n_neurons(self) -> int:
-        return int(self.feed_forward.shape[1])
+    def grid(self) -> float:
+        return float(GRID) if self.table.dtype == np.int8 else 0.0
+
+    def squared_norm(self, factor: float) -> float:
+        """Return the squared norm of the gradient times a factor, where it passes the rounding."""
+        return float(kernels.squared_norm(self.gradient, factor, self.weights, self.grid, _LOWEST, _HIGHEST))
+
+    def update(self, factor: float, learning_rate: float, steps: int) -> float:
+        """Take Adam's step `steps`, from 1; return the squared norm of the gradient times its factor."""
+        return float(
+            kernels.adam(
+                self.weights,
+                self.gradient,
+                self.first,
+                self.second,
+                self.n_rows,
+                len(self.unit),
+                self.unit,
+                factor,
+                learning_rate / (1 - BETA_1**steps),
+                BETA_1,
+                BETA_2,
+                1 / (1 - BETA_2**steps),
+                EPSILON,
+                self.table,
+                self.grid,
+                _LOWEST,
+                _HIGHEST,
+            )
+        )
 
 
-def weights(
-    feed_forward: Array, recurrent: Array | None, decay_current: Array, decay_voltage: Array, threshold: int
-) -> Weights:
-    """Return engine weights from (input, neuron) matrices and integer decays, scalar or (neuron,)."""
-    n = feed_forward.shape[1]
-    keep = [(DECAY_SCALE - np.asarray(d, np.float64)) / DECAY_SCALE for d in (decay_current, decay_voltage)]
-    return Weights(
-        np.ascontiguousarray(feed_forward, np.float32),
-        _NONE if recurrent is None else np.ascontiguousarray(recurrent, np.float32),
-        np.broadcast_to(keep[0], n).copy(),
-        np.broadcast_to(keep[1], n).copy(),
-        threshold,
+def _matrix(weights: Array, unit: Array, arithmetic: Arithmetic) -> _Matrix:
+    n_rows, n_columns = weights.shape
+    masters = packed(weights, np.float32)
+    units = aligned(padded(n_columns), np.float32)
+    units[:n_columns] = unit
+    table = masters
+    if arithmetic == "integer":
+        table = packed(np.clip(np.rint(weights * np.float32(GRID)), _LOWEST, _HIGHEST), np.int8)
+    first, second = (aligned(masters.size, np.float32) for _ in range(2))
+    return _Matrix(n_rows, masters, aligned(masters.size, precision(arithmetic)), first, second, table, units)
+
+
+class _Network:
+    """A member in training: its matrices, and the layers that read them."""
+
+    def __init__(self, member: Member) -> None:
+        # Not the member itself, whose initial weights would stay in memory.
+        self.rates = member.true_rate, member.false_rate
+        self.clip_norm = member.clip_norm
+        self.sizes = [x.feed_forward.shape[1] for x in member.layers]
+        kind = member.arithmetic
+        self.matrices = [_matrix(x.feed_forward, x.unit, kind) for x in member.layers]
+        self.rings = [_ring(x, kind) for x in member.layers]
+        self.layers = [
+            _layer(x, m, r, kind) for x, m, r in zip(member.layers, self.matrices, self.rings, strict=True)
+        ]
+        self.steps = 0
+
+    def step(self, batch: Batch, labels: Array, turn: Turn, space: Workspace) -> Report:
+        """Train on a batch."""
+        self.steps += 1
+        factors = [common_factor(gain) for gain in turn.gains]
+        done = learn(
+            self.layers,
+            self.sizes,
+            batch,
+            labels,
+            *self.rates,
+            turn.gains,
+            1,
+            space,
+            [m.gradient for m in self.matrices],
+            [_NOTHING if r is None else r.gradient for r in self.rings],
+        )
+        parts = [
+            *zip(self.matrices, factors, strict=True),
+            *((ring, 1.0) for ring in self.rings if ring is not None),
+        ]
+        clip = 1.0
+        if self.clip_norm is not None:
+            norm = math.sqrt(sum(m.squared_norm(f) for m, f in parts))
+            clip = min(1.0, self.clip_norm / norm) if norm > 0 else 1.0
+        squared = sum(m.update(clip * f, turn.learning_rate, self.steps) for m, f in parts)
+        cells = batch.rows.n_samples * batch.rows.n_steps
+        return Report(
+            done.loss,
+            done.correct,
+            tuple(f / max(1, cells * n) for f, n in zip(done.n_fired, self.sizes, strict=True)),
+            math.sqrt(squared) / clip if clip else math.nan,
+        )
+
+    def masters(self) -> Masters:
+        """Return a copy of the master weights."""
+        return Masters(
+            tuple(unpacked(m.weights, m.n_rows, n) for m, n in zip(self.matrices, self.sizes, strict=True)),
+            tuple(
+                None if r is None else unpacked(r.weights, r.n_rows, n)[:n]
+                for r, n in zip(self.rings, self.sizes, strict=True)
+            ),
+        )
+
+
+def _ring(layer: TrainedLayer, arithmetic: Arithmetic) -> _Matrix | None:
+    if layer.recurrent is None:
+        return None
+    unit = layer.unit if layer.recurrent_unit is None else layer.recurrent_unit
+    return _matrix(padded_ring(layer.recurrent), unit, arithmetic)
+
+
+def _layer(layer: TrainedLayer, matrix: _Matrix, ring: _Matrix | None, arithmetic: Arithmetic) -> Layer:
+    decays = (layer.decay_current, layer.decay_voltage)
+    keep_current, keep_voltage = ((DECAY_SCALE - np.asarray(d, np.float64)) / DECAY_SCALE for d in decays)
+    return layer_of(
+        matrix.table,
+        matrix.table[:0] if ring is None else ring.table,
+        matrix.n_rows,
+        keep_current,
+        keep_voltage,
+        layer.threshold,
+        arithmetic,
+        layer.surrogate,
     )
 
 
-@dataclass(frozen=True)
-class Forward:
-    """A layer's answer to a batch.
+class CpuCohort:
+    """Networks that share each batch's rows and their transpose; see dse.engine.member.Cohort."""
 
-    voltage: (sample, step, neuron) membrane potential before reset, weight units; empty where not kept.
-    fired: spikes as rows, at the step in which they were fired (not shifted).
-    updates: (sample, step) int32 neurons with a non-zero potential or input; empty where not counted.
-    peak: largest |u| or |v| in weight units.
-    """
+    def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int) -> None:
+        self._networks = [_Network(member) for member in members]
+        n_rows = chunk_samples(n_samples, n_steps) * n_steps
+        self._spaces: dict[int, Workspace] = {}
+        depths = max(len(network.sizes) for network in self._networks)
+        for kind in {precision(member.arithmetic) for member in members}:
+            own = [
+                network.sizes
+                for network, member in zip(self._networks, members, strict=True)
+                if precision(member.arithmetic) is kind
+            ]
+            widest = [max((sizes[d] for sizes in own if d < len(sizes)), default=0) for d in range(depths)]
+            space = Workspace(n_rows, widest, kind)
+            self._spaces |= {
+                number: space for number, member in enumerate(members) if precision(member.arithmetic) is kind
+            }
 
-    voltage: Array
-    fired: Rows
-    updates: Array
-    peak: float
+    def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
+        """Train the members named in `turns` on a batch; the others do not move."""
+        batch = batch_of(rows)
+        return {
+            number: self._networks[number].step(batch, labels, turn, self._spaces[number])
+            for number, turn in turns.items()
+        }
 
-
-@numba.njit(cache=True)
-def _forward(
-    offsets: Array,
-    index: Array,
-    gain: Array,
-    n_samples: int,
-    n_steps: int,
-    feed_forward: Array,
-    recurrent: Array,
-    keep_u: Array,
-    keep_v: Array,
-    threshold: float,
-    integer: bool,
-    z: Array,
-    voltage: Array,
-    fired_offsets: Array,
-    fired_index: Array,
-    updates: Array,
-) -> float:
-    n_neurons = feed_forward.shape[1]
-    keep_voltage = voltage.size > 0
-    count_updates = updates.size > 0
-    has_gain = gain.size > 0
-    has_recurrent = recurrent.size > 0
-    u = np.empty(n_neurons)
-    v = np.empty(n_neurons)
-    before = np.empty(n_neurons)
-    scale = 1.0 / STATE_SCALE if integer else 1.0
-    peak = 0.0
-    position = 0
-    fired_offsets[0] = 0
-    for n in range(n_samples):
-        u[:] = 0.0
-        v[:] = 0.0
-        for t in range(n_steps):
-            row = n * n_steps + t
-            z[:] = 0.0
-            if has_gain:
-                for e in range(offsets[row], offsets[row + 1]):
-                    i = index[e]
-                    g = gain[n, i]
-                    if g != 0.0:
-                        for o in range(n_neurons):
-                            z[o] += g * feed_forward[i, o]
-            else:
-                for e in range(offsets[row], offsets[row + 1]):
-                    i = index[e]
-                    for o in range(n_neurons):
-                        z[o] += feed_forward[i, o]
-            if has_recurrent and t > 0:
-                for e in range(fired_offsets[row - 1], fired_offsets[row]):
-                    i = fired_index[e]
-                    for o in range(n_neurons):
-                        z[o] += recurrent[i, o]
-            if integer:
-                for o in range(n_neurons):
-                    u[o] = np.trunc(u[o] * keep_u[o]) + np.trunc(np.float64(z[o]) * STATE_SCALE)
-                    before[o] = np.trunc(v[o] * keep_v[o]) + u[o]
-                    v[o] = 0.0 if before[o] > threshold else before[o]
-            else:
-                for o in range(n_neurons):
-                    u[o] = u[o] * keep_u[o] + z[o]
-                    before[o] = v[o] * keep_v[o] + u[o]
-                    v[o] = 0.0 if before[o] > threshold else before[o]
-            if keep_voltage:
-                for o in range(n_neurons):
-                    voltage[n, t, o] = before[o] * scale
-            if count_updates:
-                touched = 0
-                for o in range(n_neurons):
-                    touched += 1 if (before[o] != 0.0 or z[o] != 0.0) else 0
-                    peak = max(peak, abs(u[o]), abs(before[o]))
-                updates[n, t] = touched
-            for o in range(n_neurons):
-                if before[o] > threshold:
-                    fired_index[position] = o
-                    position += 1
-            fired_offsets[row + 1] = position
-    return peak * scale
+    def masters(self, member: int) -> Masters:
+        """Return a copy of a member's master weights."""
+        return self._networks[member].masters()
 
 
-def forward(
-    rows: Rows,
-    layer: Weights,
-    *,
-    integer: bool,
-    keep_voltage: bool = False,
-    count: bool = False,
-    gain: Array | None = None,
-) -> Forward:
-    """Run a layer from rest over a batch.
-
-    Args:
-        rows: input spikes.
-        layer: weights as they run (already rounded where they are deployed).
-        integer: integer arithmetic; otherwise real-valued states.
-        keep_voltage: keep the membrane potential (what a backward pass needs).
-        count: count neuron updates and the largest state.
-        gain: (sample, input) float32 factor of each input's spikes (dropout), or None.
-
-    Raises:
-        ValueError: the rows' inputs differ from the layer's.
-    """
-    if rows.n_inputs != layer.feed_forward.shape[0]:
-        raise ValueError(f"rows have {rows.n_inputs} inputs, the layer expects {layer.feed_forward.shape[0]}")
-    n, t, h = rows.n_samples, rows.n_steps, layer.n_neurons
-    kind = np.float32 if integer else np.float64
-    voltage = np.empty((n, t, h) if keep_voltage else (0, 0, 0), kind)
-    fired_offsets = np.empty(n * t + 1, np.int64)
-    fired_index = np.empty(n * t * h, np.int32)  # pages that stay untouched cost nothing
-    updates = np.zeros((n, t) if count else (0, 0), np.int32)
-    peak = _forward(
-        rows.offsets,
-        rows.index,
-        _NONE if gain is None else gain,
-        n,
-        t,
-        layer.feed_forward,
-        layer.recurrent,
-        layer.keep_current,
-        layer.keep_voltage,
-        layer.threshold * (STATE_SCALE // WEIGHT_SCALE) if integer else layer.threshold / WEIGHT_SCALE,
-        integer,
-        np.empty(h, kind),
-        voltage,
-        fired_offsets,
-        fired_index,
-        updates,
-    )
-    fired = Rows(fired_offsets, fired_index[: fired_offsets[-1]], n, t, h)
-    return Forward(voltage, fired, updates, peak)
-
-
-def delayed(fired: Rows) -> Rows:
-    """Return the spikes one step later, as the next layer sees them; the last step's spikes are lost."""
-    n, t = fired.n_samples, fired.n_steps
-    counts = fired.per_step()
-    kept = np.zeros((n, t), np.int64)
-    kept[:, 1:] = counts[:, :-1]
-    offsets = np.concatenate([[0], np.cumsum(kept.ravel())])
-    lost = np.zeros((n, t), bool)
-    lost[:, -1] = True
-    index = fired.index[~np.repeat(lost.ravel(), counts.ravel())]
-    return Rows(offsets, index, n, t, fired.n_inputs)
-
-
-def dense(rows: Rows) -> Array:
-    """Return rows as a dense (sample, step, input) uint8 array: for outputs and tests, never for inputs."""
-    out = np.zeros((rows.n_samples * rows.n_steps, rows.n_inputs), np.uint8)
-    out[np.repeat(np.arange(len(out)), np.diff(rows.offsets)), rows.index] = 1
-    return out.reshape(rows.n_samples, rows.n_steps, rows.n_inputs)
-
-
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _backward(
-    offsets: Array,
-    index: Array,
-    gain: Array,
-    fired_offsets: Array,
-    fired_index: Array,
-    slope: Array,
-    grad_spikes: Array,
-    recurrent: Array,
-    keep_u: Array,
-    keep_v: Array,
-    grad_input: Array,
-    grad_weight: Array,
-    grad_recurrent: Array,
-) -> None:
-    """Fill dL/dz and add to the weight gradients; all sums in the arrays' own precision."""
-    n_samples, n_steps, n_neurons = slope.shape
-    has_gain = gain.size > 0
-    has_recurrent = recurrent.size > 0
-    zero = grad_weight.dtype.type(0)
-    lv = np.empty(n_neurons, grad_weight.dtype)
-    lu = np.empty(n_neurons, grad_weight.dtype)
-    g = np.empty(n_neurons, grad_weight.dtype)
-    for n in range(n_samples):
-        lv[:] = zero
-        lu[:] = zero
-        for t in range(n_steps - 1, -1, -1):
-            row = n * n_steps + t
-            for o in range(n_neurons):
-                g[o] = grad_spikes[n, t, o]
-            if has_recurrent and t < n_steps - 1:
-                for i in range(n_neurons):
-                    total = zero
-                    for o in range(n_neurons):
-                        total += recurrent[i, o] * lu[o]
-                    g[i] += total
-            for o in range(n_neurons):
-                lv[o] = keep_v[o] * lv[o] + g[o] * slope[n, t, o]
-                lu[o] = keep_u[o] * lu[o] + lv[o]
-                grad_input[n, t, o] = lu[o]
-            if has_gain:
-                for e in range(offsets[row], offsets[row + 1]):
-                    i = index[e]
-                    factor = gain[n, i]
-                    if factor != zero:
-                        for o in range(n_neurons):
-                            grad_weight[i, o] += factor * lu[o]
-            else:
-                for e in range(offsets[row], offsets[row + 1]):
-                    i = index[e]
-                    for o in range(n_neurons):
-                        grad_weight[i, o] += lu[o]
-            if has_recurrent and t > 0:
-                for e in range(fired_offsets[row - 1], fired_offsets[row]):
-                    i = fired_index[e]
-                    for o in range(n_neurons):
-                        grad_recurrent[i, o] += lu[o]
-
-
-def backward(
-    rows: Rows,
-    layer: Weights,
-    answer: Forward,
-    grad_spikes: Array,
-    surrogate: Exponential,
-    *,
-    gain: Array | None = None,
-) -> tuple[Array, Array, Array]:
-    """Return the gradients of a layer by its inputs z, its weights and its recurrent weights.
-
-    The reset is ignored, rounding and truncation are straight-through (dse.neurons.cuba_lif.backward).
-
-    Args:
-        rows: the input spikes of the forward pass.
-        layer: the weights of the forward pass.
-        answer: what `forward` returned with `keep_voltage`.
-        grad_spikes: dL/ds at the firing step, (sample, step, neuron).
-        surrogate: ds/dv.
-        gain: as in the forward pass.
-
-    Returns:
-        dL/dz (sample, step, neuron); dL/dW (input, neuron); dL/dR (neuron, neuron) or (0, 0).
-        Precision follows the membrane potential that was kept: float32 (integer) or float64 (ideal).
-    """
-    kind = answer.voltage.dtype
-    grad_input = np.empty(answer.voltage.shape, kind)
-    grad_weight = np.zeros(layer.feed_forward.shape, kind)
-    grad_recurrent = np.zeros(layer.recurrent.shape, kind)
-    _backward(
-        rows.offsets,
-        rows.index,
-        np.zeros((0, 0), kind) if gain is None else gain.astype(kind, copy=False),
-        answer.fired.offsets,
-        answer.fired.index,
-        surrogate(answer.voltage),
-        grad_spikes.astype(kind, copy=False),
-        layer.recurrent.astype(kind, copy=False),
-        layer.keep_current.astype(kind),
-        layer.keep_voltage.astype(kind),
-        grad_input,
-        grad_weight,
-        grad_recurrent,
-    )
-    return grad_input, grad_weight, grad_recurrent
+def start(members: Sequence[Member], n_samples: int, n_steps: int) -> CpuCohort:
+    """Return a cohort, ready for batches of at most `n_samples` samples of `n_steps` steps."""
+    return CpuCohort(members, n_samples, n_steps)

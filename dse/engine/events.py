@@ -108,3 +108,23 @@ def gather(
     if index.size:
         _gather(*arguments, n_steps, lags, steps_per_sample, offsets, index)
     return Rows(offsets, index, samples.size, n_steps * steps_per_sample, spikes.n_channels * len(delays))
+
+
+def delayed(fired: Rows) -> Rows:
+    """Return the spikes one step later, as the next layer sees them; the last step's spikes are lost."""
+    n, t = fired.n_samples, fired.n_steps
+    counts = fired.per_step()
+    kept = np.zeros((n, t), np.int64)
+    kept[:, 1:] = counts[:, :-1]
+    offsets = np.concatenate([[0], np.cumsum(kept.ravel())])
+    lost = np.zeros((n, t), bool)
+    lost[:, -1] = True
+    index = fired.index[~np.repeat(lost.ravel(), counts.ravel())]
+    return Rows(offsets, index, n, t, fired.n_inputs)
+
+
+def dense(rows: Rows) -> Array:
+    """Return rows as a dense (sample, step, input) uint8 array: for outputs and tests, never for inputs."""
+    out = np.zeros((rows.n_samples * rows.n_steps, rows.n_inputs), np.uint8)
+    out[np.repeat(np.arange(len(out)), np.diff(rows.offsets)), rows.index] = 1
+    return out.reshape(rows.n_samples, rows.n_steps, rows.n_inputs)

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.engine import cpu
-from dse.engine.events import Rows
-from dse.engine.loss import spike_rate
+from dse.engine.batch import batch_of, chunk_samples
+from dse.engine.events import Rows, delayed, dense
+from dse.engine.layers import Weights, check_inputs, forward, precision
+from dse.engine.layers import prepared as prepare
+from dse.engine.layout import aligned, unpacked
+from dse.engine.learning import Workspace, common_factor, learn
 from dse.neurons.surrogate import Exponential
-from dse.records import Array
+from dse.records import Arithmetic, Array
 
 
 @dataclass(frozen=True)
@@ -32,13 +35,13 @@ class Gradients:
 
 def gradients(
     rows: Rows,
-    layers: Sequence[cpu.Weights],
+    layers: Sequence[Weights],
     surrogates: Sequence[Exponential],
     labels: Array,
     *,
     true_rate: float,
     false_rate: float,
-    integer: bool,
+    arithmetic: Arithmetic = "integer",
     gains: Sequence[Array | None],
     shift: bool = True,
 ) -> Gradients:
@@ -51,43 +54,49 @@ def gradients(
         labels: (sample,) class numbers.
         true_rate: target rate of the label's output.
         false_rate: target rate of the other outputs.
-        integer: integer arithmetic; otherwise real-valued states.
-        gains: per layer, (sample, input) factors of its input spikes (dropout), or None.
+        arithmetic: of the states.
+        gains: per layer, (sample, input) factors of its input spikes (dropout), 0 or one value; or None.
         shift: each layer hands its spikes on one step later (SLAYER's `delay_shift`).
-    """
-    inputs = [rows]
-    answers = []
-    for layer, gain in zip(layers, gains, strict=True):
-        answers.append(cpu.forward(inputs[-1], layer, integer=integer, keep_voltage=True, gain=gain))
-        inputs.append(cpu.delayed(answers[-1].fired) if shift else answers[-1].fired)
-    output = cpu.dense(inputs[-1])
-    loss, by_class = spike_rate(output, labels, true_rate, false_rate)
-    correct = int((output.sum(axis=1, dtype=np.int64).argmax(axis=1) == labels).sum())
 
-    kind = answers[-1].voltage.dtype
-    grad_spikes = np.repeat(by_class.astype(kind)[:, None], rows.n_steps, axis=1)
-    if shift:
-        grad_spikes[:, -1] = 0  # the last step's spikes never leave the layer
-    feed_forward, recurrent = [], []
-    for depth in range(len(layers) - 1, -1, -1):
-        layer, gain = layers[depth], gains[depth]
-        by_input, by_weight, by_recurrent = cpu.backward(
-            inputs[depth], layer, answers[depth], grad_spikes, surrogates[depth], gain=gain
-        )
-        feed_forward.append(by_weight)
-        recurrent.append(by_recurrent)
-        if depth:
-            passed = by_input @ layer.feed_forward.T.astype(kind)
-            if gain is not None:
-                passed *= gain[:, None]
-            grad_spikes = passed
-            if shift:
-                grad_spikes = np.zeros_like(passed)
-                grad_spikes[:, :-1] = passed[:, 1:]
-    fired = tuple(
-        x.fired.index.size / max(1, x.fired.n_samples * x.fired.n_steps * x.fired.n_inputs) for x in answers
+    Raises:
+        ValueError: the rows' inputs differ from the first layer's.
+    """
+    check_inputs(rows, layers[0].feed_forward.shape[0])
+    prepared = [prepare(w, arithmetic, s) for w, s in zip(layers, surrogates, strict=True)]
+    kind = precision(arithmetic)
+    sizes = [w.n_neurons for w in layers]
+    found = [aligned(x.n_inputs * x.n_columns, kind) for x in prepared]
+    rings = [aligned(x.ring.size, kind) for x in prepared]
+    batch = batch_of(rows)
+    done = learn(
+        prepared,
+        sizes,
+        batch,
+        labels,
+        true_rate,
+        false_rate,
+        gains,
+        int(shift),
+        Workspace(chunk_samples(rows.n_samples, rows.n_steps) * rows.n_steps, sizes, kind),
+        found,
+        rings,
     )
-    return Gradients(loss, tuple(feed_forward[::-1]), tuple(recurrent[::-1]), fired, correct)
+    factors = [common_factor(gain) for gain in gains]
+    return Gradients(
+        done.loss,
+        tuple(
+            unpacked(g, x.n_inputs, n) * kind(f)
+            for g, x, n, f in zip(found, prepared, sizes, factors, strict=True)
+        ),
+        tuple(
+            unpacked(g, x.n_columns, n)[:n] if g.size else g.reshape(0, 0)
+            for g, x, n in zip(rings, prepared, sizes, strict=True)
+        ),
+        tuple(
+            f / max(1, rows.n_samples * rows.n_steps * n) for f, n in zip(done.n_fired, sizes, strict=True)
+        ),
+        done.correct,
+    )
 
 
 @dataclass(frozen=True)
@@ -108,15 +117,15 @@ class Answer:
     peak: float
 
 
-def answer(rows: Rows, layers: Sequence[cpu.Weights], *, integer: bool) -> Answer:
+def answer(rows: Rows, layers: Sequence[Weights], arithmetic: Arithmetic = "integer") -> Answer:
     """Run a stack over a batch and count what it costs (arguments as in `gradients`)."""
     spikes, updates, fired = [rows.per_step()], [], []
     peak = 0.0
     for layer in layers:
-        done = cpu.forward(rows, layer, integer=integer, count=True)
+        done = forward(rows, layer, arithmetic, count=True)
         spikes.append(done.fired.per_step())
         updates.append(done.updates)
         fired.append(np.bincount(done.fired.index, minlength=layer.n_neurons))
         peak = max(peak, done.peak)
-        rows = cpu.delayed(done.fired)
-    return Answer(cpu.dense(rows), np.stack(spikes, -1), np.stack(updates, -1), tuple(fired), peak)
+        rows = delayed(done.fired)
+    return Answer(dense(rows), np.stack(spikes, -1), np.stack(updates, -1), tuple(fired), peak)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.engine import cpu
-from dse.engine.events import Rows
+from dse.engine import layers as engine
+from dse.engine.events import Rows, delayed
 from dse.neurons import cuba_lif
 from dse.records import Array, Layer
 
@@ -83,12 +83,12 @@ def deployed(
     feed_forward: Sequence[Array],
     recurrent: Sequence[Array | None],
     populations: Sequence[Population | Layer],
-    integer: bool,
-) -> list[cpu.Weights]:
+    arithmetic: str,
+) -> list[engine.Weights]:
     """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic."""
-    rounding = cuba_lif.quantise if integer else np.asarray
+    rounding = cuba_lif.quantise if arithmetic == "integer" else np.asarray
     return [
-        cpu.weights(
+        engine.weights(
             rounding(w), None if r is None else rounding(r), p.decay_current, p.decay_voltage, p.threshold
         )
         for w, r, p in zip(feed_forward, recurrent, populations, strict=True)
@@ -143,7 +143,6 @@ def initialise(rows: Rows, model: SNN, populations: Sequence[Population], rng: n
         populations: from `populations_of`.
         rng: draws the weights.
     """
-    integer = model.arithmetic == "integer"
     feed_forward: list[Array] = []
     recurrent: list[Array | None] = []
     rates = []
@@ -171,17 +170,19 @@ def initialise(rows: Rows, model: SNN, populations: Sequence[Population], rng: n
             fixed: Array | float = fixed,
             ring: Array | None = ring,
             population: Population = population,
-        ) -> cpu.Weights:
-            return deployed([(gain * drawn + fixed).astype(np.float32)], [ring], [population], integer)[0]
+        ) -> engine.Weights:
+            return deployed(
+                [(gain * drawn + fixed).astype(np.float32)], [ring], [population], model.arithmetic
+            )[0]
 
-        def rate(gain: float, rows: Rows = rows, layer: Callable[[float], cpu.Weights] = layer) -> float:
+        def rate(gain: float, rows: Rows = rows, layer: Callable[[float], engine.Weights] = layer) -> float:
             weights = layer(gain)
-            fired = cpu.forward(rows, weights, integer=integer).fired
+            fired = engine.forward(rows, weights, model.arithmetic).fired
             return fired.index.size / max(1, rows.n_samples * rows.n_steps * weights.n_neurons)
 
         gain, reached = _reach_rate(rate, wanted, spread)
         feed_forward.append((gain * drawn + fixed).astype(np.float32))
         recurrent.append(ring)
         rates.append((wanted, reached))
-        rows = cpu.delayed(cpu.forward(rows, layer(gain), integer=integer).fired)
+        rows = delayed(engine.forward(rows, layer(gain), model.arithmetic).fired)
     return Start(feed_forward, recurrent, rates)

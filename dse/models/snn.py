@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
-import numpy as np
-
-from dse.engine.events import Rows, gather
-from dse.engine.network import Answer, answer, gradients
-from dse.models.initialisation import deployed, initialise, populations_of
-from dse.models.training import Adam, Generators, Training, TrainingDiverged
-from dse.neurons import cuba_lif
-from dse.neurons.surrogate import exponential
-from dse.records import Array, Dataset, Layer, Network, Outcome, Response
+from dse.engine.batch import chunk_samples
+from dse.engine.layout import padded
+from dse.models import cohort
+from dse.models.training import Design, Generators, Training, TrainingDiverged
+from dse.records import Arithmetic, Dataset, Outcome
 from dse.registry import param, register
 
-_PROBE_SAMPLES = 64
-_RESPOND_BATCH = 128
+# Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
+# core of a 2023 server CPU (benchmarks/train_step.py). Only their ratios matter.
+_SUM_NS, _SCAN_NS, _UPDATE_NS, _CALL_NS = 0.04, 1.3, 1.2, 3e5
 
 
 @register("models", "snn")
@@ -58,7 +52,14 @@ class SNN:
     initial_rate: float = param(
         0.1, low=0, low_open=True, high=1, doc="spikes per hidden neuron and step at start"
     )
-    arithmetic: str = param("integer", choices=("integer", "ideal"), doc="integer is what deploys")
+    surrogate_cut: float = param(
+        0.0, low=0, high=1, high_open=True, doc="below this share of its height a surrogate is 0"
+    )
+    arithmetic: Arithmetic = param(  # noqa: RUF009
+        "integer",
+        choices=("integer", "float32", "ideal"),
+        doc="integer is what deploys; ideal: real numbers in float64",
+    )
 
     def __post_init__(self) -> None:
         """Check what one key alone cannot say."""
@@ -75,181 +76,83 @@ class SNN:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
-        """Train on `dataset.train` and respond on validation and test (see `fit`)."""
-        return fit(dataset, self, training, rngs)
+        """Train alone on `dataset.train`; respond on validation and, where there is one, on test.
+
+        Raises:
+            TrainingDiverged: loss, gradient or weights became NaN, infinite or hopelessly large.
+            ValueError: there are no training samples.
+        """
+        ((_, outcome),) = cohort.train(dataset, [Design(self, training, rngs)], rngs)
+        if isinstance(outcome, TrainingDiverged):
+            raise outcome
+        return outcome
+
+    @staticmethod
+    def fit_cohort(
+        dataset: Dataset, designs: Sequence[Design], shared: Generators, device: str = "cpu"
+    ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+        """Train designs on the same batches; see `dse.models.cohort.train`."""
+        return cohort.train(dataset, designs, shared, device)
+
+    def shares(self, training: Training) -> tuple[Hashable, ...]:
+        """Return what designs must have in common to train on the same batches."""
+        return self.input_delays, self.steps_per_sample, training.batch_size
 
     def n_weights(self, n_channels: int, n_classes: int) -> int:
         """Return W_t: weights between layers (delayed input copies included) and recurrent weights."""
+        return sum(a * b for a, b in self._matrices(n_channels, n_classes))
+
+    def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
+        """Return what a design holds at most while it trains in a cohort, without what its cohort shares.
+
+        Args:
+            n_channels: input channels, delayed copies not counted.
+            n_classes: output neurons.
+            n_steps: window length in input steps.
+            training: settings of its training.
+        """
+        real = 8 if self.arithmetic == "ideal" else 4
+        # Master weights, two moments, initial weights, gradient, int8 weights; the mean of the last epochs.
+        return sum(a * padded(b) * (4 * 4 + real + 1 + 8) for a, b in self._matrices(n_channels, n_classes))
+
+    def workspace_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
+        """Return what designs of a cohort hold one at a time (arguments as in `memory_bytes`).
+
+        That is one chunk's surrogates, spikes and spike lists, or the temporary arrays in which weights are
+        drawn, copied and averaged.
+        """
+        steps = n_steps * self.steps_per_sample
+        rows = chunk_samples(training.batch_size, steps) * steps
+        real = 8 if self.arithmetic == "ideal" else 4
+        columns = [padded(n) for n in (*self.hidden, n_classes)]
+        chunk = sum(rows * (n * (real + 4) + n // 8 + 8) for n in columns) + rows * 4 * max(columns)
+        weights = sum(a * padded(b) for a, b in self._matrices(n_channels, n_classes))
+        return chunk + 48 * weights
+
+    def cost(
+        self, n_channels: int, n_classes: int, n_steps: int, n_events: float, n_train: int, training: Training
+    ) -> float:
+        """Return an estimate of the CPU seconds that training takes, good enough to balance work.
+
+        Args:
+            n_channels: input channels, delayed copies not counted.
+            n_classes: output neurons.
+            n_steps: window length in input steps.
+            n_events: mean input spikes of a window, delayed copies not counted.
+            n_train: training samples.
+            training: settings of the training.
+        """
+        steps = n_steps * self.steps_per_sample
+        columns = [padded(n) for n in (*self.hidden, n_classes)]
+        spikes = [n_events * len(self.input_delays), *(self.initial_rate * steps * h for h in self.hidden)]
+        summed = sum(a * b for a, b in zip(spikes, columns, strict=True))
+        batches = -(-n_train // training.batch_size)
+        weights = sum(a * padded(b) for a, b in self._matrices(n_channels, n_classes))
+        per_sample = _SUM_NS * summed + _SCAN_NS * steps * sum(columns)
+        per_batch = _UPDATE_NS * weights + _CALL_NS
+        return 1e-9 * training.epochs * (n_train * per_sample + batches * per_batch)
+
+    def _matrices(self, n_channels: int, n_classes: int) -> list[tuple[int, int]]:
+        """Return (inputs, neurons) of every weight matrix, recurrent ones included."""
         sizes = (n_channels * len(self.input_delays), *self.hidden, n_classes)
-        dense = sum(a * b for a, b in pairwise(sizes))
-        return dense + (sum(h * h for h in self.hidden) if self.recurrent else 0)
-
-
-def _step_units(masters: Sequence[Array], unit: str) -> list[Array]:
-    """Return what a learning rate of 1 is for each array: one weight, or each neuron's initial rms weight."""
-    if unit == "weight":
-        return [np.ones(w.shape[1], np.float32) for w in masters]
-    return [np.sqrt((w**2).mean(axis=0)) for w in masters]
-
-
-def _silencing(
-    training: Training, hidden: Sequence[int], n: int, rng: np.random.Generator
-) -> list[Array | None]:
-    """Return per layer the factors of its inputs' spikes: dropout of whole hidden neurons per sample."""
-    gains: list[Array | None] = [None]
-    for size in hidden:
-        kept = rng.random((n, size)) >= training.dropout if training.dropout else None
-        gains.append(None if kept is None else (kept / np.float32(1 - training.dropout)).astype(np.float32))
-    return gains
-
-
-def fit(dataset: Dataset, model: SNN, training: Training, rngs: Generators) -> Outcome:
-    """Train a classifier on `dataset.train`; respond on validation and, where there is one, on test.
-
-    The weights that are kept are those of the last epoch (or the mean of the last epochs), whatever
-    validation says of earlier ones.
-
-    Args:
-        dataset: spikes, windows, split.
-        model: settings of the family.
-        training: settings of Adam and its schedule.
-        rngs: random generators by purpose ('time constants', 'initialisation', 'batches', ...).
-
-    Raises:
-        TrainingDiverged: loss, gradient or weights became NaN or infinite.
-        ValueError: there are no training samples.
-    """
-    if not dataset.train.size:
-        raise ValueError("training needs at least one training sample, got none")
-    began = time.perf_counter()
-    integer = model.arithmetic == "integer"
-    n_steps = dataset.n_steps * model.steps_per_sample
-    delays = tuple(d * model.steps_per_sample for d in model.input_delays)
-    populations = populations_of(model, len(dataset.classes), n_steps, rngs("time constants"))
-    surrogates = [exponential(p.threshold, model.tau_grad, model.scale_grad) for p in populations[:-1]]
-    surrogates.append(exponential(populations[-1].threshold, model.output_tau_grad, model.scale_grad))
-
-    def rows_of(samples: Array, start: Array) -> Rows:
-        return gather(dataset.spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
-
-    probe = rngs("probe").permutation(dataset.train)[:_PROBE_SAMPLES]
-    start = initialise(rows_of(probe, dataset.start[probe]), model, populations, rngs("initialisation"))
-    rings = [r for r in start.recurrent if r is not None]
-    masters = [*start.feed_forward, *rings]
-    units = _step_units(masters, training.step_unit)
-    adam = Adam.start(masters)
-    mean = [np.zeros(w.shape) for w in masters]
-    batches, crops, silenced = rngs("batches"), rngs("crops"), rngs("dropout")
-    history: dict[str, list[float]] = {"loss": [], "accuracy_train": [], "learning_rate": []}
-    n_batches = -(-dataset.train.size // training.batch_size)
-    for epoch in range(training.epochs):
-        order = batches.permutation(dataset.train)
-        starts = crops.integers(dataset.start_low[order], dataset.start_high[order], endpoint=True)
-        total, correct = 0.0, 0
-        for batch in range(n_batches):
-            part = slice(batch * training.batch_size, (batch + 1) * training.batch_size)
-            found = gradients(
-                rows_of(order[part], starts[part]),
-                deployed(start.feed_forward, start.recurrent, populations, integer),
-                surrogates,
-                dataset.target[order[part]],
-                true_rate=model.true_rate,
-                false_rate=model.false_rate,
-                integer=integer,
-                gains=_silencing(training, model.hidden, order[part].size, silenced),
-            )
-            steps = [*found.feed_forward, *(g for g in found.recurrent if g.size)]
-            if integer:
-                steps = [g * cuba_lif.quantise_passes(w) for g, w in zip(steps, masters, strict=True)]
-            if not (math.isfinite(found.loss) and all(np.isfinite(g).all() for g in steps)):
-                raise TrainingDiverged(f"loss or gradient is not finite in epoch {epoch + 1}")
-            learning_rate = training.rate(epoch + batch / n_batches)
-            with np.errstate(over="ignore", invalid="ignore"):  # what overflows is raised below
-                adam.update(masters, steps, [learning_rate * unit for unit in units])
-            total += found.loss
-            correct += found.correct
-        if not all(np.isfinite(w).all() for w in masters):
-            raise TrainingDiverged(f"a weight is not finite after epoch {epoch + 1}")
-        if epoch >= training.epochs - training.average_epochs:
-            for m, w in zip(mean, masters, strict=True):
-                m += w / min(training.average_epochs, training.epochs)
-        history["loss"].append(total / order.size)
-        history["accuracy_train"].append(correct / order.size)
-        history["learning_rate"].append(learning_rate)
-    for m, w in zip(mean, masters, strict=True):
-        w[:] = m
-    network = Network(
-        tuple(
-            Layer(
-                w.T.copy(), None if r is None else r.T.copy(), p.decay_current, p.decay_voltage, p.threshold
-            )
-            for w, r, p in zip(start.feed_forward, start.recurrent, populations, strict=True)
-        ),
-        dataset.spikes.n_channels,
-        delays,
-        model.steps_per_sample,
-        model.arithmetic,
-    )
-    validation, fired = _respond(network, dataset, dataset.validation)
-    test = _respond(network, dataset, dataset.test)[0] if dataset.test.size else None
-    health = _health(masters if integer else [], start.rates, validation, fired)
-    curves = {name: np.asarray(values) for name, values in history.items()}
-    return Outcome(network, validation, test, curves, health, time.perf_counter() - began)
-
-
-def _health(
-    masters: Sequence[Array], rates: Sequence[tuple[float, float]], response: Response, fired: Sequence[Array]
-) -> dict[str, Any]:
-    """Return what went less than well: silent or saturated units, clipped weights, overflow, missed rates."""
-    cells = response.output.shape[0] * response.output.shape[1]
-    return {
-        "dead_neurons": int(sum((f == 0).sum() for f in fired[:-1])),
-        "saturated_neurons": int(sum((f >= 0.95 * cells).sum() for f in fired[:-1])) if cells else 0,
-        "clipped_weights": sum(int((~cuba_lif.quantise_passes(w)).sum()) for w in masters),
-        "peak_state": response.peak_state,
-        "overflows_24_bit": response.peak_state > cuba_lif.STATE_LIMIT,
-        "missed_initial_rates": sum(not 0.5 * wanted <= reached <= 2 * wanted for wanted, reached in rates),
-        "initial_rates": [reached for _, reached in rates],
-    }
-
-
-def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
-    """Run a network on the evaluated windows of some samples.
-
-    Args:
-        network: a trained network; its weights are rounded to 8 bits here in integer arithmetic.
-        dataset: spikes and windows.
-        samples: (n,) sample numbers.
-    """
-    return _respond(network, dataset, samples)[0]
-
-
-def _respond(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
-    """Respond, and count each layer's spikes per neuron."""
-    integer = network.arithmetic == "integer"
-    layers = deployed(
-        [x.weight.T for x in network.layers],
-        [None if x.recurrent is None else x.recurrent.T for x in network.layers],
-        network.layers,
-        integer,
-    )
-    answers: list[Answer] = []
-    for first in range(0, max(1, samples.size), _RESPOND_BATCH):
-        part = samples[first : first + _RESPOND_BATCH]
-        rows = gather(
-            dataset.spikes,
-            part,
-            dataset.start[part],
-            dataset.n_steps,
-            network.delays,
-            network.steps_per_sample,
-        )
-        answers.append(answer(rows, layers, integer=integer))
-    response = Response(
-        np.concatenate([a.output for a in answers]),
-        np.concatenate([a.spikes for a in answers]),
-        np.concatenate([a.updates for a in answers]),
-        dataset.spikes.step_ms / network.steps_per_sample,
-        round(max(a.peak for a in answers) * cuba_lif.STATE_SCALE),
-    )
-    return response, [np.sum([a.fired[k] for a in answers], axis=0) for k in range(len(layers))]
+        return [*pairwise(sizes), *((h, h) for h in self.hidden if self.recurrent)]

@@ -1,21 +1,24 @@
-"""How a network is trained: the settings every trainable family shares, and Adam."""
+"""How a network is trained: the settings every trainable family shares."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dse.records import Array
 from dse.registry import param
+
+if TYPE_CHECKING:
+    from dse.models.snn import SNN
 
 Generators = Callable[..., np.random.Generator]
 """`rngs(purpose, *index)`: the generator of one purpose of one design."""
 
 
 class TrainingDiverged(RuntimeError):
-    """The loss or a weight became NaN or infinite; the message names the epoch and the cause."""
+    """Loss, gradient or weights are beyond use; the message names the epoch and the cause."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,15 @@ class Training:
     dropout: float = param(
         0.1, low=0, high=1, high_open=True, doc="share of hidden neurons silenced per sample"
     )
+    clip_norm: float | None = param(
+        None, low=0, low_open=True, doc="a longer gradient is scaled down to this norm; absent: never"
+    )
+    silent_epochs: int = param(
+        20,
+        low=0,
+        unit="epochs",
+        doc="training ends where a layer was silent or saturated for so long; 0: never",
+    )
 
     def rate(self, epoch: float) -> float:
         """Return the learning rate at a time in epochs (fractions count in the warm-up)."""
@@ -44,28 +56,9 @@ class Training:
         return self.learning_rate * rising * self.lr_factor ** (int(epoch) // self.lr_every)
 
 
-@dataclass
-class Adam:
-    """Adam in place (Kingma and Ba 2015, REFERENCES.md): moments per array, bias corrected."""
+class Design(NamedTuple):
+    """A design in a cohort: settings of the family, settings of its training, its own random generators."""
 
-    first: list[Array]
-    second: list[Array]
-    steps: int = 0
-    beta_1: float = 0.9
-    beta_2: float = 0.999
-    epsilon: float = 1e-8
-
-    @classmethod
-    def start(cls, weights: list[Array]) -> Adam:
-        """Return zero moments for float32 arrays of the weights' shapes."""
-        return cls([np.zeros_like(w) for w in weights], [np.zeros_like(w) for w in weights])
-
-    def update(self, weights: list[Array], gradients: list[Array], learning_rates: list[Array]) -> None:
-        """Move the weights against their gradients, in place."""
-        self.steps += 1
-        correction = 1 / (1 - self.beta_2**self.steps)
-        for w, g, m, v, rate in zip(weights, gradients, self.first, self.second, learning_rates, strict=True):
-            size = rate / (1 - self.beta_1**self.steps)
-            m += (1 - self.beta_1) * (g - m)
-            v += (1 - self.beta_2) * (g * g - v)
-            w -= (size * m / (np.sqrt(v * correction) + self.epsilon)).astype(np.float32)
+    model: SNN
+    training: Training
+    rngs: Generators

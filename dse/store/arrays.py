@@ -5,10 +5,11 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
-from dse.records import Array, Layer, Network, Response
+from dse.records import Arithmetic, Array, Layer, Network, Response
 from dse.store.files import StoreError
 
 
@@ -72,7 +73,7 @@ def network_of(arrays: Mapping[str, Array]) -> Network:
             n_channels=int(arrays["n_channels"]),
             delays=tuple(int(x) for x in arrays["delays"]),
             steps_per_sample=int(arrays["steps_per_sample"]),
-            arithmetic=str(arrays["arithmetic"]),
+            arithmetic=cast(Arithmetic, str(arrays["arithmetic"])),
         )
     except KeyError as error:
         raise StoreError(f"a network needs the array {error}") from error

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.engine.cpu import delayed, dense
-from dse.engine.events import gather
+from dse.engine.events import delayed, dense, gather
 from dse.records import Spikes
 from tests.engine.test_network import rows_of
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.engine import cpu
-from dse.engine.events import Rows
+from dse.engine.events import Rows, delayed, dense
+from dse.engine.layers import Weights, forward, weights
 from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
@@ -28,18 +28,18 @@ def test_the_engine_is_golden(case: Case) -> None:
     raw = [case.given(f"w{k}") for k in range(1, case.n_layers + 1)]
     used = [cuba_lif.quantise(w) if case.mode == "quant" else w for w in raw]
     layers = [
-        cpu.weights(w.T, None, population.decay_current, population.decay_voltage, population.threshold)
+        weights(w.T, None, population.decay_current, population.decay_voltage, population.threshold)
         for w in used
     ]
     rows, shifts = rows_of(case.given("x")), case.settings["delay_shift"]
     inputs = rows
     for depth, layer in enumerate(layers, 1):
-        done = cpu.forward(inputs, layer, integer=case.integer, keep_voltage=True)
-        np.testing.assert_array_equal(cpu.dense(done.fired), case.expected(f"spk{depth}"))
+        done = forward(inputs, layer, arithmetic="integer" if case.integer else "ideal", keep_voltage=True)
+        np.testing.assert_array_equal(dense(done.fired), case.expected(f"spk{depth}"))
         golden = case.state("vol", depth)
         np.testing.assert_array_equal(done.voltage, golden.astype(done.voltage.dtype))
-        inputs = cpu.delayed(done.fired) if shifts else done.fired
-    np.testing.assert_array_equal(cpu.dense(inputs), case.expected("out"))
+        inputs = delayed(done.fired) if shifts else done.fired
+    np.testing.assert_array_equal(dense(inputs), case.expected("out"))
 
     surrogate = exponential(population.threshold, given["tau_grad"], given["scale_grad"])
     found = gradients(
@@ -49,7 +49,7 @@ def test_the_engine_is_golden(case: Case) -> None:
         case.given("labels"),
         true_rate=case.settings["true_rate"],
         false_rate=case.settings["false_rate"],
-        integer=case.integer,
+        arithmetic="integer" if case.integer else "ideal",
         gains=[None] * len(layers),
         shift=shifts,
     )
@@ -61,13 +61,13 @@ def test_the_engine_is_golden(case: Case) -> None:
         np.testing.assert_allclose(by_weight.T * passes, golden, rtol=0, atol=bound)
 
 
-def small_layers(rng: np.random.Generator, recurrent: bool = False) -> list[cpu.Weights]:
+def small_layers(rng: np.random.Generator, recurrent: bool = False) -> list[Weights]:
     """Return a 12-9-4 stack on the 8-bit grid with a decay of its own per neuron."""
     layers = []
     for n_in, n_out in ((12, 9), (9, 4)):
         ring = cuba_lif.quantise(rng.normal(0, 0.4, (n_out, n_out))) if recurrent and n_out == 9 else None
         layers.append(
-            cpu.weights(
+            weights(
                 cuba_lif.quantise(rng.normal(0.1, 0.5, (n_in, n_out))),
                 ring,
                 rng.integers(0, 4097, n_out),
@@ -78,7 +78,7 @@ def small_layers(rng: np.random.Generator, recurrent: bool = False) -> list[cpu.
     return layers
 
 
-def population_of(layer: cpu.Weights) -> cuba_lif.Params:
+def population_of(layer: Weights) -> cuba_lif.Params:
     decays = [(4096 - 4096 * keep).astype(np.int32) for keep in (layer.keep_current, layer.keep_voltage)]
     return cuba_lif.Params(decays[0], decays[1], layer.threshold)
 
@@ -89,7 +89,9 @@ def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: b
     rng = np.random.default_rng(5)
     x = (rng.random((3, 40, 12)) < 0.2).astype(np.uint8)
     layer = small_layers(rng, recurrent)[0]
-    found = cpu.forward(rows_of(x), layer, integer=integer, keep_voltage=True, count=True)
+    found = forward(
+        rows_of(x), layer, arithmetic="integer" if integer else "ideal", keep_voltage=True, count=True
+    )
     state = cuba_lif.initial_state((3, 9), "integer" if integer else "ideal")
     fired = np.zeros((3, 9), bool)
     scale, peak = (4096 if integer else 1), 0.0
@@ -99,7 +101,7 @@ def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: b
             z = z + fired @ layer.recurrent.astype(np.float64)
         state, v, fired = cuba_lif.step(state, z, population_of(layer))
         np.testing.assert_array_equal(found.voltage[:, t], (v / scale).astype(found.voltage.dtype))
-        np.testing.assert_array_equal(cpu.dense(found.fired)[:, t], fired)
+        np.testing.assert_array_equal(dense(found.fired)[:, t], fired)
         np.testing.assert_array_equal(found.updates[:, t], ((v != 0) | (z != 0)).sum(axis=1))
         peak = max(peak, np.abs(state.u).max() / scale, np.abs(v).max() / scale)
     assert found.peak == peak
@@ -109,9 +111,9 @@ def test_a_sample_answers_the_same_alone_and_in_any_batch() -> None:
     rng = np.random.default_rng(6)
     x = (rng.random((5, 30, 12)) < 0.3).astype(np.uint8)
     layers = small_layers(rng, recurrent=True)
-    together = answer(rows_of(x), layers, integer=True)
+    together = answer(rows_of(x), layers, arithmetic="integer")
     for i in range(5):
-        alone = answer(rows_of(x[i : i + 1]), layers, integer=True)
+        alone = answer(rows_of(x[i : i + 1]), layers, arithmetic="integer")
         np.testing.assert_array_equal(alone.output[0], together.output[i])
         np.testing.assert_array_equal(alone.spikes[0], together.spikes[i])
 
@@ -128,7 +130,14 @@ def test_gradients_agree_with_automatic_differentiation(integer: bool, recurrent
     gains = [None, 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
     surrogates = [exponential(80, 0.03, 3.0), exponential(80, 0.1, 3.0)]
     found = gradients(
-        rows_of(x), layers, surrogates, labels, true_rate=0.6, false_rate=0.05, integer=integer, gains=gains
+        rows_of(x),
+        layers,
+        surrogates,
+        labels,
+        true_rate=0.6,
+        false_rate=0.05,
+        arithmetic="integer" if integer else "ideal",
+        gains=gains,
     )
     loss, feed_forward, ring = by_autograd(x, layers, surrogates, labels, 0.6, 0.05, integer, gains)
     assert found.loss == pytest.approx(loss, rel=1e-6)
@@ -159,7 +168,7 @@ def test_extreme_inputs_run_and_give_finite_gradients(x: np.ndarray) -> None:
         labels,
         true_rate=0.8,
         false_rate=0.0,
-        integer=True,
+        arithmetic="integer",
         gains=[None, None],
     )
     assert np.isfinite(found.loss) and all(np.isfinite(g).all() for g in found.feed_forward)
@@ -168,13 +177,15 @@ def test_extreme_inputs_run_and_give_finite_gradients(x: np.ndarray) -> None:
 
 
 def test_a_state_beyond_24_bits_is_reported() -> None:
-    layer = cpu.weights(np.full((12, 1), 3.5, np.float32), None, np.int32(0), np.int32(0), 131071)
-    done = cpu.forward(rows_of(np.ones((1, 100, 12), np.uint8)), layer, integer=True, count=True)
+    layer = weights(np.full((12, 1), 3.5, np.float32), None, np.int32(0), np.int32(0), 131071)
+    done = forward(rows_of(np.ones((1, 100, 12), np.uint8)), layer, arithmetic="integer", count=True)
     assert done.peak * 4096 > cuba_lif.STATE_LIMIT
 
 
 def test_inputs_that_do_not_fit_the_layer_are_refused() -> None:
     with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer expects 12"):
-        cpu.forward(
-            rows_of(np.ones((1, 2, 5), np.uint8)), small_layers(np.random.default_rng(0))[0], integer=True
+        forward(
+            rows_of(np.ones((1, 2, 5), np.uint8)),
+            small_layers(np.random.default_rng(0))[0],
+            arithmetic="integer",
         )

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from dse import seeds
-from dse.models.snn import SNN, fit, respond
-from dse.models.training import Adam, Training, TrainingDiverged
+from dse.models.response import respond
+from dse.models.snn import SNN
+from dse.models.training import Generators, Training, TrainingDiverged
 from dse.records import Dataset, Outcome, Spikes
 
 FAST = Training(epochs=25, batch_size=8, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
@@ -19,6 +20,10 @@ FAST = Training(epochs=25, batch_size=8, learning_rate=0.1, warmup_epochs=1, dro
 
 def rngs(repeat: int = 0) -> Callable[..., np.random.Generator]:
     return partial(lambda purpose, *index: seeds.generator(1, {}, purpose, repeat, *index))
+
+
+def fit(data: Dataset, model: SNN, training: Training, own: Generators) -> Outcome:
+    return model.fit(data, training, own)
 
 
 def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3, margin: int = 0) -> Dataset:
@@ -171,15 +176,6 @@ def test_time_constants_stay_within_their_bounds_and_spread() -> None:
     assert layer.decay_current.min() >= 409 and layer.decay_current.max() <= 3687
     assert layer.decay_current.std() > 300
     assert set(layer.decay_voltage.tolist()) == {1024}
-
-
-def test_adam_follows_its_published_update() -> None:
-    weight = [np.array([[1.0, 2.0]], np.float32)]
-    adam = Adam.start(weight)
-    adam.update(weight, [np.array([[0.5, -3.0]], np.float32)], [np.array([0.1, 0.2], np.float32)])
-    np.testing.assert_allclose(weight[0], [[0.9, 2.2]], rtol=1e-6)  # first step = the sign times the rate
-    adam.update(weight, [np.array([[0.5, -3.0]], np.float32)], [np.array([0.1, 0.2], np.float32)])
-    np.testing.assert_allclose(weight[0], [[0.8, 2.4]], rtol=1e-6)
 
 
 def test_the_learning_rate_rises_then_steps_down() -> None:

@@ -1,0 +1,640 @@
+"""The loops of the CPU engine: sums of weight rows, state scans forward and backward, Adam.
+
+Every function works on flat arrays in the blocks of dse.engine.layout and on one block or one sample of them;
+the equations are those of dse.neurons.cuba_lif, sixteen neurons at a time. Sums run over events in their
+order and never across neurons, so that a neuron's numbers do not depend on what is computed beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numba.extending import overload
+
+from dse.engine.layout import LANES, width_at
+from dse.engine.simd import (
+    LANES_16,
+    LANES_32,
+    LANES_64,
+    as_type_of,
+    bits,
+    count_bits,
+    differs,
+    either,
+    fma,
+    greater,
+    larger,
+    load,
+    lowest_bit,
+    magnitude,
+    power_of_two,
+    rint,
+    select,
+    smaller,
+    splat,
+    sqrt,
+    store,
+    trunc,
+    widened,
+    zeros,
+)
+from dse.records import Array
+
+_kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+_part = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+
+NOTHING, SLOPE, VOLTAGE = 0, 1, 2
+
+# An int16 holds the sum of 256 int8 weights: 256 * -128 = -32768.
+_SEGMENT = 256
+
+
+@_part
+def _sum_rows(
+    table: Array, start: int, width: int, index: Array, begin: int, end: int, lanes: Any, out: Array
+) -> Any:
+    """Return the sum of some rows of a block as a vector of `out`'s type; int8 rows sum exactly."""
+    total = zeros(out, lanes)
+    for first in range(begin, end, _SEGMENT):
+        last = min(first + _SEGMENT, end)
+        part = widened(zeros(table, lanes), out)
+        e = first
+        while e + 4 <= last:
+            a = widened(load(table, start + index[e] * width, lanes), out)
+            b = widened(load(table, start + index[e + 1] * width, lanes), out)
+            c = widened(load(table, start + index[e + 2] * width, lanes), out)
+            d = widened(load(table, start + index[e + 3] * width, lanes), out)
+            part = part + ((a + b) + (c + d))
+            e += 4
+        while e < last:
+            part = part + widened(load(table, start + index[e] * width, lanes), out)
+            e += 1
+        total = total + as_type_of(part, out)
+    return total
+
+
+@_part
+def _put(total: Any, scale: float, out: Array, place: int, accumulate: bool, lanes: Any) -> None:
+    total = total * splat(scale, total)
+    store(out, place, load(out, place, lanes) + total if accumulate else total)
+
+
+@_kernel
+def gather(
+    offsets: Array,
+    index: Array,
+    first_row: int,
+    n_rows: int,
+    table: Array,
+    start: int,
+    width: int,
+    scale: float,
+    out: Array,
+    place: int,
+    accumulate: bool,
+) -> None:
+    """Write (or add) to each of some rows of a block the scaled sum of the table rows that it lists.
+
+    Args:
+        offsets, index: row r lists `index[offsets[r]:offsets[r + 1]]`.
+        first_row, n_rows: which rows.
+        table, start, width: the block of the table, int8 or floating.
+        scale: factor of the sums.
+        out, place: the block of the result starts at `place` with row `first_row`.
+        accumulate: add to what is there.
+    """
+    for r in range(n_rows):
+        begin, end = offsets[first_row + r], offsets[first_row + r + 1]
+        if accumulate and begin == end:
+            continue
+        here = place + r * width
+        if width == 64:
+            total = _sum_rows(table, start, 64, index, begin, end, LANES_64, out)
+            _put(total, scale, out, here, accumulate, LANES_64)
+        elif width == 32:
+            half = _sum_rows(table, start, 32, index, begin, end, LANES_32, out)
+            _put(half, scale, out, here, accumulate, LANES_32)
+        else:
+            quarter = _sum_rows(table, start, 16, index, begin, end, LANES_16, out)
+            _put(quarter, scale, out, here, accumulate, LANES_16)
+
+
+def _exp2_of_negative(x: Any) -> Any:
+    """Return 2**x for x <= 0, within 2 ulp; below the normal range the smallest normal number."""
+
+
+# Powers of ln 2 over factorials; in float32 the first six are refitted on [-0.5, 0.5] for relative error.
+_SINGLE = (1.0000001, 0.69314694, 0.24022122, 0.05550743, 0.00967546, 0.0013267)
+_DOUBLE = tuple(math.log(2) ** k / math.factorial(k) for k in range(14))
+_S0, _S1, _S2, _S3, _S4, _S5 = _SINGLE
+
+
+@overload(_exp2_of_negative, strict=False)
+def _typed_exp2(x: Any) -> Any:
+    if x.element == numba.float32:
+
+        def single(x: Any) -> Any:
+            x = larger(x, splat(-126.0, x))
+            n = rint(x)
+            f = x - n
+            p = fma(splat(_S5, x), f, splat(_S4, x))
+            p = fma(p, f, splat(_S3, x))
+            p = fma(p, f, splat(_S2, x))
+            p = fma(p, f, splat(_S1, x))
+            p = fma(p, f, splat(_S0, x))
+            return p * power_of_two(n)
+
+        return single
+
+    def double(x: Any) -> Any:
+        x = larger(x, splat(-1022.0, x))
+        n = rint(x)
+        f = x - n
+        p = splat(_DOUBLE[13], x)
+        for k in range(12, -1, -1):
+            p = fma(p, f, splat(_DOUBLE[k], x))
+        return p * power_of_two(n)
+
+    return double
+
+
+@_part
+def _advance(u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, integer: bool, scale: float) -> Any:
+    """Return the current and the potential before reset one step on (dse.neurons.cuba_lif.step)."""
+    if integer:
+        u = trunc(u * keep_u) + trunc(z * splat(scale, u))
+        return u, trunc(v * keep_v) + u
+    u = u * keep_u + z
+    return u, v * keep_v + u
+
+
+@_part
+def _kept(what: int, voltage: Any, centre: float, rate: float, height: float, cut: float) -> Any:
+    """Return what the backward pass needs of a potential: the surrogate gradient, or itself."""
+    if what == SLOPE:
+        x = magnitude(voltage - splat(centre, voltage)) * splat(rate, voltage)
+        slope = splat(height, x) * _exp2_of_negative(x)
+        return select(greater(x, splat(cut, x)), slope, splat(0.0, x)) if cut > -math.inf else slope
+    return voltage
+
+
+@_kernel
+def scan(
+    z: Array,
+    place: int,
+    n_steps: int,
+    width: int,
+    keep_u: Array,
+    keep_v: Array,
+    column: int,
+    threshold: float,
+    scale: float,
+    integer: bool,
+    what: int,
+    surrogate: Any,
+    fired: Array,
+    first_group: int,
+    n_groups: int,
+    updates: Array,
+    peak: Array,
+) -> int:
+    """Run one block of one sample from rest through time; return its number of spikes.
+
+    Args:
+        z: weighted input in weight units, replaced by what is kept.
+        place: where the block's first step of the sample lies.
+        n_steps, width: of the block.
+        keep_u, keep_v: (column,) factors of the states; they have the states' precision.
+        column: the block's first column.
+        threshold: in the states' units.
+        scale: the states' units per weight unit.
+        integer: states are whole numbers and leak by truncation.
+        what: keep NOTHING, the SLOPE of the surrogate or the VOLTAGE before reset.
+        surrogate: (centre, -log2(e) / width, height, exponent below which it is cut to 0).
+        fired: uint16 spikes of 16 columns each, (step, group) from `first_group` on.
+        n_groups: groups of a row.
+        updates: (step,) neurons with a potential or an input are added here, where it is not empty.
+        peak: (16,) largest magnitude of a state by lane, raised here where updates are counted.
+    """
+    centre, rate, height, cut = surrogate
+    count = updates.size > 0
+    n_fired = 0
+    for group in range(width // LANES):
+        o = column + LANES * group
+        ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
+        rest = splat(0.0, ku)
+        u, v = rest, rest
+        top, units = splat(threshold, rest), splat(1.0 / scale, rest)
+        highest = rest
+        at = place + LANES * group
+        for t in range(n_steps):
+            drive = as_type_of(load(z, at, LANES_16), keep_u)
+            u, before = _advance(u, v, drive, ku, kv, integer, scale)
+            over = greater(before, top)
+            v = select(over, rest, before)
+            spikes = bits(over)
+            fired[first_group + t * n_groups + o // LANES] = spikes
+            n_fired += count_bits(spikes)
+            if what != NOTHING:
+                voltage = as_type_of(before * units, z)
+                store(z, at, _kept(what, voltage, centre, rate, height, cut))
+            if count:
+                active = bits(either(differs(before, rest), differs(drive, rest)))
+                updates[t] += count_bits(active)
+                highest = larger(highest, larger(magnitude(u), magnitude(before)))
+            at += width
+        if count:
+            store(peak, 0, larger(load(peak, 0, LANES_16), highest))
+    return n_fired
+
+
+@_kernel
+def scan_recurrent(
+    z: Array,
+    n_rows: int,
+    first_row: int,
+    n_steps: int,
+    n_columns: int,
+    ring: Array,
+    ring_scale: float,
+    keep_u: Array,
+    keep_v: Array,
+    threshold: float,
+    scale: float,
+    integer: bool,
+    what: int,
+    surrogate: Any,
+    fired: Array,
+    n_groups: int,
+    updates: Array,
+    peak: Array,
+) -> int:
+    """Run all blocks of one sample of a layer that feeds itself; arguments as in `scan`.
+
+    Args:
+        n_rows: rows of every block of z.
+        first_row: row of the sample's first step.
+        n_columns: padded neurons.
+        ring: recurrent weights in blocks of `n_columns` rows.
+        ring_scale: weight units per unit of the ring.
+    """
+    centre, rate, height, cut = surrogate
+    count = updates.size > 0
+    u, v = np.zeros_like(keep_u), np.zeros_like(keep_v)
+    sent = np.empty(n_columns, np.int32)
+    n_sent = n_fired = 0
+    for t in range(n_steps):
+        row = first_row + t
+        column = 0
+        while column < n_columns:
+            width = width_at(column, n_columns)
+            for group in range(width // LANES):
+                o = column + LANES * group
+                at = n_rows * column + row * width + LANES * group
+                own = _sum_rows(ring, n_columns * column + LANES * group, width, sent, 0, n_sent, LANES_16, z)
+                drive = as_type_of(load(z, at, LANES_16) + own * splat(ring_scale, own), keep_u)
+                ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
+                now, before = _advance(
+                    load(u, o, LANES_16), load(v, o, LANES_16), drive, ku, kv, integer, scale
+                )
+                rest = splat(0.0, ku)
+                over = greater(before, splat(threshold, rest))
+                store(u, o, now)
+                store(v, o, select(over, rest, before))
+                fired[row * n_groups + o // LANES] = bits(over)
+                if what != NOTHING:
+                    voltage = as_type_of(before * splat(1.0 / scale, rest), z)
+                    store(z, at, _kept(what, voltage, centre, rate, height, cut))
+                if count:
+                    updates[t] += count_bits(bits(either(differs(before, rest), differs(drive, rest))))
+                    highest = larger(magnitude(now), magnitude(before))
+                    store(peak, 0, larger(load(peak, 0, LANES_16), highest))
+            column += width
+        n_sent = _decode_row(fired, row * n_groups, n_groups, sent, 0)
+        n_fired += n_sent
+    return n_fired
+
+
+@_part
+def _decode_row(fired: Array, place: int, n_groups: int, index: Array, position: int) -> int:
+    """Append the numbers of a row's set bits to `index`; return where they end."""
+    for group in range(n_groups):
+        spikes = np.uint64(fired[place + group])
+        while spikes != np.uint64(0):
+            index[position] = LANES * group + lowest_bit(spikes)
+            position += 1
+            spikes &= spikes - np.uint64(1)
+    return position
+
+
+@_kernel
+def decode(
+    fired: Array,
+    n_samples: int,
+    n_steps: int,
+    n_groups: int,
+    delay: int,
+    gain: Array,
+    offsets: Array,
+    index: Array,
+) -> int:
+    """List the spikes of each row as the next layer sees them: `delay` steps later, without silenced ones.
+
+    Args:
+        fired: uint16 spikes, (row, group).
+        gain: (sample, column) factors; spikes of a factor 0 are left out; empty: none is.
+        offsets, index: filled; `index` holds at most one entry per row and column.
+    """
+    has_gain = gain.size > 0
+    position = 0
+    offsets[0] = 0
+    for n in range(n_samples):
+        for t in range(n_steps):
+            row = n * n_steps + t
+            if t >= delay:
+                begin = position
+                position = _decode_row(fired, (row - delay) * n_groups, n_groups, index, position)
+                if has_gain:
+                    end, position = position, begin
+                    for e in range(begin, end):
+                        index[position] = index[e]
+                        position += 1 if gain[n, index[e]] != 0 else 0
+            offsets[row + 1] = position
+    return position
+
+
+@_kernel
+def spike_counts(fired: Array, n_samples: int, n_steps: int, n_groups: int, last: int, counts: Array) -> None:
+    """Count each column's spikes in the first `last` steps of each sample into (sample, column)."""
+    counts[:] = 0
+    for n in range(n_samples):
+        for row in range(n * n_steps, n * n_steps + last):
+            for group in range(n_groups):
+                spikes = np.uint64(fired[row * n_groups + group])
+                while spikes != np.uint64(0):
+                    counts[n, LANES * group + lowest_bit(spikes)] += 1
+                    spikes &= spikes - np.uint64(1)
+
+
+@_kernel
+def scan_back(
+    slope: Array,
+    place: int,
+    n_steps: int,
+    width: int,
+    keep_u: Array,
+    keep_v: Array,
+    column: int,
+    by_column: Array,
+    later: Array,
+    later_rows: int,
+    later_row: int,
+    n_later: int,
+    back: Array,
+    n_columns: int,
+    shift: int,
+) -> None:
+    """Replace the surrogate gradients of one block of one sample by dL/dz, backward in time.
+
+    dL/ds is the factor of the column times either 1 (an output, whose loss depends on its spike count) or
+    the sum over the next layer's dL/dz, one step later, times the weights.
+
+    Args:
+        slope, place, n_steps, width: the block of the sample.
+        keep_u, keep_v, column: as in `scan`, in the slope's precision.
+        by_column: (column,) factor: dL/ds of an output, or the gain of a hidden neuron.
+        later: the next layer's dL/dz in blocks of `later_rows` rows, `n_later` neurons; empty: an output.
+        later_row: row of the sample's first step there.
+        back: (later column, column) weights.
+        n_columns: padded columns of `back`.
+        shift: steps by which the next layer sees spikes later.
+    """
+    is_output = later.size == 0
+    for group in range(width // LANES):
+        o = column + LANES * group
+        ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
+        factor = load(by_column, o, LANES_16)
+        lv = splat(0.0, ku)
+        lu = lv
+        for t in range(n_steps - 1, -1, -1):
+            at = place + t * width + LANES * group
+            if t + shift >= n_steps:  # spikes that the next layer never sees
+                g = splat(0.0, ku)
+            elif is_output:
+                g = factor
+            else:
+                row = later_row + t + shift
+                g = splat(0.0, ku)
+                first = 0
+                while first < n_later:
+                    w = width_at(first, n_later + -n_later % LANES)
+                    source = later_rows * first + row * w
+                    for c in range(min(w, n_later - first)):
+                        weight = load(back, (first + c) * n_columns + o, LANES_16)
+                        g = fma(splat(later[source + c], g), weight, g)
+                    first += w
+                g = g * factor
+            lv = fma(kv, lv, g * load(slope, at, LANES_16))
+            lu = fma(ku, lu, lv)
+            store(slope, at, lu)
+
+
+@_kernel
+def scan_back_recurrent(
+    slope: Array,
+    n_rows: int,
+    first_row: int,
+    n_steps: int,
+    n_columns: int,
+    ring_back: Array,
+    keep_u: Array,
+    keep_v: Array,
+    by_column: Array,
+    later: Array,
+    n_later: int,
+    back: Array,
+    shift: int,
+) -> None:
+    """Replace the surrogate gradients of one sample of a layer that feeds itself by dL/dz (`scan_back`).
+
+    Args:
+        n_rows: rows of every block of `slope` and of `later`.
+        first_row: row of the sample's first step.
+        ring_back: (postsynaptic, presynaptic) recurrent weights, row by row.
+    """
+    lv, lu = np.zeros_like(keep_u), np.zeros_like(keep_u)
+    g_all = np.zeros_like(keep_u)
+    for t in range(n_steps - 1, -1, -1):
+        row = first_row + t
+        seen = t + shift < n_steps
+        for o in range(0, n_columns, LANES):
+            g = zeros(lv, LANES_16)
+            if seen:
+                first = 0
+                while first < n_later:
+                    w = width_at(first, n_later + -n_later % LANES)
+                    source = n_rows * first + (row + shift) * w
+                    for c in range(min(w, n_later - first)):
+                        weight = load(back, (first + c) * n_columns + o, LANES_16)
+                        g = fma(splat(later[source + c], g), weight, g)
+                    first += w
+                g = g * load(by_column, o, LANES_16)
+            for c in range(n_columns):  # lu is still that of step t + 1
+                g = fma(splat(lu[c], g), load(ring_back, c * n_columns + o, LANES_16), g)
+            store(g_all, o, g)
+        column = 0
+        while column < n_columns:
+            width = width_at(column, n_columns)
+            for group in range(width // LANES):
+                o = column + LANES * group
+                at = n_rows * column + row * width + LANES * group
+                ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
+                g = load(g_all, o, LANES_16)
+                now = fma(kv, load(lv, o, LANES_16), g * load(slope, at, LANES_16))
+                store(lv, o, now)
+                now = fma(ku, load(lu, o, LANES_16), now)
+                store(lu, o, now)
+                store(slope, at, now)
+            column += width
+
+
+@_kernel
+def scatter(
+    offsets: Array,
+    index: Array,
+    n_rows: int,
+    by_input: Array,
+    place: int,
+    width: int,
+    gradient: Array,
+    start: int,
+) -> None:
+    """Add dL/dz of each row of a block to the gradient rows of the inputs that the row lists."""
+    for r in range(n_rows):
+        for group in range(0, width, LANES):
+            added = load(by_input, place + r * width + group, LANES_16)
+            for e in range(offsets[r], offsets[r + 1]):
+                at = start + index[e] * width + group
+                store(gradient, at, load(gradient, at, LANES_16) + added)
+
+
+@_kernel
+def transpose(
+    offsets: Array, index: Array, n_inputs: int, starts: Array, out_offsets: Array, out: Array
+) -> None:
+    """List, chunk by chunk, the rows in which each input fires, counted from the chunk's first row.
+
+    Args:
+        offsets, index: the inputs that fire in each row.
+        starts: (chunk + 1,) first row of each chunk, and the end.
+        out_offsets: (chunk, input + 1) where an input's rows lie in `out`.
+        out: (event,) int32.
+    """
+    for chunk in range(starts.size - 1):
+        low, high = starts[chunk], starts[chunk + 1]
+        ends = out_offsets[chunk]
+        ends[:] = 0
+        for e in range(offsets[low], offsets[high]):
+            ends[index[e] + 1] += 1
+        ends[0] = offsets[low]
+        for i in range(n_inputs):
+            ends[i + 1] += ends[i]
+        # Fill each input's rows from its start, which moves to its end; then move the offsets back.
+        for r in range(low, high):
+            for e in range(offsets[r], offsets[r + 1]):
+                i = index[e]
+                out[ends[i]] = r - low
+                ends[i] += 1
+        for i in range(n_inputs, 0, -1):
+            ends[i] = ends[i - 1]
+        ends[0] = offsets[low]
+
+
+@_kernel
+def squared_norm(
+    gradient: Array, factor: float, weights: Array, grid: float, low: float, high: float
+) -> float:
+    """Return the squared Euclidean norm of a gradient, in float64; clipped weights have none (see `adam`)."""
+    wide = np.zeros(LANES)
+    total = zeros(wide, LANES_16)
+    for at in range(0, gradient.size, LANES):
+        g = as_type_of(load(gradient, at, LANES_16), wide)
+        if grid > 0:
+            w = load(weights, at, LANES_16)
+            q = rint(w * splat(grid, w))
+            outside = either(greater(splat(low, q), q), greater(q, splat(high, q)))
+            g = select(outside, splat(0.0, g), g)
+        total = fma(g, g, total)
+    store(wide, 0, total)
+    return float(wide.sum() * factor * factor)
+
+
+@_kernel
+def adam(
+    weights: Array,
+    gradient: Array,
+    first: Array,
+    second: Array,
+    n_rows: int,
+    n_columns: int,
+    unit: Array,
+    factor: float,
+    rate: float,
+    beta_1: float,
+    beta_2: float,
+    correction: float,
+    epsilon: float,
+    table: Array,
+    grid: float,
+    low: float,
+    high: float,
+) -> float:
+    """Move weights against their gradient, in place, round them anew; return the gradient's squared norm.
+
+    Args:
+        weights, first, second: float32 in blocks; Adam's moments.
+        gradient: in blocks; it is set to 0 for the next batch.
+        n_rows, n_columns: of the matrix, columns padded.
+        unit: (column,) what a rate of 1 moves a weight by.
+        factor: of the gradient.
+        rate: learning rate over 1 - beta_1 ** step.
+        correction: 1 / (1 - beta_2 ** step).
+        table: int8 weights as they run, or empty where weights run as they are.
+        grid, low, high: rounded weights are `rint(weight * grid)` in [low, high]; where it lies outside, the
+            gradient does not pass; grid 0: weights are not rounded.
+    """
+    wide = np.zeros(LANES)
+    norm = zeros(wide, LANES_16)
+    column = 0
+    while column < n_columns:
+        width = width_at(column, n_columns)
+        for group in range(width // LANES):
+            size = load(unit, column + LANES * group, LANES_16)
+            size = size * splat(rate, size)
+            for i in range(n_rows):
+                at = n_rows * column + i * width + LANES * group
+                w, m, v = load(weights, at, LANES_16), load(first, at, LANES_16), load(second, at, LANES_16)
+                found = load(gradient, at, LANES_16)
+                g = as_type_of(found * splat(factor, found), weights)
+                store(gradient, at, splat(0.0, found))
+                if grid > 0:
+                    q = rint(w * splat(grid, w))
+                    outside = either(greater(splat(low, q), q), greater(q, splat(high, q)))
+                    g = select(outside, splat(0.0, g), g)
+                double = as_type_of(g, wide)
+                norm = fma(double, double, norm)
+                m = m + splat(1.0 - beta_1, m) * (g - m)
+                v = v + splat(1.0 - beta_2, v) * (g * g - v)
+                w = w - size * m / (sqrt(v * splat(correction, v)) + splat(epsilon, v))
+                store(first, at, m)
+                store(second, at, v)
+                store(weights, at, w)
+                if grid > 0:
+                    q = rint(w * splat(grid, w))
+                    store(table, at, smaller(larger(q, splat(low, q)), splat(high, q)))
+        column += width
+    store(wide, 0, norm)
+    return float(wide.sum())

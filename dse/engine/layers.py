@@ -1,0 +1,324 @@
+"""CUBA-LIF layers on the CPU: sparse rows in, sparse rows out, gradients summed from the events.
+
+A batch goes through in chunks of samples, a layer in blocks of columns: a block's weights and one chunk's
+states stay in the cache, and what is held grows with chunk x hidden neurons, never with inputs x time.
+Integer states are held in float64, where they are exact up to 2**40 (products with a decay stay below 2**53).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from dse.engine import kernels
+from dse.engine.batch import chunk_samples
+from dse.engine.events import Rows
+from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
+from dse.neurons.cuba_lif import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
+from dse.neurons.surrogate import Exponential
+from dse.records import Arithmetic, Array
+
+GRID = WEIGHT_SCALE / 2
+"""8-bit weights are whole numbers on a grid of 1/32."""
+
+_NONE = np.zeros((0, 0), np.float32)
+_NO_UPDATES = np.zeros(0, np.int32)
+_NO_SURROGATE = (0.0, 0.0, 0.0, -math.inf)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the engine runs of a layer: weights by input (input, neuron), so that a spike reads one row.
+
+    feed_forward: (input, neuron) float32.
+    recurrent: (neuron, neuron) float32, row = presynaptic; (0, 0) where there is none.
+    keep_current, keep_voltage: (neuron,) float64 factors (4096 - d) / 4096.
+    threshold: integer mantissa.
+    """
+
+    feed_forward: Array
+    recurrent: Array
+    keep_current: Array
+    keep_voltage: Array
+    threshold: int
+
+    @property
+    def n_neurons(self) -> int:
+        return int(self.feed_forward.shape[1])
+
+
+def weights(
+    feed_forward: Array, recurrent: Array | None, decay_current: Array, decay_voltage: Array, threshold: int
+) -> Weights:
+    """Return engine weights from (input, neuron) matrices and integer decays, scalar or (neuron,)."""
+    n = feed_forward.shape[1]
+    keep = [(DECAY_SCALE - np.asarray(d, np.float64)) / DECAY_SCALE for d in (decay_current, decay_voltage)]
+    return Weights(
+        np.ascontiguousarray(feed_forward, np.float32),
+        _NONE if recurrent is None else np.ascontiguousarray(recurrent, np.float32),
+        np.broadcast_to(keep[0], n).copy(),
+        np.broadcast_to(keep[1], n).copy(),
+        threshold,
+    )
+
+
+class Layer(NamedTuple):
+    """A layer as the kernels read it: matrices in blocks, neurons padded, all of one arithmetic.
+
+    table, ring: int8 or floating weights; `ring` is empty where there is none.
+    table_unit, ring_unit: weight units per unit of the matrix.
+    keep_u, keep_v: factors in the states' precision; back_u, back_v: in the gradients'.
+    threshold, scale: of the states: units, and units per weight unit.
+    surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
+    """
+
+    table: Array
+    table_unit: float
+    ring: Array
+    ring_unit: float
+    n_inputs: int
+    n_columns: int
+    keep_u: Array
+    keep_v: Array
+    back_u: Array
+    back_v: Array
+    threshold: float
+    scale: float
+    integer: bool
+    surrogate: tuple[float, float, float, float]
+
+
+def padded_ring(recurrent: Array) -> Array:
+    """Return recurrent weights with rows for padded neurons, which never fire; (0, 0) stays as it is."""
+    n = len(recurrent)
+    return np.pad(recurrent, ((0, padded(n) - n), (0, 0)))
+
+
+def precision(arithmetic: Arithmetic) -> Any:
+    """Return the type in which inputs, surrogates and gradients are held."""
+    return np.float64 if arithmetic == "ideal" else np.float32
+
+
+def layer_of(
+    table: Array,
+    ring: Array,
+    n_inputs: int,
+    keep_current: Array,
+    keep_voltage: Array,
+    threshold: int,
+    arithmetic: Arithmetic,
+    surrogate: Exponential | None = None,
+) -> Layer:
+    """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32."""
+    states = np.float32 if arithmetic == "float32" else np.float64
+    scale = STATE_SCALE if arithmetic == "integer" else 1
+    n = padded(len(keep_current))
+
+    def kept(factors: Array, kind: Any) -> Array:
+        out = aligned(n, kind)
+        out[: len(factors)] = factors
+        return out
+
+    return Layer(
+        table,
+        1 / GRID if table.dtype == np.int8 else 1.0,
+        ring,
+        1 / GRID if ring.dtype == np.int8 else 1.0,
+        n_inputs,
+        n,
+        kept(keep_current, states),
+        kept(keep_voltage, states),
+        kept(keep_current, precision(arithmetic)),
+        kept(keep_voltage, precision(arithmetic)),
+        threshold / WEIGHT_SCALE * scale,
+        float(scale),
+        arithmetic == "integer",
+        _NO_SURROGATE if surrogate is None else surrogate.exponents(),
+    )
+
+
+def prepared(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | None = None) -> Layer:
+    """Return a layer for one call; weights on the 8-bit grid run as int8."""
+
+    def matrix(w: Array) -> Array:
+        whole = w * np.float32(GRID)
+        small = arithmetic == "integer" and bool(
+            (whole == np.rint(whole)).all() and (np.abs(whole + 0.5) < 128).all()
+        )
+        return packed(whole, np.int8) if small else packed(w, np.float32)
+
+    return layer_of(
+        matrix(layer.feed_forward),
+        matrix(padded_ring(layer.recurrent)),
+        layer.feed_forward.shape[0],
+        layer.keep_current,
+        layer.keep_voltage,
+        layer.threshold,
+        arithmetic,
+        surrogate,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def run(
+    layer: Layer,
+    offsets: Array,
+    index: Array,
+    first_row: int,
+    n_samples: int,
+    n_steps: int,
+    what: int,
+    z: Array,
+    fired: Array,
+    updates: Array,
+    peak: Array,
+) -> int:
+    """Run some samples through a layer; return the number of its spikes (arguments as in kernels.scan)."""
+    n_rows, n_groups = n_samples * n_steps, layer.n_columns // LANES
+    recurrent = layer.ring.size > 0
+    n_fired, column = 0, 0
+    while column < layer.n_columns:
+        width = width_at(column, layer.n_columns)
+        for n in range(n_samples):
+            row = n * n_steps
+            place = n_rows * column + row * width
+            kernels.gather(
+                offsets,
+                index,
+                first_row + row,
+                n_steps,
+                layer.table,
+                layer.n_inputs * column,
+                width,
+                layer.table_unit,
+                z,
+                place,
+                False,
+            )
+            if not recurrent:
+                n_fired += kernels.scan(
+                    z,
+                    place,
+                    n_steps,
+                    width,
+                    layer.keep_u,
+                    layer.keep_v,
+                    column,
+                    layer.threshold,
+                    layer.scale,
+                    layer.integer,
+                    what,
+                    layer.surrogate,
+                    fired,
+                    row * n_groups,
+                    n_groups,
+                    updates[row : row + n_steps],
+                    peak,
+                )
+        column += width
+    if recurrent:
+        for n in range(n_samples):
+            row = n * n_steps
+            n_fired += kernels.scan_recurrent(
+                z,
+                n_rows,
+                row,
+                n_steps,
+                layer.n_columns,
+                layer.ring,
+                layer.ring_unit,
+                layer.keep_u,
+                layer.keep_v,
+                layer.threshold,
+                layer.scale,
+                layer.integer,
+                what,
+                layer.surrogate,
+                fired,
+                n_groups,
+                updates[row : row + n_steps],
+                peak,
+            )
+    return n_fired
+
+
+@dataclass(frozen=True)
+class Forward:
+    """A layer's answer to a batch.
+
+    voltage: (sample, step, neuron) membrane potential before reset, weight units; empty where not kept.
+    fired: spikes as rows, at the step in which they were fired (not shifted).
+    updates: (sample, step) int32 neurons with a non-zero potential or input; empty where not counted.
+    peak: largest |u| or |v| in weight units.
+    """
+
+    voltage: Array
+    fired: Rows
+    updates: Array
+    peak: float
+
+
+def forward(
+    rows: Rows,
+    layer: Weights,
+    arithmetic: Arithmetic = "integer",
+    *,
+    keep_voltage: bool = False,
+    count: bool = False,
+) -> Forward:
+    """Run a layer from rest over a batch.
+
+    Args:
+        rows: input spikes.
+        layer: weights as they run (already rounded where they are deployed).
+        arithmetic: of the states.
+        keep_voltage: keep the membrane potential.
+        count: count neuron updates and the largest state.
+
+    Raises:
+        ValueError: the rows' inputs differ from the layer's.
+    """
+    check_inputs(rows, layer.feed_forward.shape[0])
+    ready = prepared(layer, arithmetic)
+    n, t, h = rows.n_samples, rows.n_steps, layer.n_neurons
+    size = chunk_samples(n, t)
+    z = aligned(size * t * ready.n_columns, precision(arithmetic))
+    n_groups = ready.n_columns // LANES
+    fired = np.empty(n * t * n_groups, np.uint16)
+    updates = np.zeros(n * t if count else 0, np.int32)
+    peak = np.zeros(LANES, ready.keep_u.dtype)
+    voltage = np.empty((n, t, h) if keep_voltage else (0, 0, 0), z.dtype)
+    total = 0
+    for first in range(0, n, size):
+        m = min(size, n - first)
+        row, end = first * t, (first + m) * t
+        total += run(
+            ready,
+            rows.offsets,
+            rows.index,
+            row,
+            m,
+            t,
+            kernels.VOLTAGE if keep_voltage else kernels.NOTHING,
+            z,
+            fired[row * n_groups : end * n_groups],
+            updates[row:end],
+            peak,
+        )
+        if keep_voltage:
+            voltage[first : first + m] = unpacked(z[: m * t * ready.n_columns], m * t, h).reshape(m, t, h)
+    offsets = np.empty(n * t + 1, np.int64)
+    index = np.empty(total, np.int32)
+    kernels.decode(fired, n, t, n_groups, 0, _NONE, offsets, index)
+    counted = updates.reshape(n, t) if count else np.zeros((0, 0), np.int32)
+    return Forward(voltage, Rows(offsets, index, n, t, h), counted, float(peak.max()) / ready.scale)
+
+
+def check_inputs(rows: Rows, n_inputs: int) -> None:
+    """Raise ValueError where a batch does not fit a first layer of `n_inputs`."""
+    if rows.n_inputs != n_inputs:
+        raise ValueError(f"rows have {rows.n_inputs} inputs, the layer expects {n_inputs}")

@@ -1,0 +1,67 @@
+"""How arrays lie in memory: columns in blocks of at most 64, each block's rows one after another.
+
+A layer of n neurons is padded to whole vectors of 16 columns and cut into blocks of 64, the last ones 32 and
+16 wide. The block that starts at column c of an array of r rows begins at r * c, row i of it at
+r * c + i * width. A block of weights stays in the second-level cache while a batch goes through it, its rows
+start on cache lines, and no stride maps them all onto the same few sets.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from dse.records import Array
+
+LANES = 16
+WORD = 64
+_LINE_BYTES = 64
+
+
+def padded(n: int) -> int:
+    """Return n rounded up to whole vectors."""
+    return -(-n // LANES) * LANES
+
+
+@numba.njit(cache=True)
+def width_at(column: int, n_columns: int) -> int:
+    """Return the width of the block that starts at a column of a padded number of columns."""
+    left = n_columns - column
+    return WORD if left >= WORD else 32 if left >= 32 else LANES
+
+
+def aligned(n: int, kind: Any) -> Array:
+    """Return n zeros that start on a cache line."""
+    dtype = np.dtype(kind)
+    raw = np.zeros(n * dtype.itemsize + _LINE_BYTES, np.uint8)
+    first = -raw.ctypes.data % _LINE_BYTES
+    return raw[first : first + n * dtype.itemsize].view(dtype)
+
+
+def _blocks(n_columns: int) -> list[tuple[int, int]]:
+    found, column = [], 0
+    while column < n_columns:
+        found.append((column, width_at(column, n_columns)))
+        column += found[-1][1]
+    return found
+
+
+def packed(matrix: Array, kind: Any) -> Array:
+    """Return a (row, column) matrix in blocks, flat; columns that pad hold 0."""
+    rows, columns = matrix.shape
+    out = aligned(rows * padded(columns), kind)
+    for column, width in _blocks(padded(columns)):
+        part = matrix[:, column : column + width]
+        out[rows * column : rows * (column + width)].reshape(rows, width)[:, : part.shape[1]] = part
+    return out
+
+
+def unpacked(flat: Array, rows: int, columns: int) -> Array:
+    """Return blocks as a (row, column) matrix again."""
+    out = np.empty((rows, columns), flat.dtype)
+    for column, width in _blocks(padded(columns)):
+        block = flat[rows * column : rows * (column + width)].reshape(rows, width)
+        out[:, column : column + width] = block[:, : columns - column]
+    return out

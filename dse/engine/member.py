@@ -1,0 +1,111 @@
+"""What an engine trains: networks at their start, one turn of training, and what it reports.
+
+An engine is a module with `start(members, n_samples, n_steps) -> Cohort`; dse.engine.cpu and
+dse.engine.gpu are two of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from dse.engine.events import Rows
+from dse.neurons.surrogate import Exponential
+from dse.records import Arithmetic, Array
+
+
+@dataclass(frozen=True)
+class TrainedLayer:
+    """A layer as its training starts.
+
+    feed_forward: (input, neuron) float32 master weights.
+    recurrent: (neuron, neuron) float32, row = presynaptic, or None.
+    decay_current, decay_voltage: (neuron,) integer decays in [0, 4096].
+    threshold: integer mantissa; the real threshold is threshold / 64.
+    surrogate: ds/dv.
+    unit, recurrent_unit: (neuron,) float32, what a learning rate of 1 moves a weight into each neuron by.
+    """
+
+    feed_forward: Array
+    recurrent: Array | None
+    decay_current: Array
+    decay_voltage: Array
+    threshold: int
+    surrogate: Exponential
+    unit: Array
+    recurrent_unit: Array | None = None
+
+
+@dataclass(frozen=True)
+class Member:
+    """A design's network in a cohort.
+
+    layers: input side first.
+    true_rate, false_rate: target spike rates of the label's output and of the others.
+    arithmetic: of the forward pass.
+    clip_norm: gradients whose Euclidean norm over all weights is larger are scaled down to it; None: never.
+    """
+
+    layers: tuple[TrainedLayer, ...]
+    true_rate: float
+    false_rate: float
+    arithmetic: Arithmetic = "integer"
+    clip_norm: float | None = None
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What one member does with a batch.
+
+    learning_rate: Adam's step size in each layer's units.
+    gains: per layer, (sample, input) float32 factors of its inputs' spikes, or None. Within a layer they
+        are 0 or one common value (dropout). The first layer has None.
+    """
+
+    learning_rate: float
+    gains: tuple[Array | None, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What one member's turn gave.
+
+    loss: SpikeRate loss, summed over the batch.
+    correct: samples whose most active output (lowest number on ties) is the label.
+    fired: per layer, mean spikes per neuron and step.
+    gradient_norm: Euclidean norm over all weights before clipping; NaN or infinite where a gradient is.
+    """
+
+    loss: float
+    correct: int
+    fired: tuple[float, ...]
+    gradient_norm: float
+
+
+@dataclass(frozen=True)
+class Masters:
+    """Master weights, float32, input side first: feed_forward (input, neuron), recurrent or None."""
+
+    feed_forward: tuple[Array, ...]
+    recurrent: tuple[Array | None, ...]
+
+
+class Cohort(Protocol):
+    """Networks that train on the same batches; each one's result is the same alone and in any cohort."""
+
+    def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
+        """Train the members named in `turns` (by number) on a batch; the others do not move."""
+        ...
+
+    def masters(self, member: int) -> Masters:
+        """Return a copy of a member's master weights."""
+        ...
+
+
+class Engine(Protocol):
+    """An engine module."""
+
+    def start(self, members: Sequence[Member], n_samples: int, n_steps: int) -> Cohort:
+        """Return a cohort, ready for batches of at most `n_samples` samples of `n_steps` steps."""
+        ...
