@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from dse.engine.compiled import compiled
 from dse.records import Array, Spikes
 
 
@@ -29,7 +29,7 @@ class Rows:
         return np.diff(self.offsets).reshape(self.n_samples, self.n_steps).astype(np.int32)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _gather(
     row_offsets: Array,
     channel: Array,

@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from dse.engine import kernels
 from dse.engine.batch import chunk_samples
+from dse.engine.compiled import compiled
 from dse.engine.events import Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.neurons.cuba_lif import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
@@ -163,7 +163,7 @@ def prepared(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def run(
     layer: Layer,
     offsets: Array,

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from dse.engine.compiled import compiled
 from dse.records import Array
 
 LANES = 16
@@ -25,7 +25,7 @@ def padded(n: int) -> int:
     return -(-n // LANES) * LANES
 
 
-@numba.njit(cache=True)
+@compiled()
 def width_at(column: int, n_columns: int) -> int:
     """Return the width of the block that starts at a column of a padded number of columns."""
     left = n_columns - column

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-import numba
 import numpy as np
 
 from dse.engine import kernels
 from dse.engine.batch import Batch
+from dse.engine.compiled import compiled
 from dse.engine.layers import Layer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
 from dse.engine.loss import spike_rate
@@ -21,7 +21,7 @@ _NO_UPDATES = np.zeros(0, np.int32)
 _NO_GAIN = np.zeros((0, 0), np.float32)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _back(
     layer: Layer,
     n_samples: int,
@@ -78,7 +78,7 @@ def _back(
         column += width
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _gather_gradient(
     offsets: Array, index: Array, n_inputs: int, n_columns: int, by_input: Array, n_rows: int, gradient: Array
 ) -> None:
@@ -102,7 +102,7 @@ def _gather_gradient(
         column += width
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _scatter_gradient(
     offsets: Array, index: Array, n_inputs: int, n_columns: int, by_input: Array, n_rows: int, gradient: Array
 ) -> None:
@@ -114,7 +114,7 @@ def _scatter_gradient(
         column += width
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled()
 def _turned(table: Array, unit: float, n_rows: int, n_columns: int, out: Array) -> None:
     stride = -(-n_rows // LANES) * LANES
     column = 0
