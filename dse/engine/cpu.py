@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -100,7 +102,14 @@ class _Network:
         ]
         self.steps = 0
 
-    def step(self, batch: Batch, labels: Array, turn: Turn, space: Workspace) -> Report:
+    def step(
+        self,
+        batch: Batch,
+        labels: Array,
+        turn: Turn,
+        spaces: Sequence[Workspace],
+        threads: Executor | None,
+    ) -> Report:
         """Train on a batch."""
         self.steps += 1
         factors = [common_factor(gain) for gain in turn.gains]
@@ -112,9 +121,10 @@ class _Network:
             *self.rates,
             turn.gains,
             1,
-            space,
+            spaces,
             [m.gradient for m in self.matrices],
             [_NOTHING if r is None else r.gradient for r in self.rings],
+            threads,
         )
         parts = [
             *zip(self.matrices, factors, strict=True),
@@ -129,7 +139,7 @@ class _Network:
         return Report(
             done.loss,
             done.correct,
-            tuple(f / max(1, cells * n) for f, n in zip(done.n_fired, self.sizes, strict=True)),
+            tuple(float(f) / max(1, cells * n) for f, n in zip(done.n_fired, self.sizes, strict=True)),
             math.sqrt(squared) / clip if clip else math.nan,
         )
 
@@ -169,28 +179,30 @@ def _layer(layer: TrainedLayer, matrix: _Matrix, ring: _Matrix | None, arithmeti
 class CpuCohort:
     """Networks that share each batch's rows and their transpose; see dse.engine.member.Cohort."""
 
-    def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int) -> None:
+    def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int, threads: int) -> None:
         self._networks = [_Network(member) for member in members]
+        self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
         n_rows = chunk_samples(n_samples, n_steps) * n_steps
-        self._spaces: dict[int, Workspace] = {}
-        depths = max(len(network.sizes) for network in self._networks)
-        for kind in {precision(member.arithmetic) for member in members}:
-            own = [
-                network.sizes
-                for network, member in zip(self._networks, members, strict=True)
-                if precision(member.arithmetic) is kind
+        kinds = [precision(member.arithmetic) for member in members]
+        spaces = {
+            kind: [
+                _workspace(
+                    [x for x, k in zip(self._networks, kinds, strict=True) if k is kind], n_rows, thread
+                )
+                for thread in range(threads)
             ]
-            widest = [max((sizes[d] for sizes in own if d < len(sizes)), default=0) for d in range(depths)]
-            space = Workspace(n_rows, widest, kind)
-            self._spaces |= {
-                number: space for number, member in enumerate(members) if precision(member.arithmetic) is kind
-            }
+            for kind in set(kinds)
+        }
+        self._spaces = [spaces[kind] for kind in kinds]
+
+    def _of(self, kind: Any, kinds: Sequence[Any]) -> list[_Network]:
+        return [network for network, k in zip(self._networks, kinds, strict=True) if k is kind]
 
     def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` on a batch; the others do not move."""
         batch = batch_of(rows)
         return {
-            number: self._networks[number].step(batch, labels, turn, self._spaces[number])
+            number: self._networks[number].step(batch, labels, turn, self._spaces[number], self._threads)
             for number, turn in turns.items()
         }
 
@@ -199,6 +211,29 @@ class CpuCohort:
         return self._networks[member].masters()
 
 
-def start(members: Sequence[Member], n_samples: int, n_steps: int) -> CpuCohort:
-    """Return a cohort, ready for batches of at most `n_samples` samples of `n_steps` steps."""
-    return CpuCohort(members, n_samples, n_steps)
+def _workspace(networks: Sequence[_Network], n_rows: int, thread: int) -> Workspace:
+    """Return buffers that are large enough for each of some networks."""
+    depths = range(max(len(network.sizes) for network in networks))
+
+    def largest(elements: Callable[[_Network, int], int]) -> list[int]:
+        return [max(elements(x, d) for x in networks if d < len(x.sizes)) for d in depths]
+
+    def ring(network: _Network, depth: int) -> int:
+        found = network.rings[depth]
+        return 0 if found is None else found.gradient.size
+
+    weights = largest(lambda network, depth: network.matrices[depth].gradient.size)
+    if thread == 0:
+        weights[0] = 0  # written in place
+    kind = networks[0].matrices[0].gradient.dtype
+    return Workspace(
+        n_rows, largest(lambda network, depth: network.sizes[depth]), weights, largest(ring), kind
+    )
+
+
+def start(members: Sequence[Member], n_samples: int, n_steps: int, threads: int = 1) -> CpuCohort:
+    """Return a cohort, ready for batches of at most `n_samples` samples of `n_steps` steps.
+
+    Threads share a batch's samples (chunk by chunk) and change no result.
+    """
+    return CpuCohort(members, n_samples, n_steps, threads)

@@ -195,6 +195,8 @@ def _kept(what: int, voltage: Any, centre: float, rate: float, height: float, cu
     """Return what the backward pass needs of a potential: the surrogate gradient, or itself."""
     if what == SLOPE:
         x = magnitude(voltage - splat(centre, voltage)) * splat(rate, voltage)
+        if cut > -math.inf and bits(greater(x, splat(cut, x))) == 0:
+            return splat(0.0, x)
         slope = splat(height, x) * _exp2_of_negative(x)
         return select(greater(x, splat(cut, x)), slope, splat(0.0, x)) if cut > -math.inf else slope
     return voltage
@@ -436,12 +438,13 @@ def scan_back(
         o = column + LANES * group
         ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
         factor = load(by_column, o, LANES_16)
-        lv = splat(0.0, ku)
-        lu = lv
+        zero = splat(0.0, ku)
+        lv, lu = zero, zero
         for t in range(n_steps - 1, -1, -1):
             at = place + t * width + LANES * group
-            if t + shift >= n_steps:  # spikes that the next layer never sees
-                g = splat(0.0, ku)
+            sensitive = load(slope, at, LANES_16)
+            if t + shift >= n_steps or bits(differs(sensitive, zero)) == 0:
+                g = zero  # the next layer never sees these spikes, or no potential was near its threshold
             elif is_output:
                 g = factor
             else:
@@ -456,7 +459,7 @@ def scan_back(
                         g = fma(splat(later[source + c], g), weight, g)
                     first += w
                 g = g * factor
-            lv = _flushed(fma(kv, lv, g * load(slope, at, LANES_16)))
+            lv = _flushed(fma(kv, lv, g * sensitive))
             lu = _flushed(fma(ku, lu, lv))
             store(slope, at, lu)
 

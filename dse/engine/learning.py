@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -115,7 +116,7 @@ def _scatter_gradient(
 
 
 @compiled()
-def _turned(table: Array, unit: float, n_rows: int, n_columns: int, out: Array) -> None:
+def _turn(table: Array, unit: float, n_rows: int, n_columns: int, out: Array) -> None:
     stride = -(-n_rows // LANES) * LANES
     column = 0
     while column < n_columns:
@@ -127,26 +128,70 @@ def _turned(table: Array, unit: float, n_rows: int, n_columns: int, out: Array) 
 
 
 class Workspace:
-    """Buffers of one chunk, layer by layer: shared by all networks that are trained one after another."""
+    """Buffers of one chunk, layer by layer: shared by networks that are trained one after another.
 
-    def __init__(self, n_rows: int, n_columns: Sequence[int], kind: Any) -> None:
+    Gradients of deeper layers are summed over a chunk before they are added to the batch's, and those of the
+    first layer as well where chunks run side by side: sums keep one order, whatever the number of threads.
+    """
+
+    def __init__(
+        self,
+        n_rows: int,
+        n_columns: Sequence[int],
+        n_weights: Sequence[int],
+        n_ring: Sequence[int],
+        kind: Any,
+    ) -> None:
+        """Allocate.
+
+        Args:
+            n_rows: rows of a chunk.
+            n_columns: neurons of each layer.
+            n_weights: elements of each layer's gradient in blocks, 0 where it is written in place.
+            n_ring: the same of recurrent weights.
+            kind: precision of the gradients.
+        """
         groups = [padded(n) // LANES for n in n_columns]
         self.slope = [aligned(n_rows * LANES * g, kind) for g in groups]
         self.fired = [np.empty(n_rows * g, np.uint16) for g in groups]
         self.offsets = [np.empty(n_rows + 1, np.int64) for _ in groups]
         # Pages of the index that no spike reaches cost nothing.
         self.index = [np.empty(n_rows * LANES * g, np.int32) for g in groups]
+        widest = max((g for g, n in zip(groups, n_ring, strict=True) if n), default=0)
         self.own_offsets = np.empty(n_rows + 1, np.int64)
-        self.own_index = np.empty(n_rows * LANES * max(groups, default=0), np.int32)
+        self.own_index = np.empty(n_rows * LANES * widest, np.int32)
+        self.gradients = [aligned(n, kind) for n in n_weights]
+        self.ring_gradients = [aligned(n, kind) for n in n_ring]
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Loss of a batch, correct answers, and each layer's number of spikes."""
+    """Loss of a batch (or of a part of it), correct answers, and each layer's number of spikes."""
 
     loss: float
     correct: int
-    n_fired: tuple[int, ...]
+    n_fired: Array
+
+
+@dataclass(frozen=True)
+class _Lesson:
+    """What all chunks of a batch have in common for one network (arguments of `learn`).
+
+    running: the layers, their weight units times the factor of their inputs' gains.
+    back: per layer, the weights by which the layer below hears of it; the first has none.
+    ring_back: the same of recurrent weights.
+    """
+
+    running: Sequence[Layer]
+    n_neurons: Sequence[int]
+    batch: Batch
+    labels: Array
+    true_rate: float
+    false_rate: float
+    gains: Sequence[Array | None]
+    shift: int
+    back: Sequence[Array]
+    ring_back: Sequence[Array]
 
 
 def learn(
@@ -158,9 +203,10 @@ def learn(
     false_rate: float,
     gains: Sequence[Array | None],
     shift: int,
-    space: Workspace,
+    spaces: Sequence[Workspace],
     gradients: Sequence[Array],
     ring_gradients: Sequence[Array],
+    threads: Executor | None = None,
 ) -> Pass:
     """Add the gradients of a batch's SpikeRate loss by every weight, before the gains' common factors.
 
@@ -175,110 +221,140 @@ def learn(
         false_rate: target rate of the other outputs.
         gains: per layer, (sample, input) factors of its input spikes, 0 or one common value; or None.
         shift: steps by which a layer hands its spikes on later.
-        space: buffers of one chunk.
+        spaces: buffers, one per chunk that may run at a time; all but the first hold first-layer gradients.
         gradients: per layer, in blocks; added to.
         ring_gradients: the same of recurrent weights; empty where there are none.
+        threads: runs chunks side by side where there are several spaces.
     """
-    rows, n_steps, last = batch.rows, batch.rows.n_steps, len(layers) - 1
-    kind = space.slope[0].dtype
+    kind = spaces[0].slope[0].dtype
     factors = [common_factor(gain) for gain in gains]
-    running = [x._replace(table_unit=x.table_unit * f) for x, f in zip(layers, factors, strict=True)]
-    back = [_back_weights(x.table, x.table_unit, x.n_inputs, x.n_columns, kind) for x in layers[1:]]
-    rings = [_back_weights(x.ring, x.ring_unit, x.n_columns, x.n_columns, kind) for x in layers]
-    n_classes = n_neurons[last]
-    peak = np.zeros(LANES, layers[0].keep_u.dtype)
-    loss, correct, n_fired = 0.0, 0, [0] * len(layers)
-    for chunk, (first, end) in enumerate(pairwise(batch.starts.tolist())):
-        n = end - first
-        n_rows = n * n_steps
-        offsets, index, first_row = rows.offsets, rows.index, first * n_steps
-        silenced = [None if gain is None else gain[first:end] for gain in (*gains[1:], None)]
-        for d, layer in enumerate(running):
-            n_fired[d] += run(
-                layer,
+    nothing = np.zeros(0, kind)
+    lesson = _Lesson(
+        [x._replace(table_unit=x.table_unit * f) for x, f in zip(layers, factors, strict=True)],
+        n_neurons,
+        batch,
+        labels,
+        true_rate,
+        false_rate,
+        gains,
+        shift,
+        [nothing, *(_turned(x.table, x.table_unit, x.n_inputs, x.n_columns, kind) for x in layers[1:])],
+        [_turned(x.ring, x.ring_unit, x.n_columns, x.n_columns, kind) for x in layers],
+    )
+    loss, correct, n_fired = 0.0, 0, np.zeros(len(layers), np.int64)
+    n_chunks = len(batch.starts) - 1
+    for first in range(0, n_chunks, len(spaces)):
+        wave = range(first, min(first + len(spaces), n_chunks))
+        targets = [gradients[0], *(space.gradients[0] for space in spaces[1:])]
+        arguments = (itertools.repeat(lesson), wave, spaces, targets)
+        done = (threads.map if threads else map)(_learn_chunk, *arguments)
+        for number, part in enumerate(done):
+            loss += part.loss
+            correct += part.correct
+            n_fired += part.n_fired
+            space = spaces[number]
+            _add(gradients[0 if number else 1 :], space.gradients[0 if number else 1 :])
+            _add(ring_gradients, space.ring_gradients)
+    return Pass(loss, correct, n_fired)
+
+
+def _add(totals: Sequence[Array], parts: Sequence[Array]) -> None:
+    """Add the parts to the totals, and clear them; a shared space may have more layers than the network."""
+    for total, part in zip(totals, parts, strict=False):
+        total += part[: total.size]
+        part[: total.size] = 0
+
+
+def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: Array) -> Pass:
+    """Run a chunk of a batch forward and back; its gradients go to `first_gradient` and to the space."""
+    first, end = (int(n) for n in lesson.batch.starts[chunk : chunk + 2])
+    gains = [None if gain is None else gain[first:end] for gain in lesson.gains]
+    n_fired = _forward(lesson, first, end, gains, space)
+
+    output, n_steps, n = lesson.running[-1], lesson.batch.rows.n_steps, end - first
+    counts = np.zeros((n, output.n_columns), np.int64)
+    n_groups = output.n_columns // LANES
+    kernels.spike_counts(space.fired[len(gains) - 1], n, n_steps, n_groups, n_steps - lesson.shift, counts)
+    counts = counts[:, : lesson.n_neurons[-1]]
+    labels = lesson.labels[first:end]
+    loss, by_class = spike_rate(counts, n_steps, labels, lesson.true_rate, lesson.false_rate)
+
+    _backward(lesson, chunk, n, gains, by_class, space, first_gradient)
+    return Pass(loss, int((counts.argmax(axis=1) == labels).sum()), n_fired)
+
+
+def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None], space: Workspace) -> Array:
+    """Run samples through all layers, keep surrogates and spikes; return each layer's number of spikes."""
+    rows, n = lesson.batch.rows, end - first
+    offsets, index, first_row = rows.offsets, rows.index, first * rows.n_steps
+    n_fired = np.zeros(len(gains), np.int64)
+    peak = np.zeros(LANES, lesson.running[0].keep_u.dtype)
+    for d, layer in enumerate(lesson.running):
+        if d:
+            gain = gains[d]
+            offsets, index, first_row = space.offsets[d - 1], space.index[d - 1], 0
+            kernels.decode(
+                space.fired[d - 1],
+                n,
+                rows.n_steps,
+                lesson.running[d - 1].n_columns // LANES,
+                lesson.shift,
+                _NO_GAIN if gain is None else gain,
                 offsets,
                 index,
-                first_row,
-                n,
-                n_steps,
-                kernels.SLOPE,
-                space.slope[d],
-                space.fired[d],
-                _NO_UPDATES,
-                peak,
             )
-            if d < last:
-                offsets, index, first_row = space.offsets[d], space.index[d], 0
-                gain = silenced[d]
-                kernels.decode(
-                    space.fired[d],
-                    n,
-                    n_steps,
-                    layer.n_columns // LANES,
-                    shift,
-                    _NO_GAIN if gain is None else gain,
-                    offsets,
-                    index,
-                )
-        counts = np.zeros((n, layers[last].n_columns), np.int64)
-        n_groups = layers[last].n_columns // LANES
-        kernels.spike_counts(space.fired[last], n, n_steps, n_groups, n_steps - shift, counts)
-        answers = counts[:, :n_classes]
-        part, by_class = spike_rate(answers, n_steps, labels[first:end], true_rate, false_rate)
-        loss += part
-        correct += int((answers.argmax(axis=1) == labels[first:end]).sum())
+        n_fired[d] = run(
+            layer,
+            offsets,
+            index,
+            first_row,
+            n,
+            rows.n_steps,
+            kernels.SLOPE,
+            space.slope[d],
+            space.fired[d],
+            _NO_UPDATES,
+            peak,
+        )
+    return n_fired
 
-        later, n_later, weights_back = np.zeros(0, kind), 0, np.zeros(0, kind)
-        by_column = np.zeros((n, layers[last].n_columns), kind)
-        by_column[:, :n_classes] = by_class
-        for d in range(last, -1, -1):
-            layer, slope = layers[d], space.slope[d]
-            _back(layer, n, n_steps, by_column, later, n_later, weights_back, rings[d], shift, slope)
-            if d == 0:
-                _gather_gradient(
-                    batch.offsets[chunk],
-                    batch.index,
-                    rows.n_inputs,
-                    layer.n_columns,
-                    slope,
-                    n_rows,
-                    gradients[0],
-                )
-            else:
-                _scatter_gradient(
-                    space.offsets[d - 1],
-                    space.index[d - 1],
-                    layer.n_inputs,
-                    layer.n_columns,
-                    slope,
-                    n_rows,
-                    gradients[d],
-                )
-                by_column = np.zeros((n, layers[d - 1].n_columns), kind)
-                gain = silenced[d - 1]
-                by_column[:, : n_neurons[d - 1]] = 1 if gain is None else gain
-                later, n_later, weights_back = slope, n_neurons[d], back[d - 1]
-            if layer.ring.size:
-                kernels.decode(
-                    space.fired[d],
-                    n,
-                    n_steps,
-                    layer.n_columns // LANES,
-                    1,
-                    _NO_GAIN,
-                    space.own_offsets,
-                    space.own_index,
-                )
-                _scatter_gradient(
-                    space.own_offsets,
-                    space.own_index,
-                    layer.n_columns,
-                    layer.n_columns,
-                    slope,
-                    n_rows,
-                    ring_gradients[d],
-                )
-    return Pass(loss, correct, tuple(n_fired))
+
+def _backward(
+    lesson: _Lesson,
+    chunk: int,
+    n: int,
+    gains: Sequence[Array | None],
+    by_class: Array,
+    space: Workspace,
+    first_gradient: Array,
+) -> None:
+    """Turn surrogates into dL/dz, the last layer first, and sum them into the weights' gradients."""
+    batch, n_steps, last = lesson.batch, lesson.batch.rows.n_steps, len(gains) - 1
+    kind = space.slope[0].dtype
+    later, n_later, back = np.zeros(0, kind), 0, np.zeros(0, kind)
+    factors: Array | float = by_class
+    for d in range(last, -1, -1):
+        layer, by_input, n_rows = lesson.running[d], space.slope[d], n * n_steps
+        sizes = layer.n_inputs, layer.n_columns
+        by_column = np.zeros((n, layer.n_columns), kind)
+        by_column[:, : lesson.n_neurons[d]] = factors
+        _back(layer, n, n_steps, by_column, later, n_later, back, lesson.ring_back[d], lesson.shift, by_input)
+        if d == 0:
+            offsets, index = batch.offsets[chunk], batch.index
+            _gather_gradient(
+                offsets, index, layer.n_inputs, layer.n_columns, by_input, n_rows, first_gradient
+            )
+        else:
+            offsets, index, gradient = space.offsets[d - 1], space.index[d - 1], space.gradients[d]
+            _scatter_gradient(offsets, index, *sizes, by_input, n_rows, gradient)
+            gain = gains[d]
+            factors = 1.0 if gain is None else gain
+            later, n_later, back = by_input, lesson.n_neurons[d], lesson.back[d]
+        if layer.ring.size:
+            offsets, index, gradient = space.own_offsets, space.own_index, space.ring_gradients[d]
+            n_groups = layer.n_columns // LANES
+            kernels.decode(space.fired[d], n, n_steps, n_groups, 1, _NO_GAIN, offsets, index)
+            _scatter_gradient(offsets, index, layer.n_columns, layer.n_columns, by_input, n_rows, gradient)
 
 
 def common_factor(gain: Array | None) -> float:
@@ -286,10 +362,10 @@ def common_factor(gain: Array | None) -> float:
     return float(gain.max()) if gain is not None and gain.size else 1.0
 
 
-def _back_weights(table: Array, unit: float, n_rows: int, n_columns: int, kind: Any) -> Array:
+def _turned(table: Array, unit: float, n_rows: int, n_columns: int, kind: Any) -> Array:
     """Return a matrix in blocks, in weight units, as (column, row) with rows padded to whole vectors."""
     if not table.size:
         return np.zeros(0, kind)
     out = aligned(n_columns * padded(n_rows), kind)
-    _turned(table, unit, n_rows, n_columns, out)
+    _turn(table, unit, n_rows, n_columns, out)
     return out

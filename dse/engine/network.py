@@ -67,21 +67,24 @@ def gradients(
     sizes = [w.n_neurons for w in layers]
     found = [aligned(x.n_inputs * x.n_columns, kind) for x in prepared]
     rings = [aligned(x.ring.size, kind) for x in prepared]
-    batch = batch_of(rows)
+    n_rows = chunk_samples(rows.n_samples, rows.n_steps) * rows.n_steps
+    deeper = [0, *(g.size for g in found[1:])]
+    space = Workspace(n_rows, sizes, deeper, [r.size for r in rings], kind)
     done = learn(
         prepared,
         sizes,
-        batch,
+        batch_of(rows),
         labels,
         true_rate,
         false_rate,
         gains,
         int(shift),
-        Workspace(chunk_samples(rows.n_samples, rows.n_steps) * rows.n_steps, sizes, kind),
+        [space],
         found,
         rings,
     )
     factors = [common_factor(gain) for gain in gains]
+    cells = rows.n_samples * rows.n_steps
     return Gradients(
         done.loss,
         tuple(
@@ -92,9 +95,7 @@ def gradients(
             unpacked(g, x.n_columns, n)[:n] if g.size else g.reshape(0, 0)
             for g, x, n in zip(rings, prepared, sizes, strict=True)
         ),
-        tuple(
-            f / max(1, rows.n_samples * rows.n_steps * n) for f, n in zip(done.n_fired, sizes, strict=True)
-        ),
+        tuple(float(f) / max(1, cells * n) for f, n in zip(done.n_fired, sizes, strict=True)),
         done.correct,
     )
 

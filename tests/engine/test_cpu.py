@@ -1,0 +1,110 @@
+"""Cohorts of the CPU engine: steps against the equations, and the same numbers with any number of threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dse.engine import cpu
+from dse.engine.adam import adam
+from dse.engine.layers import weights
+from dse.engine.member import Member, TrainedLayer, Turn
+from dse.engine.network import gradients
+from dse.neurons import cuba_lif
+from dse.neurons.surrogate import exponential
+from dse.records import Arithmetic
+from tests.engine.test_network import rows_of
+
+
+def drawn(rng: np.random.Generator, n_in: int, n_out: int, ring: bool = False) -> TrainedLayer:
+    return TrainedLayer(
+        rng.normal(0.05, 0.5, (n_in, n_out)).astype(np.float32),
+        rng.normal(0, 0.3, (n_out, n_out)).astype(np.float32) if ring else None,
+        rng.integers(100, 3000, n_out),
+        rng.integers(50, 2000, n_out),
+        80,
+        exponential(80, 0.03, 3.0),
+        rng.uniform(0.5, 2, n_out).astype(np.float32),
+        np.full(n_out, 0.7, np.float32) if ring else None,
+    )
+
+
+def member(arithmetic: Arithmetic = "integer", ring: bool = False, seed: int = 0) -> Member:
+    rng = np.random.default_rng(seed)
+    return Member((drawn(rng, 20, 70, ring), drawn(rng, 70, 30), drawn(rng, 30, 4)), 0.6, 0.05, arithmetic)
+
+
+def batch(n: int = 9, n_steps: int = 1000) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return (rng.random((n, n_steps, 20)) < 0.05).astype(np.uint8), rng.integers(0, 4, n)
+
+
+def dropped(rng: np.random.Generator, n: int) -> Turn:
+    gains = [2 * (rng.random((n, size)) < 0.5).astype(np.float32) for size in (70, 30)]
+    return Turn(0.01, (None, *gains))
+
+
+@pytest.mark.parametrize("ring", [False, True])
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+def test_threads_change_no_bit(arithmetic: Arithmetic, ring: bool) -> None:
+    x, labels = batch()  # four samples to a chunk: three chunks
+    results = []
+    for threads in (1, 2, 3):
+        cohort = cpu.start([member(arithmetic, ring), member(seed=3)], 9, 1000, threads)
+        rng = np.random.default_rng(2)
+        reports = [
+            cohort.step(rows_of(x), labels, {0: dropped(rng, 9), 1: dropped(rng, 9)}) for _ in range(2)
+        ]
+        results.append((reports, cohort.masters(0)))
+    for reports, masters in results[1:]:
+        assert reports == results[0][0]
+        for a, b in zip(masters.feed_forward, results[0][1].feed_forward, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
+def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
+    x, labels = batch(5, 40)
+    one = member(arithmetic)
+    cohort = cpu.start([one], 5, 40)
+    masters = [layer.feed_forward for layer in one.layers]
+    moments = [(np.zeros_like(w), np.zeros_like(w)) for w in masters]
+    rng, same = np.random.default_rng(2), np.random.default_rng(2)
+    rounding = cuba_lif.quantise if arithmetic == "integer" else np.asarray
+    for step in range(1, 4):
+        report = cohort.step(rows_of(x), labels, {0: dropped(rng, 5)})[0]
+        layers = [
+            weights(rounding(w), None, layer.decay_current, layer.decay_voltage, 80)
+            for w, layer in zip(masters, one.layers, strict=True)
+        ]
+        found = gradients(
+            rows_of(x),
+            layers,
+            [layer.surrogate for layer in one.layers],
+            labels,
+            true_rate=0.6,
+            false_rate=0.05,
+            arithmetic=arithmetic,
+            gains=dropped(same, 5).gains,
+        )
+        assert (report.loss, report.correct, report.fired) == (found.loss, found.correct, found.fired)
+        norm = 0.0
+        for k, layer in enumerate(one.layers):
+            passes = cuba_lif.quantise_passes(masters[k]) if arithmetic == "integer" else 1
+            g = found.feed_forward[k] * passes
+            norm += float((g.astype(np.float64) ** 2).sum())
+            masters[k], *moments[k] = adam(masters[k], g, *moments[k], step, 0.01 * layer.unit)
+        assert report.gradient_norm == pytest.approx(np.sqrt(norm), rel=1e-5)
+        for a, b in zip(cohort.masters(0).feed_forward, masters, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
+        masters = list(cohort.masters(0).feed_forward)  # so that a rounding does not grow into a spike
+
+
+def test_members_without_a_turn_do_not_move() -> None:
+    x, labels = batch(4, 30)
+    cohort = cpu.start([member(), member(seed=5)], 4, 30)
+    before = cohort.masters(1)
+    reports = cohort.step(rows_of(x), labels, {0: Turn(0.1, (None, None, None))})
+    assert set(reports) == {0}
+    for a, b in zip(before.feed_forward, cohort.masters(1).feed_forward, strict=True):
+        np.testing.assert_array_equal(a, b)
