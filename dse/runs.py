@@ -2,24 +2,33 @@
 
 A run is (trial, repeat). It is finished when its folder exists and is undamaged; a failed run is finished
 too, its record says why. Data sets are prepared once per distinct data sections and shared by memory map.
+Runs that can share batches train in cohorts (dse.search.cohorts); no result depends on which.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dse import dataset, registry, seeds, store, trial
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.sections import settings_class
-from dse.execution import Failure, Workers
+from dse.execution import Failure, Workers, memory_budget
 from dse.ledger import Entry
 from dse.progress import Progress
 from dse.recordings import RecordingError
+from dse.search import cohorts
 from dse.store import StoreError
 
 Record = dict[str, Any]
+
+_OVER_BUDGET = "MemoryBudget"
+# Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
+# rises with the number of designs, where a CPU has all of the gain from some eight of them.
+_LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
 
 
 class Runs:
@@ -30,6 +39,8 @@ class Runs:
         self._folder = folder
         self._workers = workers
         self._progress = progress
+        execution = space.execution
+        self._budget = memory_budget(execution.memory_gib, workers.n, execution.device)
         self._records: dict[tuple[int, int], Record] = {}
         self._warned: set[str] = set()
 
@@ -46,7 +57,9 @@ class Runs:
         return sum(repeats is None or repeat < repeats for _, repeat in self._records)
 
     def recall(self, entries: Sequence[Entry]) -> None:
-        """Read what earlier sessions finished. A damaged run is removed, to be made again.
+        """Read what earlier sessions finished.
+
+        A damaged run is removed, to be made again, and so is one that has the memory now which it lacked.
 
         Raises:
             ConfigError: a run was trained on other data than its design has now.
@@ -64,12 +77,21 @@ class Runs:
                     self._progress.note(f"{error}; this run is made again")
                     store.remove(folder)
                     continue
-                if record is not None:
+                if record is not None and record.get("needs_bytes", math.inf) <= self._budget:
+                    store.remove(folder)
+                elif record is not None:
                     self._check_data(entry, record)
                     self._records[entry.trial, repeat] = record
 
-    def complete(self, entries: Sequence[Entry], repeats: int) -> None:
+    def complete(
+        self, entries: Sequence[Entry], repeats: int, after_each: Callable[[], None] = lambda: None
+    ) -> None:
         """Make every missing run of some designs up to a number of repeats.
+
+        Args:
+            entries: the designs.
+            repeats: runs of each.
+            after_each: called when a run has ended.
 
         Raises:
             StoreError: results cannot be written (the disk is full); nothing finished is lost.
@@ -77,22 +99,74 @@ class Runs:
         """
         self.recall(entries)
         wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
-        jobs = self._prepared(wanted)
-        for job, result in self._workers.map(trial.train, jobs):
-            if isinstance(result, Failure):
-                _stop_if_disk(result)
-                result = self._failed(job.folder, job.trial, job.repeat, job.design, result)
+        waiting = self._planned(self._prepared(wanted))
+        while waiting:
+            again: list[trial.Cohort] = []
+            for cohort, ended in self._workers.stream(trial.train, waiting):
+                if isinstance(ended, Failure):
+                    again += self._unfinished(cohort, ended)
+                    continue
+                number, why = ended
+                self._settle(cohort.runs[number], why)
+                after_each()
+            waiting = again
+
+    def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
+        """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
+        data = {folder: dataset.load(folder) for folder in {run.data for run in runs}}
+        fitting, demands, execution = [], [], self._space.execution
+        for run in runs:
+            demand = trial.demand(run, data[run.data], execution.threads)
+            if demand.alone_bytes > self._budget:
+                text = (
+                    f"training needs {demand.alone_bytes} bytes, more than the {self._budget} of a process; "
+                    f"execution.memory_gib: {math.ceil(demand.alone_bytes / 2**30 * 100) / 100:g} is enough"
+                )
+                self._fail(run.trial, run.repeat, run.design, Failure(_OVER_BUDGET, text), demand.alone_bytes)
             else:
-                result = store.load_run(job.folder) or result
-            self._keep(result)
+                fitting.append(run)
+                demands.append(demand)
+        device, threads = execution.device, execution.threads
+        plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
+        return [trial.Cohort(tuple(fitting[i] for i in members), device, threads) for members in plan]
+
+    def _unfinished(self, cohort: trial.Cohort, why: Failure) -> list[trial.Cohort]:
+        """Return the runs of a job that ended early, to be tried alone; one that was alone has failed."""
+        _stop_if_disk(why)
+        again = []
+        for run in cohort.runs:
+            if (run.trial, run.repeat) in self._records:
+                continue
+            if run.folder.is_dir():  # published, and then the worker died before it said so
+                self._settle(run, None)
+            elif len(cohort.runs) > 1:
+                again.append(dataclasses.replace(cohort, runs=(run,)))
+            else:
+                self._settle(run, why)
+        return again
+
+    def _settle(self, run: trial.Run, why: Failure | None) -> None:
+        """Take in a run that has ended."""
+        record = store.load_run(run.folder) if why is None else None
+        if record is not None:
+            self._keep(record)
+        else:
+            assert why is not None  # a run without a failure is published
+            self._fail(run.trial, run.repeat, run.design, why)
 
     def _keep(self, record: Record) -> None:
         self._records[record["trial"], record["repeat"]] = record
         self._progress.advance(_told(record))
 
-    def _failed(
-        self, folder: Path, number: int, repeat: int, design: Mapping[str, Any], why: Failure
-    ) -> Record:
+    def _fail(
+        self,
+        number: int,
+        repeat: int,
+        design: Mapping[str, Any],
+        why: Failure,
+        needs_bytes: int | None = None,
+    ) -> None:
+        """Record a failed run; with the memory that it lacked, it is tried again where there is more."""
         record = {
             "trial": number,
             "repeat": repeat,
@@ -101,9 +175,10 @@ class Runs:
             "status": "failed",
             "reason": why.reason,
             "details": why.details,
+            **({} if needs_bytes is None else {"needs_bytes": needs_bytes}),
         }
-        store.save_run(folder, record, {})
-        return {**record, "files": {}}
+        store.save_run(store.run_folder(self._folder, number, repeat), record, {})
+        self._keep({**record, "files": {}})
 
     def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[trial.Run]:
         """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
@@ -139,8 +214,7 @@ class Runs:
                 except ValueError as error:  # keys that are legal one by one and not together
                     why = Failure(type(error).__name__, str(error))
             if why is not None:
-                folder = store.run_folder(self._folder, entry.trial, repeat)
-                self._keep(self._failed(folder, entry.trial, repeat, entry.design, why))
+                self._fail(entry.trial, repeat, entry.design, why)
         return runs
 
     def _run(self, entry: Entry, repeat: int, resolved: Mapping[str, Any], data: Path) -> trial.Run:

@@ -1,4 +1,4 @@
-"""What a worker does for a study: prepare a data set, or train one design once and record it.
+"""What a worker does for a study: prepare a data set, or train a cohort of runs and record each.
 
 A job carries paths and settings only; spikes are read from the prepared data set as a memory map.
 """
@@ -6,15 +6,26 @@ A job carries paths and settings only; spikes are read from the prepared data se
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dse import dataset, seeds, store
+from dse.execution import Failure
 from dse.measure import measure
-from dse.records import Array
+from dse.models.training import Design
+from dse.records import Array, Dataset, Outcome
+from dse.search.cohorts import Demand
+
+PROCESS_BYTES = 320 * 2**20
+"""What a worker takes beside arrays, rounded up: interpreter, libraries, and compiling the kernels once."""
+
+# At most, per spike of a batch: its row and its channel, each way round, while they are gathered and sorted.
+_SPIKE_BYTES = 64
+# At most, per sample and step: spikes and updates of each layer, and the same work as it adds up.
+_ANSWER_BYTES = 216
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +60,34 @@ class Run:
     hardware: tuple[str, ...]
 
 
+@dataclasses.dataclass(frozen=True)
+class Cohort:
+    """Runs to be trained in one job: of the same data, repeat and family, and alike in what it shares."""
+
+    runs: tuple[Run, ...]
+    device: str = "cpu"
+    threads: int = 1
+
+
+def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
+    """Return what training a run asks of a worker; a family without `fit_cohort` trains one at a time."""
+    model, training = run.model, run.training
+    if not hasattr(model, "fit_cohort"):
+        return Demand((run.trial, run.repeat), 0, PROCESS_BYTES, 1.0)
+    n_used = data.train.size + data.validation.size + data.test.size
+    n_events = len(data.spikes.channel) / max(1, n_used * data.spikes.n_steps) * data.n_steps
+    shape = data.spikes.n_channels, len(data.classes), data.n_steps
+    steps = data.n_steps * model.steps_per_sample
+    batch = training.batch_size * (n_events * len(model.input_delays) * _SPIKE_BYTES + steps * 8)
+    answers = (data.validation.size + data.test.size) * steps * (_ANSWER_BYTES + 2 * len(data.classes))
+    return Demand(
+        (run.data, run.repeat, type(model), model.shares(training)),
+        model.memory_bytes(*shape, training),
+        PROCESS_BYTES + model.workspace_bytes(*shape, training, threads) + round(batch) + answers,
+        model.cost(*shape, n_events, data.train.size, training),
+    )
+
+
 def prepare(job: Preparation) -> list[str]:
     """Build and save a data set; return the warnings about it."""
     built, warnings = dataset.build(job.sections, job.base)
@@ -57,14 +96,59 @@ def prepare(job: Preparation) -> list[str]:
     return warnings
 
 
-def train(job: Run) -> dict[str, Any]:
-    """Train, measure and publish one run; return its record."""
+def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
+    """Train the runs of a cohort; measure and publish each as it finishes.
+
+    Yields:
+        A run's number, and None once it is published, or why it failed. What fails all of them is raised.
+    """
+    data = dataset.load(job.runs[0].data)
+    missing = set(range(len(job.runs)))
+    for number, outcome in _outcomes(job, data):
+        missing.discard(number)
+        why = None
+        try:
+            if isinstance(outcome, Exception):
+                raise outcome
+            _publish(job.runs[number], outcome, data)
+        except (store.StoreError, MemoryError):
+            raise  # a full disk is nobody's failure, and alone the run may have the memory
+        except Exception as error:
+            why = Failure.of(error)
+        del outcome  # before the next one answers
+        yield number, why
+    if missing:
+        raise RuntimeError(
+            f"{type(job.runs[0].model).__name__}.fit_cohort left out designs {sorted(missing)}"
+        )
+
+
+def _outcomes(job: Cohort, data: Dataset) -> Iterator[tuple[int, Outcome | Exception]]:
+    first = job.runs[0]
+    if not hasattr(first.model, "fit_cohort"):
+        return ((number, run.model.fit(data, run.training, _own(run))) for number, run in enumerate(job.runs))
+
+    def shared(purpose: str, *index: int) -> np.random.Generator:
+        return seeds.generator(first.seed, {}, purpose, first.repeat, *index)
+
+    designs = [Design(run.model, run.training, _own(run)) for run in job.runs]
+    found: Iterator[tuple[int, Outcome | Exception]] = type(first.model).fit_cohort(
+        data, designs, shared, job.device, job.threads
+    )
+    return found
+
+
+def _own(run: Run) -> Any:
+    """Return the random generators of a run, by purpose."""
 
     def rngs(purpose: str, *index: int) -> np.random.Generator:
-        return seeds.generator(job.seed, job.design, purpose, job.repeat, *index)
+        return seeds.generator(run.seed, run.design, purpose, run.repeat, *index)
 
-    data = dataset.load(job.data)
-    outcome = job.model.fit(data, job.training, rngs)
+    return rngs
+
+
+def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
+    """Measure a run and write its record and its arrays."""
     found = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
     record = {
         "trial": job.trial,
@@ -93,7 +177,6 @@ def train(job: Run) -> dict[str, Any]:
         arrays["surface.npz"] = _surface(job, found.points, found.hardware_points)
     files = {name: _writer(content) for name, content in arrays.items()}
     store.save_run(job.folder, record, files)
-    return record
 
 
 def _writer(arrays: Mapping[str, Array]) -> Any:

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from dse import study
+from dse import store, study
 from tests import tiny_study
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,6 +97,27 @@ def test_kill_9_at_random_moments(tmp_path: Path, whole: study.Study) -> None:
     assert len(finished_runs(folder)) >= N_RUNS
     assert_same(folder, whole)
     assert not list((folder / "results").rglob(".writing-*"))
+
+
+def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> None:
+    model = {**tiny_study.plain()["model"], "kind": "together", "seconds": 0.1}
+    folders = [tmp_path / name for name in ("whole", "killed")]
+    for folder in folders:
+        folder.mkdir()
+        tiny_study.make_space(folder, model=model, search={"sampler": "grid"}, execution={"jobs": 1})
+    process = start(folders[1])
+    wait_until(process, lambda: len(finished_runs(folders[1])) >= 2)
+    process.kill()
+    process.communicate()
+    kept = finished_runs(folders[1])
+    assert 2 <= len(kept) < 6
+    for folder in folders:
+        assert tiny_study.run_folder(str(folder)) == 0
+    assert kept.items() <= finished_runs(folders[1]).items()
+    assert_same(folders[1], study.open(folders[0] / "results" / "tiny"))
+    artefacts = (folders[1] / "results" / "tiny" / "artefacts").glob("*/repeat_0")
+    members = [int(store.load_arrays(path / "history.npz")["members"]) for path in artefacts]
+    assert sorted(members) == sorted([6] * len(kept) + [6 - len(kept)] * (6 - len(kept)))
 
 
 def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole: study.Study) -> None:

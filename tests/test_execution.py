@@ -7,11 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from dse.execution import THREADS, Failure, Workers
+from dse import execution
+from dse.execution import THREADS, Failure, Workers, memory_budget
 
 
 def square(x: int) -> int:
@@ -70,6 +72,54 @@ def test_an_exception_is_a_failure_with_its_reason_and_its_traceback() -> None:
     assert results["memory"].reason == "MemoryError"
     assert isinstance(results["lambda"], Failure)
     assert results["fine"] == "FINE"
+
+
+def count_to(job: tuple[int, str]) -> Iterator[int]:
+    n, end = job
+    yield from range(n)
+    misbehave(end)
+
+
+def wait_for(path: str) -> Iterator[str]:
+    yield "before"
+    _until(Path(path).exists)
+    yield "after"
+
+
+def test_parts_before_an_early_end_stand() -> None:
+    jobs = [(2, "fine"), (0, "fine"), (3, "raise"), (1, str(int(signal.SIGKILL))), (2, "fine")]
+    with Workers(2) as workers:
+        found = list(workers.stream(count_to, jobs))
+    parts = {job: [part for one, part in found if one == job] for job in jobs}
+    assert parts[2, "fine"] in ([0, 1, 0, 1], [0, 0, 1, 1])
+    assert parts[0, "fine"] == []
+    assert parts[3, "raise"][:3] == [0, 1, 2]
+    assert isinstance(failure := parts[3, "raise"][3], Failure)
+    assert failure.reason == "ValueError: phi must be at least 0"
+    assert parts[1, "9"] == [0, Failure("WorkerDied", "worker died: signal 9")]
+    assert len(found) == 2 + 2 + 4 + 2
+
+
+def test_parts_arrive_while_the_job_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "go on"
+    with Workers(1) as workers:
+        found = workers.stream(wait_for, [str(path)])
+        assert next(found) == (str(path), "before")
+        path.touch()
+        assert list(found) == [(str(path), "after")]
+
+
+def test_a_worker_may_take_what_is_stated_or_its_share(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert memory_budget(1.5, 4, "cpu") == 3 * 2**29
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert 0 < memory_budget(None, 1, "cpu") <= 3 * machine // 4
+    limits = [tmp_path / "unlimited", tmp_path / "limit", tmp_path / "absent"]
+    limits[0].write_text("max\n")
+    limits[1].write_text(f"{8 * 2**20}\n")
+    monkeypatch.setattr(execution, "_CONTAINER_LIMITS", limits)
+    assert memory_budget(None, 2, "cpu") == 3 * 2**20
 
 
 def test_workers_have_one_thread_each() -> None:

@@ -44,7 +44,7 @@ LAYERS = (
 HEIGHT = {name: -depth for depth, layer in enumerate(LAYERS) for name in layer}
 PUBLIC = ("__init__", "__main__")  # the package's own face may import anything
 
-HEAVY = ("moocore", "numba", "optuna", "pandas", "plotly", "pyarrow", "sklearn", "torch")
+HEAVY = ("moocore", "numba", "optuna", "pandas", "plotly", "pyarrow", "sklearn", "torch", "triton")
 
 
 def part(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,13 +13,14 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from dse import decision, store, study, trial
-from dse.config import ConfigError
+from dse import decision, runs, store, study, trial
+from dse.config import ConfigError, load_space
 from dse.dataset import load
 from dse.execution import Workers
 from dse.measure import read_out
 from dse.recordings import RecordingError
-from tests import tiny_study
+from dse.study import exploration
+from tests import spaces, tiny_study
 from tests.tiny_study import make_space
 
 COLUMNS = [
@@ -224,6 +226,126 @@ def test_failures_are_recorded_and_the_rest_goes_on(
     assert_same(again, found)
 
 
+TOGETHER: dict[str, Any] = {**tiny_study.plain()["model"], "kind": "together"}
+
+
+def sizes(found: study.Study) -> list[int]:
+    """Return how many runs were in the cohort of each finished run."""
+    folders = sorted((found.folder / "artefacts").glob("*/repeat_*"))
+    return [
+        int(store.load_arrays(f / "history.npz")["members"]) for f in folders if (f / "history.npz").exists()
+    ]
+
+
+def gib(megabytes: int) -> float:
+    """Return a memory budget that leaves so much to models, and half a megabyte to their few samples."""
+    return (trial.PROCESS_BYTES + megabytes * 2**20 + 2**19) / 2**30
+
+
+def test_tables_do_not_depend_on_cohorts(tmp_path: Path) -> None:
+    found = {}
+    for name, execution, expected in (
+        ("one", {"jobs": 1}, [6, 6, 6, 6, 6, 6]),
+        ("two", {"jobs": 2}, [3, 3, 3, 3, 3, 3]),
+        ("alone", {"jobs": 1, "memory_gib": gib(1)}, [1, 1, 1, 1, 1, 1]),
+        ("pairs", {"jobs": 2, "memory_gib": gib(2)}, [1, 1, 2, 2, 2, 2]),
+    ):
+        (tmp_path / name).mkdir()
+        space = make_space(tmp_path / name, model=TOGETHER, search={"sampler": "grid"}, execution=execution)
+        found[name] = study.run(space, tmp_path / name, progress=False)
+        assert sorted(sizes(found[name])) == expected
+        assert_same(found[name], found["one"])
+    assert found["one"].trials["first_sample"].nunique() == 1, "designs must share what orders the batches"
+
+
+def test_what_differs_in_data_repeat_or_share_trains_apart(tmp_path: Path) -> None:
+    space = make_space(
+        tmp_path,
+        model={**TOGETHER, "hidden": {"choice": [[4], [8]]}, "true_rate": 0.8},
+        window={"n_steps": {"choice": [10, 20]}},
+        training={"epochs": 1, "batch_size": {"choice": [4, 8]}},
+        search={"sampler": "grid", "repeats": 2},
+        execution={"jobs": 1},
+    )
+    found = study.run(space, tmp_path, progress=False)
+    assert sizes(found) == [2] * 16
+    first = [[record["columns"]["first_sample"] for record in found.runs(number)] for number in range(8)]
+    assert len({tuple(pair) for pair in first}) == 1
+    assert first[0][0] != first[0][1], "repeats must order batches differently"
+
+
+def test_a_guilty_member_fails_alone(tmp_path: Path) -> None:
+    moods = ["fine", "killed", "diverged", "misshapen", "forgotten", "raise", "crowded"]
+    changes: dict[str, Any] = {
+        "model": {**TOGETHER, "hidden": {"choice": [[4], [8]]}, "true_rate": 0.5, "mood": {"choice": moods}},
+        "search": {"sampler": "grid"},
+    }
+    space = make_space(tmp_path, **changes, execution={"jobs": 1})
+    found = study.run(space, tmp_path / "together", progress=False)
+    reasons = found.trials.set_index(["model.hidden", "model.mood"])["reason"].unstack()
+    assert set(reasons["fine"]) == {""}
+    assert set(reasons["crowded"]) == {""}
+    assert set(reasons["killed"]) == {"worker died: signal 9"}
+    assert set(reasons["diverged"]) == {"TrainingDiverged: loss is not finite in epoch 1"}
+    assert reasons["misshapen"].str.startswith("ValueError: n_steps must be finite").all()
+    assert set(reasons["forgotten"]) == {"RuntimeError: Together.fit_cohort left out designs [0]"}
+    assert set(reasons["raise"]) == {"ValueError: hidden must be kind"}
+    details = found.runs(3)[0]["details"]
+    assert "in measure" in details
+
+    apart = make_space(tmp_path, **changes, execution={"jobs": 2, "memory_gib": gib(1)})
+    assert_same(study.run(apart, tmp_path / "apart", progress=False), found)
+
+
+def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path: Path) -> None:
+    changes: dict[str, Any] = {
+        "model": {**TOGETHER, "hidden": [4], "megabytes": {"choice": [1, 3]}},
+        "search": {"sampler": "grid"},
+    }
+    (tmp_path / "whole").mkdir()
+    whole = study.run(make_space(tmp_path / "whole", **changes), tmp_path / "whole", progress=False)
+    results = tmp_path / "results"
+    tight = make_space(tmp_path, **changes, execution={"memory_gib": gib(2)})
+    trials = study.run(tight, results, progress=False).trials.set_index("model.megabytes")
+    assert set(trials.loc[1, "status"]) == {"finished"}
+    needed, budget = (trial.PROCESS_BYTES + n * 2**20 for n in (3, 2))
+    [reason] = set(trials.loc[3, "reason"])
+    found = re.fullmatch(
+        r"MemoryBudget: training needs (\d+) bytes, more than the (\d+) of a process; "
+        r"execution\.memory_gib: 0\.32 is enough",
+        reason,
+    )
+    assert found, reason
+    needed, budget = map(int, found.groups())
+    assert budget == trial.PROCESS_BYTES + 2 * 2**20 + 2**19 < needed
+    assert 3 * 2**20 <= needed - trial.PROCESS_BYTES < 3 * 2**20 + 2**19
+    kept = finished_runs(tmp_path)
+    study.run(tight, results, progress=False)
+    assert finished_runs(tmp_path) == kept
+    more = make_space(tmp_path, **changes, execution={"memory_gib": 0.32})
+    assert_same(study.run(more, results, progress=False), whole)
+    assert set(kept) == set(finished_runs(tmp_path))
+
+
+def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    space = load_space(spaces.write_space(tmp_path, ("search: {sampler: grid, batch: 2}", "")))
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "_LONGEST_S", {"cpu": 0.0})
+        alone = study.run(space, tmp_path / "alone", progress=False)
+    counts: list[int] = []
+    plain = runs.Runs._planned
+
+    def counted(self: runs.Runs, wanted: Any) -> list[trial.Cohort]:
+        planned = plain(self, wanted)
+        counts.extend(len(cohort.runs) for cohort in planned)
+        return planned
+
+    monkeypatch.setattr(runs.Runs, "_planned", counted)
+    together = study.run(space, tmp_path / "together", progress=False)
+    assert counts == [3, 3]
+    assert_same(together, alone)
+
+
 def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
     space = make_space(tmp_path, search={"sampler": "grid", "repeats": 1, "repeats_on_front": 3})
     found = study.run(space, tmp_path / "results", progress=False)
@@ -263,18 +385,18 @@ def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
         (tmp_path / name).mkdir()
     whole = study.run(make_space(tmp_path / "whole", **changes), tmp_path / "whole", progress=False)
     space = make_space(tmp_path / "stopped", **changes)
-    plain_map, count = Workers.map, 0
+    plain_stream, count = Workers.stream, 0
 
     def stop_after_four(self: Workers, function: Any, jobs: Any) -> Any:
         nonlocal count
-        for found in plain_map(self, function, jobs):
+        for found in plain_stream(self, function, jobs):
             yield found
             count += function is trial.train
             if count == 4:
                 raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Workers, "map", stop_after_four)
+        patch.setattr(Workers, "stream", stop_after_four)
         with pytest.raises(KeyboardInterrupt):
             study.run(space, tmp_path / "stopped", progress=False)
     assert len(study.open(tmp_path / "stopped" / "tiny").trials) == 4
@@ -294,11 +416,21 @@ def test_more_trials_go_on_and_any_other_change_is_refused(finished: study.Study
     assert_same(study.run(same, copied / "results", progress=False), finished)
     assert finished_runs(copied) == before
 
-    other = make_space(copied, data=data, seed=8, training={"epochs": 3})
+    other = make_space(
+        copied, data=data, seed=8, training={"epochs": 3}, execution={"jobs": 3, "memory_gib": 2}
+    )
     with pytest.raises(ConfigError) as caught:
         study.run(other, copied / "results", progress=False)
     assert [fault.message.split(" is ")[0] for fault in caught.value.faults] == ["seed", "training.epochs"]
     assert "choose another study name or --results folder" in str(caught.value)
+
+    cuda = make_space(copied, data=data, execution={"device": "cuda"})
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        pytest.raises(ConfigError, match=r"execution\.device is 'cuda', but .* was begun with 'cpu'"),
+    ):
+        patch.setattr(exploration, "missing", lambda device: None)
+        study.run(cuda, copied / "results", progress=False)
 
 
 def test_fewer_trials_first_and_more_later(finished: study.Study, tmp_path: Path) -> None:

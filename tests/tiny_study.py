@@ -1,4 +1,4 @@
-"""A study that takes no time: a few recordings, and a model family that answers without training."""
+"""A study that takes no time: a few recordings, and model families that answer without training."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import signal
 import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import yaml
 
 from dse import registry, study
 from dse.config import SearchSpace, load_space
+from dse.models.training import Design, Generators, TrainingDiverged
 from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
 from dse.store import StoreError
@@ -76,6 +78,74 @@ class Fake:
         return Response(output.astype(np.uint8), spikes, updates, dataset.spikes.step_ms, 1000)
 
 
+class _NoMemory(np.ndarray):
+    """An array of which nothing can be made."""
+
+    def __new__(cls) -> _NoMemory:
+        return np.zeros((1, 1, 1)).view(cls)
+
+    def sum(self, *_: Any, **__: Any) -> Any:
+        raise MemoryError
+
+
+@dataclass(frozen=True)
+class Together(Fake):
+    """The same in cohorts: one design finishes after the other, after doing what its `mood` says."""
+
+    mood: str = param(
+        "fine",
+        choices=("fine", "killed", "diverged", "misshapen", "forgotten", "raise", "crowded"),
+        doc="what happens in training",
+    )
+    megabytes: int = param(1, doc="memory that it claims to need", low=0)
+    input_delays: tuple[int, ...] = param((0,), doc="changes nothing")
+    steps_per_sample: int = param(1, doc="changes nothing")
+
+    @staticmethod
+    def fit_cohort(
+        dataset: Dataset,
+        designs: Sequence[Design],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+        first_sample = shared("batches").permutation(dataset.train)[0]
+        for number, (model, training, rngs) in reversed(list(enumerate(designs))):
+            if model.mood == "forgotten":
+                continue
+            if model.mood == "diverged":
+                yield number, TrainingDiverged("loss is not finite in epoch 1")
+                continue
+            outcome = model.fit(dataset, training, rngs)
+            if model.mood == "misshapen":
+                nothing = outcome.validation.output[:, :0]
+                outcome = replace(outcome, validation=replace(outcome.validation, output=nothing))
+            if model.mood == "crowded" and len(designs) > 1:
+                outcome = replace(outcome, validation=replace(outcome.validation, output=_NoMemory()))
+            history = {**outcome.history, "members": np.array(len(designs))}
+            health = {**outcome.health, "first_sample": int(first_sample)}
+            yield number, replace(outcome, history=history, health=health)
+
+    def shares(self, training: Any) -> tuple[Hashable, ...]:
+        return (training.batch_size,)
+
+    def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Any) -> int:
+        return self.megabytes * 2**20
+
+    def workspace_bytes(
+        self, n_channels: int, n_classes: int, n_steps: int, training: Any, threads: int = 1
+    ) -> int:
+        return 0
+
+    def cost(
+        self, n_channels: int, n_classes: int, n_steps: int, n_events: float, n_train: int, training: Any
+    ) -> float:
+        return 1.0
+
+
+FAMILIES = {"fake": Fake, "together": Together}
+
+
 def write_recordings(path: Path, seed: int = 0) -> Path:
     """Write labelled rasters of three classes, each with a channel that spikes most."""
     rng = np.random.default_rng(seed)
@@ -127,8 +197,8 @@ def make_space(folder: Path, **changes: Any) -> SearchSpace:
 
 
 def register() -> None:
-    """Make `kind: fake` known; tests undo it (fixture `fake_model`)."""
-    registry._components.setdefault("models", {})["fake"] = Fake
+    """Make the families of this file known; tests undo it (fixture `fake_model`)."""
+    registry._components.setdefault("models", {}).update(FAMILIES)
 
 
 def run_folder(folder: str) -> int:
@@ -145,4 +215,5 @@ def run_folder(folder: str) -> int:
 
 
 def unregister() -> None:
-    registry._components["models"].pop("fake", None)
+    for name in FAMILIES:
+        registry._components["models"].pop(name, None)

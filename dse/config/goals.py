@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from dse import registry
 from dse.config.axes import Axis
+from dse.config.device import missing
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names
 from dse.config.parts import read_fixed, read_or_axis
@@ -17,6 +19,7 @@ from dse.config.sections import HELD_BACK, OF_HARDWARE, Decision, ExecutionSetti
 from dse.config.space import DecisionGrid, SearchSettings
 from dse.config.values import Report, echo, read_fields
 
+_BATCH = 8
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
 
 
@@ -112,12 +115,19 @@ def search(raw: Any, axes: Mapping[str, Axis], report: Report) -> SearchSettings
     if name != "grid" and values["n_trials"] is None:
         report(("search",), f"search.n_trials is required for sampler '{name}'")
         return None
-    return SearchSettings(**values | {"sampler": name}, options=options)
+    # A grid learns nothing from its results: asked for at once, its designs share most passes of the events.
+    size = math.prod(len(axis.values or ()) for axis in axes.values()) if name == "grid" else _BATCH
+    return SearchSettings(
+        **values | {"sampler": name, "batch": values["batch"] or max(1, size)}, options=options
+    )
 
 
-def execution(raw: Any, report: Report) -> ExecutionSettings | None:
-    """Read how the work is spread; None after a fault."""
+def execution(raw: Any, report: Report, *, check_device: bool) -> ExecutionSettings | None:
+    """Read how the work is spread, and if asked whether the device is there; None after a fault."""
     values, good = read_fields(ExecutionSettings, raw, ("execution",), report, read_fixed)
+    if good and check_device and (lack := missing(values["device"])):
+        report(("execution", "device"), f"execution.device {values['device']} {lack}")
+        good = False
     return ExecutionSettings(**values) if good else None
 
 

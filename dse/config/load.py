@@ -30,7 +30,8 @@ def load_space(
     Args:
         path_or_name: a YAML file, or the name of a search space that comes with the package.
         overrides: dotted key -> YAML text that replaces the file's value.
-        check_data: also look for the data files and for the arrays that the file names in them.
+        check_data: also look for what a run needs: the data files, the arrays that the file names in
+            them, and the device.
 
     Raises:
         ConfigError: with every fault of the file and of the overrides.
@@ -78,7 +79,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     hardware = goals.hardware(data.get("hardware"), report)
     objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
     search = goals.search(data.get("search"), axes, report)
-    execution = goals.execution(data.get("execution"), report)
+    execution = goals.execution(data.get("execution"), report, check_device=check_data)
     if faults or decision is None or search is None or execution is None:
         return None
     fixed = {section: part.values for section, part in found.items()}

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dse import registry
+from dse.config.device import DEVICES
 from dse.registry import param
 
 COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
@@ -74,16 +75,36 @@ class Search:
         "", doc="component of search.samplers; absent: grid where every axis has a step, else tpe", axis=False
     )
     n_trials: int | None = param(None, doc="designs to train; absent: the whole grid", low=1, axis=False)
-    batch: int = param(8, doc="designs proposed at a time", low=1, axis=False)
+    batch: int | None = param(
+        None,
+        doc="designs proposed at a time; absent: the whole grid for sampler grid, else 8",
+        low=1,
+        axis=False,
+    )
     repeats: int = param(1, doc="trainings of every design, each with its own seed", low=1, axis=False)
     repeats_on_front: int = param(1, doc="trainings of the designs on the front", low=1, axis=False)
 
 
 @dataclass(frozen=True)
 class ExecutionSettings:
-    """How the work is spread; it changes no result."""
+    """How the work is spread; but for the rounding of another device it changes no result."""
 
     jobs: int = param(1, doc="processes at a time", low=1, axis=False)
+    threads: int = param(
+        1, doc="threads of each process on the CPU; they share the samples of a batch", low=1, axis=False
+    )
+    device: str = param(
+        "cpu", choices=DEVICES, doc="what trains; with cuda all processes share the first GPU", axis=False
+    )
+    memory_gib: float | None = param(
+        None,
+        doc="memory of the device that each process may take; a design that needs more is not trained; "
+        "absent: three quarters of all there is, divided by jobs",
+        unit="GiB",
+        low=0,
+        low_open=True,
+        axis=False,
+    )
 
 
 def settings_class(section: str) -> type:

@@ -1,12 +1,12 @@
 """What an engine trains: networks at their start, one turn of training, and what it reports.
 
-An engine is a module with `start(members, n_samples, n_steps) -> Cohort`; dse.engine.cpu and
-dse.engine.gpu are two of them.
+An engine is a module whose `start(members, n_samples, n_steps)` returns a `Cohort`, ready for batches of at
+most `n_samples` samples of `n_steps` steps: dse.engine.cpu and dse.engine.gpu.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -100,12 +100,4 @@ class Cohort(Protocol):
 
     def masters(self, member: int) -> Masters:
         """Return a copy of a member's master weights."""
-        ...
-
-
-class Engine(Protocol):
-    """An engine module."""
-
-    def start(self, members: Sequence[Member], n_samples: int, n_steps: int) -> Cohort:
-        """Return a cohort, ready for batches of at most `n_samples` samples of `n_steps` steps."""
         ...

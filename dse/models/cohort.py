@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.engine import cpu
 from dse.engine.events import Rows, gather
-from dse.engine.member import Engine, Masters, Member, Report, TrainedLayer, Turn
+from dse.engine.member import Cohort, Masters, Member, Report, TrainedLayer, Turn
 from dse.models.initialisation import initialise, populations_of
 from dse.models.response import respond_and_count
 from dse.models.training import Design, Generators, Training, TrainingDiverged
@@ -28,23 +29,25 @@ if TYPE_CHECKING:
 
 _PROBE_SAMPLES = 64
 _SATURATED = 0.95
-# Beyond this many thresholds a real-valued weight is lost: one spike drives the neuron for its whole memory.
-_LOST_THRESHOLDS = 100.0
+# Beyond this, initial weights are forgotten and one spike overrules all others: no rate schedule comes back.
+_LOST_GROWTH = 100.0
 
 
-def engine_of(device: str) -> Engine:
-    """Return the engine of a device: 'cpu' or 'cuda'."""
+def _started(device: str, members: Sequence[Member], n_samples: int, n_steps: int, threads: int) -> Cohort:
+    """Return a cohort on a device: 'cpu' or 'cuda'."""
     if device == "cuda":
         from dse.engine import gpu
 
-        return gpu
-    from dse.engine import cpu
-
-    return cpu
+        return gpu.start(members, n_samples, n_steps)
+    return cpu.start(members, n_samples, n_steps, threads)
 
 
 def train(
-    dataset: Dataset, designs: Sequence[Design], shared: Generators, device: str = "cpu"
+    dataset: Dataset,
+    designs: Sequence[Design],
+    shared: Generators,
+    device: str = "cpu",
+    threads: int = 1,
 ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
     """Train classifiers on `dataset.train`; yield each with its number as it finishes.
 
@@ -57,6 +60,7 @@ def train(
         designs: they agree in what `SNN.shares` returns.
         shared: random generators of what the designs share ('batches', 'crops', 'probe').
         device: 'cpu' or 'cuda'.
+        threads: of the CPU, over the samples of a batch.
 
     Raises:
         ValueError: there are no training samples, or the designs cannot train on the same batches.
@@ -82,7 +86,7 @@ def train(
         trainees.append(_Trainee.start(number, design, probe, len(dataset.classes)))
         trainees[-1].seconds += clock.lap()
     size = min(training.batch_size, dataset.train.size)
-    cohort = engine_of(device).start([trainee.member for trainee in trainees], size, n_steps)
+    cohort = _started(device, [trainee.member for trainee in trainees], size, n_steps, threads)
     batches, crops = shared("batches"), shared("crops")
     n_batches = -(-dataset.train.size // training.batch_size)
     live, epoch = trainees, 0
@@ -129,10 +133,8 @@ class _Clock:
         return self._last - before
 
 
-def _units(weights: Array | None, unit: str) -> Array:
+def _units(weights: Array, unit: str) -> Array:
     """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight."""
-    if weights is None:
-        return np.zeros(0, np.float32)
     if unit == "weight":
         return np.ones(weights.shape[1], np.float32)
     return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
@@ -181,7 +183,7 @@ class _Trainee:
                     population.threshold,
                     exponential(population.threshold, tau, model.scale_grad, model.surrogate_cut),
                     _units(weights, training.step_unit),
-                    _units(ring, training.step_unit),
+                    None if ring is None else _units(ring, training.step_unit),
                 )
             )
         member = Member(
@@ -246,18 +248,23 @@ class _Trainee:
 
     def _lost(self, weights: Sequence[Array | None], epoch: int) -> str:
         """Return why training cannot go on from these weights, or nothing."""
-        when = f"after epoch {epoch + 1}"
-        for layer, w in zip([*self.member.layers, *self.member.layers], weights, strict=True):
-            if w is None:
+        layers = self.member.layers
+        at_start = [*(x.feed_forward for x in layers), *(x.recurrent for x in layers)]
+        for number, (w, before) in enumerate(zip(weights, at_start, strict=True)):
+            if w is None or before is None:
                 continue
-            if not np.isfinite(w).all():
-                return f"a weight is not finite {when}"
-            if self.model.arithmetic == "integer":
-                if (~cuba_lif.quantise_passes(w)).mean() > 0.5:
-                    return f"most weights of a layer are beyond 8 bits {when}"
-            elif (np.abs(w) > _LOST_THRESHOLDS * layer.threshold / cuba_lif.WEIGHT_SCALE).mean() > 0.5:
-                return f"most weights of a layer exceed {_LOST_THRESHOLDS:.0f} thresholds {when}"
+            growth = _rms(w) / max(_rms(before), 2 / cuba_lif.WEIGHT_SCALE)
+            if not math.isfinite(growth):
+                return f"a weight is not finite after epoch {epoch + 1}"
+            if growth > _LOST_GROWTH:
+                layer = number % len(layers) + 1
+                return f"the weights of layer {layer} have grown {growth:.0e} times after epoch {epoch + 1}"
         return ""
+
+
+def _rms(weights: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt((weights.astype(np.float64) ** 2).mean())) if weights.size else 0.0
 
 
 def _is_stuck(rates: Array) -> bool:

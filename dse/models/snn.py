@@ -89,10 +89,14 @@ class SNN:
 
     @staticmethod
     def fit_cohort(
-        dataset: Dataset, designs: Sequence[Design], shared: Generators, device: str = "cpu"
+        dataset: Dataset,
+        designs: Sequence[Design],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
     ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
         """Train designs on the same batches; see `dse.models.cohort.train`."""
-        return cohort.train(dataset, designs, shared, device)
+        return cohort.train(dataset, designs, shared, device, threads)
 
     def shares(self, training: Training) -> tuple[Hashable, ...]:
         """Return what designs must have in common to train on the same batches."""
@@ -115,11 +119,13 @@ class SNN:
         # Master weights, two moments, initial weights, gradient, int8 weights; the mean of the last epochs.
         return sum(a * padded(b) * (4 * 4 + real + 1 + 8) for a, b in self._matrices(n_channels, n_classes))
 
-    def workspace_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
+    def workspace_bytes(
+        self, n_channels: int, n_classes: int, n_steps: int, training: Training, threads: int = 1
+    ) -> int:
         """Return what designs of a cohort hold one at a time (arguments as in `memory_bytes`).
 
-        That is one chunk's surrogates, spikes and spike lists, or the temporary arrays in which weights are
-        drawn, copied and averaged.
+        That is per thread one chunk's surrogates, spikes, spike lists and gradients, and the temporary arrays
+        in which weights are drawn, copied and averaged.
         """
         steps = n_steps * self.steps_per_sample
         rows = chunk_samples(training.batch_size, steps) * steps
@@ -127,7 +133,9 @@ class SNN:
         columns = [padded(n) for n in (*self.hidden, n_classes)]
         chunk = sum(rows * (n * (real + 4) + n // 8 + 8) for n in columns) + rows * 4 * max(columns)
         weights = sum(a * padded(b) for a, b in self._matrices(n_channels, n_classes))
-        return chunk + 48 * weights
+        deeper = weights - self._matrices(n_channels, n_classes)[0][0] * padded(self.hidden[0])
+        own = threads * (chunk + real * deeper) + (threads - 1) * real * (weights - deeper)
+        return own + 48 * weights
 
     def cost(
         self, n_channels: int, n_classes: int, n_steps: int, n_events: float, n_train: int, training: Training

@@ -19,8 +19,8 @@ _PLACES = ("data.file", "data.labels", "test.file", "test.labels")
 def claim(space: SearchSpace, folder: Path) -> None:
     """Write the search space and where it runs, or go on with the same one.
 
-    Where recordings lie, execution settings and more trials change no result: they are no other search
-    space. Until a run has finished, nothing depends on the one before.
+    Where recordings lie, how the work is spread and more trials change no result: they are no other search
+    space. Another device rounds otherwise. Until a run has finished, nothing depends on the one before.
 
     Raises:
         ConfigError: the folder was begun with another search space; one fault per key.
@@ -34,7 +34,7 @@ def claim(space: SearchSpace, folder: Path) -> None:
         faults = [
             Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was begun with {old!r}; {hint}")
             for key, old, new in _changes(plain_space(path), now)
-            if not key.startswith("execution.")
+            if (not key.startswith("execution.") or key == "execution.device")
             and key not in _PLACES
             and not (key == "search.n_trials" and _count(new) >= _count(old))
         ]

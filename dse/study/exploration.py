@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from dse import registry, store, tables
-from dse.config import SearchSpace
+from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.device import missing
 from dse.execution import Workers
 from dse.ledger import Ledger
 from dse.progress import Progress, shown
@@ -16,6 +18,9 @@ from dse.search.space import n_designs
 from dse.seeds import design_key
 from dse.study.claim import claim
 from dse.study.results import Study
+
+_REFRESH_S = 60.0
+_REFRESH_SHARE = 0.05
 
 
 def run(
@@ -30,11 +35,15 @@ def run(
         progress: show it on stderr.
 
     Raises:
-        ConfigError: the folder holds a study of another search space, or of other recordings.
+        ConfigError: the folder holds a study of another search space, or of other recordings; or the
+            device is not there.
         RecordingError: the recordings do not fit the search space.
         StoreError: the folder is in use or cannot be written; nothing finished is lost.
         KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
     """
+    if lack := missing(space.execution.device):
+        text = f"execution.device {space.execution.device} {lack}"
+        raise ConfigError([Fault(str(space.source), 0, text)])
     folder = Path(results) / space.study
     with store.exclusive(folder), shown(progress) as report:
         store.sweep(folder)
@@ -42,21 +51,52 @@ def run(
         ledger = Ledger(folder / "journal.log", space)
         workers = Workers(jobs or space.execution.jobs)
         runs = Runs(space, folder, workers, report)
+        results_tables = _Tables(space, folder, runs)
         runs.recall(ledger.entries)
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
-                _search(space, folder, ledger, runs, report)
-                _repeat_front(space, folder, ledger, runs, report)
+                _search(space, ledger, runs, results_tables, report)
+                _repeat_front(space, folder, ledger, runs, results_tables, report)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished without having been heard of
-            _write_tables(space, folder, runs)
+            results_tables.write()
             raise
-        _write_tables(space, folder, runs)
+        results_tables.write()
     return Study(folder)
 
 
-def _search(space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, report: Progress) -> None:
+class _Tables:
+    """The tables of a study, written now and then so that a long one can be looked at while it runs."""
+
+    def __init__(self, space: SearchSpace, folder: Path, runs: Runs) -> None:
+        self._space = space
+        self._folder = folder
+        self._runs = runs
+        self._due = time.monotonic() + _REFRESH_S
+
+    def refresh(self) -> None:
+        """Write the tables if that was long ago, measured by what writing them takes."""
+        began = time.monotonic()
+        if began >= self._due:
+            self.write()
+            ended = time.monotonic()
+            self._due = ended + max(_REFRESH_S, (ended - began) / _REFRESH_SHARE)
+
+    def write(self) -> None:
+        """Write both tables."""
+        trials = self._runs.trials()
+        for name, frame in (
+            ("trials", tables.trials_table(self._space, trials)),
+            ("points", tables.points_table(self._space, self._folder, trials)),
+        ):
+            with store.published(self._folder / f"{name}.parquet") as path:
+                frame.to_parquet(path, index=False)
+
+
+def _search(
+    space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
+) -> None:
     """Ask, train and tell batch by batch; batches that the ledger holds are not asked for again."""
     settings = space.search
     sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
@@ -81,19 +121,18 @@ def _search(space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, report
                 entries = [e for e in ledger.entries if e.batch == number]
         if not entries:
             return
-        n_finished = runs.count()
-        runs.complete(entries, settings.repeats)
+        runs.complete(entries, settings.repeats, results_tables.refresh)
         for entry in entries:
             if not entry.told:
                 ledger.tell(entry.trial, _values(space, runs.of(entry.trial)[: settings.repeats]))
         told = [e for e in ledger.entries if e.batch == number]
         sampler.tell([e.design for e in told], [e.values for e in told])
-        if runs.count() > n_finished:  # so that a long study can be looked at while it runs
-            _write_tables(space, folder, runs)
         number += 1
 
 
-def _repeat_front(space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, report: Progress) -> None:
+def _repeat_front(
+    space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
+) -> None:
     """Train designs of the front again until every one has its repeats; each repeat may move the front."""
     wanted = space.search.repeats_on_front
     while wanted > space.search.repeats:
@@ -107,17 +146,7 @@ def _repeat_front(space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, 
         if not short:
             return
         report.expect(sum(wanted - len(runs.of(e.trial)) for e in short))
-        runs.complete(short, wanted)
-
-
-def _write_tables(space: SearchSpace, folder: Path, runs: Runs) -> None:
-    trials = runs.trials()
-    for name, frame in (
-        ("trials", tables.trials_table(space, trials)),
-        ("points", tables.points_table(space, folder, trials)),
-    ):
-        with store.published(folder / f"{name}.parquet") as path:
-            frame.to_parquet(path, index=False)
+        runs.complete(short, wanted, results_tables.refresh)
 
 
 def _n_trials(space: SearchSpace) -> int:

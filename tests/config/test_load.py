@@ -42,6 +42,13 @@ def test_a_file_without_faults(tmp_path: Path) -> None:
     assert set(space.fixed["training"]) > {"epochs", "learning_rate"}  # defaults are written out
 
 
+def test_a_grid_is_proposed_at_once_and_others_in_batches(tmp_path: Path) -> None:
+    absent = ("sampler: grid, batch: 2", "sampler: grid")
+    assert load_space(write_space(tmp_path, absent)).search.batch == 6
+    learning = ("sampler: grid, batch: 2", "sampler: tpe, n_trials: 30")
+    assert load_space(write_space(tmp_path, learning)).search.batch == 8
+
+
 def test_it_survives_a_round_trip(tmp_path: Path) -> None:
     space = load_space(write_space(tmp_path, ("true_rate: 0.8", "true_rate: {range: [0.5, 1], step: 0.1}")))
     again = tmp_path / "again.yaml"
@@ -189,6 +196,8 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
             "14: model.true_rate needs a step or a choice for the grid sampler, got {'range': [0.5, 0.9]}",
         ),
         ("jobs: 1", "jobs: 0", "20: execution.jobs must be >= 1, got 0"),
+        ("jobs: 1", "device: gpu", "20: unknown execution.device 'gpu'; known: cpu, cuda"),
+        ("jobs: 1", "memory_gib: 0", "20: execution.memory_gib must be > 0, got 0"),
     ],
 )
 def test_one_fault_has_one_line(tmp_path: Path, old: str, new: str, fault: str) -> None:

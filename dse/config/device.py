@@ -1,0 +1,31 @@
+"""Whether a device that a search space names is there; asking for the CPU imports no library."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+
+DEVICES = ("cpu", "cuda")
+_CAPABILITY = (8, 0)
+
+
+def missing(device: str) -> str | None:
+    """Return what a device lacks here, as the end of a sentence about it; None where it can be used.
+
+    Under Triton's interpreter (TRITON_INTERPRET=1) 'cuda' needs no CUDA device: for tests.
+    """
+    if device == "cpu":
+        return None
+    for package in ("torch", "triton"):
+        if find_spec(package) is None:
+            return f"needs the package {package}, which is not installed: pip install 'dse[gpu]'"
+    if os.environ.get("TRITON_INTERPRET") == "1":
+        return None
+    import torch
+
+    if not torch.cuda.is_available():
+        return "needs a CUDA device, and torch sees none; cpu needs none"
+    found = torch.cuda.get_device_capability()
+    if found < _CAPABILITY:
+        return f"needs compute capability 8.0 or later, to multiply bfloat16, got {found[0]}.{found[1]}"
+    return None

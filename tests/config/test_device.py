@@ -1,0 +1,77 @@
+"""A device that is not there is a fault with its line, found before any work."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from dse import study
+from dse.config import ConfigError, device, load_space
+from tests.spaces import write_space
+
+
+@pytest.fixture
+def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TRITON_INTERPRET", raising=False)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(device, "find_spec", lambda name: name)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return write_space(tmp_path, ("jobs: 1", "device: cuda"))
+
+
+def test_no_device(no_gpu: None, path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_space(path, check_data=True)
+    assert str(caught.value) == (
+        f"{path}:20: execution.device cuda needs a CUDA device, and torch sees none; cpu needs none"
+    )
+
+
+def test_no_package(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device, "find_spec", lambda name: None if name == "triton" else name)
+    with pytest.raises(ConfigError, match=r"20: execution\.device cuda needs the package triton, which"):
+        load_space(path, check_data=True)
+
+
+def test_a_device_that_is_there(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (9, 0))
+    assert load_space(path, check_data=True).execution.device == "cuda"
+
+
+def test_a_device_that_is_too_old(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (7, 5))
+    with pytest.raises(ConfigError, match=r"cuda needs compute capability 8\.0 or later, .* got 7\.5"):
+        load_space(path, check_data=True)
+
+
+def test_a_study_does_not_begin_without_its_device(no_gpu: None, path: Path, tmp_path: Path) -> None:
+    space = load_space(path)  # reading a search space elsewhere than where it runs is no fault
+    with pytest.raises(ConfigError, match=r"execution\.device cuda needs a CUDA device"):
+        study.run(space, tmp_path / "results", progress=False)
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_command_line(no_gpu: None, path: Path, capsys: Any) -> None:
+    from dse.cli import main
+
+    for command in ("check", "run"):
+        assert main([command, str(path)]) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.startswith(f"{path}:20: execution.device cuda needs a CUDA device")
+
+
+def test_the_cpu_imports_no_library() -> None:
+    code = "import sys; from dse.config.device import missing; print(missing('cpu'), 'torch' in sys.modules)"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.split() == ["None", "False"]

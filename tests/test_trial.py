@@ -1,0 +1,111 @@
+"""What a run is said to ask of a worker, and what a worker takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import dataset, trial
+from dse.execution import Workers
+from dse.models.snn import SNN
+from dse.models.training import Training
+from dse.records import Dataset, Spikes
+
+
+def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
+    """Return n random samples of two classes: half to train on, half to validate."""
+    rng = np.random.default_rng(0)
+    raster = rng.random((n * n_steps, n_channels)) < rate
+    offsets = np.concatenate([[0], raster.sum(axis=1).cumsum()]).astype(np.int64)
+    spikes = Spikes(offsets, np.nonzero(raster)[1].astype(np.int32), n_steps, n_channels, 1.0)
+    start, parts = np.zeros(n, np.int32), np.split(np.arange(n), 2)
+    return Dataset(
+        spikes, np.arange(n) % 2, ("a", "b"), start, start, start, n_steps, *parts, np.zeros(0, np.int64)
+    )
+
+
+def run(folder: Path, model: Any, number: int = 0, **training: Any) -> trial.Run:
+    return trial.Run(
+        trial=number,
+        repeat=0,
+        design={"number": number},
+        seed=1,
+        sections={},
+        model=model,
+        training=Training(**training),
+        data=folder / "data",
+        folder=folder / f"run {number}",
+        phi=(0, 4),
+        theta=(0.5, 0.9),
+        hardware=(),
+    )
+
+
+def peak_bytes(cohort: trial.Cohort) -> Iterator[int]:
+    """Train a cohort; yield the largest resident size that the process had since it began."""
+    ended = list(trial.train(cohort))
+    assert ended == [(number, None) for number in range(len(cohort.runs))]
+    # Not ru_maxrss: the system hands that down from the process that started this one.
+    [kilobytes] = re.findall(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    yield int(kilobytes) * 1024
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc: the peak cannot be read")
+def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path) -> None:
+    data = made(48, 200, 1600, 0.02)
+    dataset.save(data, tmp_path / "data")
+    runs = tuple(run(tmp_path, SNN((450,)), k, epochs=1, batch_size=16) for k in range(4))
+    demands = [trial.demand(one, data) for one in runs]
+    assert len({one.key for one in demands}) == 1
+    said = sum(one.memory_bytes for one in demands) + max(one.workspace_bytes for one in demands)
+    with Workers(1) as workers:
+        [(_, peak)] = workers.stream(peak_bytes, [trial.Cohort(runs, "cpu")])
+    assert isinstance(peak, int), peak
+    assert peak <= said
+    assert said < 3 * peak  # a bound that is of use
+
+
+def test_what_a_family_is_asked(tmp_path: Path) -> None:
+    data = made(6, 10, 5, 0.3)
+    unused = dataclasses.replace(data, validation=data.validation[:1], n_steps=4)
+    asked: dict[str, Any] = {}
+
+    def note(name: str, answer: float) -> Any:
+        def asked_for(*arguments: Any) -> float:
+            asked[name] = arguments
+            return answer
+
+        return asked_for
+
+    model = SimpleNamespace(
+        fit_cohort=None,
+        input_delays=(0, 2),
+        steps_per_sample=3,
+        shares=note("shares", 7),
+        memory_bytes=note("memory", 1000),
+        workspace_bytes=note("workspace", 200),
+        cost=note("cost", 2.5),
+    )
+    one = run(tmp_path, model, epochs=3, batch_size=2)
+    found = trial.demand(one, unused, 3)
+    assert asked["memory"] == (5, 2, 4, one.training)
+    assert asked["workspace"] == (5, 2, 4, one.training, 3)
+    per_window = len(data.spikes.channel) / (4 * 10) * 4  # four samples in use, windows of 4 of 10 steps
+    assert asked["cost"] == (5, 2, 4, per_window, 3, one.training)
+    assert (found.memory_bytes, found.cost, found.key) == (1000, 2.5, (one.data, 0, SimpleNamespace, 7))
+    beside = found.workspace_bytes - trial.PROCESS_BYTES - 200
+    assert beside >= 2 * per_window * 2 * 8  # a batch's spikes, twice delayed, as rows and channels
+
+
+def test_a_family_that_trains_alone_has_no_company(tmp_path: Path) -> None:
+    data = made(4, 5, 3, 0.5)
+    demands = [trial.demand(run(tmp_path, SimpleNamespace(), k), data) for k in (0, 1)]
+    assert demands[0].key != demands[1].key
+    assert {one.alone_bytes for one in demands} == {trial.PROCESS_BYTES}
