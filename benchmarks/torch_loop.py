@@ -1,65 +1,115 @@
-"""A plain torch loop over time steps with automatic differentiation: the slow, independent peer.
+"""Plain torch loops over time steps with automatic differentiation: the slow, independent peer.
 
-It shares the equations with dse (same surrogate, reset ignored in the backward pass, straight-through
-rounding) and nothing of its code, so it serves as a witness of gradients and as a baseline of speed.
+They share the equations with dse (same surrogate, reset ignored in the backward pass, straight-through
+rounding) and nothing of its code, so they serve as a witness of gradients and as a baseline of speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
-from dse.engine.layers import Weights
 from dse.neurons.surrogate import Exponential
 
+if TYPE_CHECKING:
+    from dse.engine.layers import Weights
 
-class _Fire(torch.autograd.Function):
+
+class Fire(torch.autograd.Function):
     """Step function forward, exponential surrogate backward."""
 
     @staticmethod
     def forward(ctx: Any, v: torch.Tensor, threshold: float, surrogate: Exponential) -> torch.Tensor:
+        """Return 1 where v > threshold, else 0."""
         ctx.save_for_backward(v)
         ctx.surrogate = surrogate
         return (v > threshold).to(v.dtype)
 
     @staticmethod
     def backward(ctx: Any, *grad: torch.Tensor) -> Any:
+        """Return the gradient times the surrogate of ds/dv."""
         (v,) = ctx.saved_tensors
         s = ctx.surrogate
-        return grad[0] * s.height * torch.exp(-(v - s.centre).abs() / s.width), None, None
+        slope = (v - s.centre).abs_().mul_(-1 / s.width).exp_().mul_(s.height)
+        return slope.mul_(grad[0]), None, None
 
 
-def _truncated(x: torch.Tensor, integer: bool) -> torch.Tensor:
-    """Truncate to 1/4096 in integer arithmetic; the gradient passes straight through."""
-    return x + (torch.trunc(x.detach() * 4096) / 4096 - x.detach()) if integer else x
+class CsrProduct(torch.autograd.Function):
+    """Spikes (row, input) in CSR times weights (input, neuron); the transpose serves the backward pass."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, weight: torch.Tensor, spikes: torch.Tensor, transposed: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the weighted input spikes, (row, neuron)."""
+        ctx.transposed = transposed
+        return spikes @ weight
+
+    @staticmethod
+    def backward(ctx: Any, *grad: torch.Tensor) -> Any:
+        """Return the gradient by the weights."""
+        return ctx.transposed @ grad[0], None, None
 
 
-def layer_output(
-    x: torch.Tensor,
-    weight: torch.Tensor,
-    ring: torch.Tensor | None,
-    layer: Weights,
+def _truncated(x: torch.Tensor) -> torch.Tensor:
+    """Truncate to 1/4096; the gradient passes straight through."""
+    return x + (torch.trunc(x.detach() * 4096) / 4096 - x.detach())
+
+
+def layer_spikes(
+    drive: torch.Tensor,
+    keep_current: torch.Tensor,
+    keep_voltage: torch.Tensor,
+    threshold: float,
     surrogate: Exponential,
-    integer: bool,
+    ring: torch.Tensor | None = None,
+    integer: bool = False,
 ) -> torch.Tensor:
-    """Return a layer's spikes (sample, step, neuron) before the one-step shift."""
-    keep_u = torch.as_tensor(layer.keep_current, dtype=x.dtype)
-    keep_v = torch.as_tensor(layer.keep_voltage, dtype=x.dtype)
-    drive = x @ weight
-    u = torch.zeros_like(drive[:, 0])
+    """Return a layer's spikes before the one-step shift.
+
+    Args:
+        drive: weighted input spikes, (step, sample, neuron).
+        keep_current: (neuron,) factor of the current from one step to the next.
+        keep_voltage: (neuron,) factor of the potential.
+        threshold: in weight units.
+        surrogate: ds/dv.
+        ring: recurrent weights (neuron, neuron), row = presynaptic.
+        integer: truncate states to 1/4096, as integer arithmetic does.
+    """
+    u = torch.zeros_like(drive[0])
     v, s = torch.zeros_like(u), torch.zeros_like(u)
     spikes = []
-    for t in range(x.shape[1]):
-        z = drive[:, t] if ring is None else drive[:, t] + s @ ring
-        u = _truncated(u * keep_u, integer) + _truncated(z, integer)
-        v = _truncated(v * keep_v, integer) + u
-        s = _Fire.apply(v, layer.threshold / 64, surrogate)
-        v = v + (v * (1 - s) - v).detach()  # reset forward, invisible backward
+    for z in drive.unbind(0):
+        if ring is not None:
+            z = z + s @ ring
+        if integer:
+            u = _truncated(u * keep_current) + _truncated(z)
+            v = _truncated(v * keep_voltage) + u
+        else:
+            u = torch.addcmul(z, u, keep_current)
+            v = torch.addcmul(u, v, keep_voltage)
+        s = Fire.apply(v, threshold, surrogate)
+        v = v - (v * s).detach()  # reset forward, invisible backward
         spikes.append(s)
-    return torch.stack(spikes, 1)
+    return torch.stack(spikes)
+
+
+def later(spikes: torch.Tensor) -> torch.Tensor:
+    """Return spikes (step, ...) one step later; the last step's are lost."""
+    return torch.cat([torch.zeros_like(spikes[:1]), spikes[:-1]])
+
+
+def spike_rate(
+    output: torch.Tensor, labels: torch.Tensor, true_rate: float, false_rate: float
+) -> torch.Tensor:
+    """Return SLAYER's SpikeRate loss of output spikes (step, sample, class), summed over the batch."""
+    rate = output.mean(0)
+    target = torch.full_like(rate, false_rate)
+    target[torch.arange(len(labels)), labels] = true_rate
+    return ((rate - target) ** 2).sum()
 
 
 def gradients(
@@ -73,21 +123,39 @@ def gradients(
     gains: Sequence[np.ndarray | None],
     dtype: torch.dtype = torch.float64,
 ) -> tuple[float, list[np.ndarray], np.ndarray | None]:
-    """Return the SpikeRate loss, dL/dW per layer and the first recurrent dL/dR, by autograd."""
-    weights = [torch.tensor(layer.feed_forward, dtype=dtype, requires_grad=True) for layer in layers]
-    rings = [
-        torch.tensor(layer.recurrent, dtype=dtype, requires_grad=True) if layer.recurrent.size else None
-        for layer in layers
-    ]
-    y = torch.as_tensor(x, dtype=dtype)
+    """Return the SpikeRate loss, dL/dW per layer and the first recurrent dL/dR, by autograd.
+
+    Args:
+        x: (sample, step, input) spikes.
+        layers: weights, input side first.
+        surrogates: ds/dv of each layer.
+        labels: (sample,) class numbers.
+        true_rate: target rate of the label's output.
+        false_rate: target rate of the other outputs.
+        integer: truncate states to 1/4096.
+        gains: per layer, (sample, input) factors of its input spikes, or None.
+        dtype: in which to calculate.
+    """
+
+    def tensor(x: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(x, dtype=dtype)
+
+    weights = [tensor(layer.feed_forward).requires_grad_() for layer in layers]
+    rings = [tensor(layer.recurrent).requires_grad_() if layer.recurrent.size else None for layer in layers]
+    y = tensor(x).transpose(0, 1)
     for weight, ring, layer, surrogate, gain in zip(weights, rings, layers, surrogates, gains, strict=True):
-        if gain is not None:
-            y = y * torch.as_tensor(gain, dtype=dtype)[:, None]
-        spikes = layer_output(y, weight, ring, layer, surrogate, integer)
-        y = torch.cat([torch.zeros_like(spikes[:, :1]), spikes[:, :-1]], 1)
-    target = torch.full(y.shape[::2], false_rate, dtype=dtype)
-    target[torch.arange(len(labels)), torch.as_tensor(labels)] = true_rate
-    loss = ((y.mean(1) - target) ** 2).sum()
+        y = later(
+            layer_spikes(
+                (y if gain is None else y * tensor(gain)) @ weight,
+                tensor(layer.keep_current),
+                tensor(layer.keep_voltage),
+                layer.threshold / 64,
+                surrogate,
+                ring,
+                integer,
+            )
+        )
+    loss = spike_rate(y, torch.as_tensor(labels), true_rate, false_rate)
     loss.backward()
     found = [w.grad.numpy() for w in weights if w.grad is not None]
     ring_grads = [r.grad.numpy() for r in rings if r is not None and r.grad is not None]

@@ -1,137 +1,184 @@
-"""One training step (forward, SpikeRate loss, backward, Adam) of this engine beside a plain torch loop.
+"""One training step (forward, SpikeRate loss, backward, Adam) and one inference pass, beside peers.
 
-    python -m benchmarks.train_step [CASE ...]        one thread; CPU seconds, best of a few repeats
+    python -m benchmarks.train_step [CASE ...] [--rounds 3] [--python snntorch=VENV/bin/python ...]
 
-Cases as (inputs, hidden, outputs, steps, batch) at 2 % random input spikes; `fabric` has the density of five
-send-on-delta thresholds with three input delays. The error is the largest difference of a weight gradient
-from the torch loop in float64, relative to its largest entry.
+CPU time, median (and minimum) of all calls in all rounds, one thread pinned to one core. Each row runs in a
+process of its own; the rows take turns, round by round, so that ratios come from the same run. A framework is
+looked for in this Python unless `--python` names another for it. Input spikes are random. All start from the
+same weights, drawn as torch draws them; integer weights are those on the 8-bit grid, rounded up or down by
+chance. The time of a cohort is per design.
+
+The gradient error is the largest difference from a torch loop in float64 with the same weights and
+arithmetic, relative to the gradient's largest entry: a spike that float32 alone fires or loses is in it.
 """
 
 from __future__ import annotations
 
-import os
-
-os.environ.update({name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")})
-
+import argparse
+import contextlib
 import sys
-import time
-from collections.abc import Callable
-from typing import Any
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
 
 import numpy as np
-import torch
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.torch_loop import gradients as by_torch
-from dse.engine import cpu
-from dse.engine.events import Rows
-from dse.engine.network import gradients
-from dse.models.training import Adam
-from dse.neurons import cuba_lif
-from dse.neurons.surrogate import exponential
+from benchmarks.cases import CASES, FALSE_RATE, TRUE_RATE, Case
+from benchmarks.ours import SURROGATE, layers_of
+from benchmarks.step_contender import OURS
+from benchmarks.torch_loop import gradients
+from benchmarks.worker import NotInstalled, Worker, pythons
 
-CASES = {
-    "A": (1600, 450, 11, 250, 32, 0.02),
-    "B": (1600, 100, 11, 250, 32, 0.02),
-    "C": (6084, 425, 11, 1000, 8, 0.02),
-    "fabric": (480, 150, 7, 128, 32, 0.20),
+ROWS = {
+    "loop": "torch loop, dense",
+    "csr loop": "torch loop, CSR first layer",
+    "snntorch": "snnTorch, linear hoisted",
+    "snntorch in loop": "snnTorch, linear in the loop",
+    "spikingjelly": "SpikingJelly CUBALIF, multi-step",
+    "norse": "Norse LIF",
+    **{name: name for name in OURS},
 }
+EXACT = {"loop": "ideal", "csr loop": "ideal"} | {name: arithmetic for name, (arithmetic, _) in OURS.items()}
+"""The arithmetic of the rows whose gradients have an exact counterpart."""
+
+ELSEWHERE = {
+    "lava-dl SLAYER": {"A": 0.325, "B": 0.131, "C": 1.06},
+    "fused prototype in C": {"A": 0.033, "B": 0.0050, "C": 0.068},
+    "its floor: gather, scatter, Adam": {"A": 0.014, "B": 0.0028, "C": 0.058},
+}
+CSR_LOOP_ELSEWHERE = {"A": 0.093, "B": 0.039, "C": 0.231}
+"""CPU seconds per training step measured on another machine."""
 
 
-def best_of(function: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Return the smallest CPU time of some calls after a warm-up, and the last result."""
-    function()
-    seconds = []
-    for _ in range(repeats):
-        began = time.process_time()
-        result = function()
-        seconds.append(time.process_time() - began)
-    return min(seconds), result
+@dataclass
+class Row:
+    """Seconds of every step and of every inference pass, spikes per neuron and step, gradient error."""
+
+    rates: list[float]
+    step: list[float] = field(default_factory=list)
+    infer: list[float] = field(default_factory=list)
+    error: float | None = None
 
 
-def step_of(case: tuple[int, int, int, int, int, float], table: Table, name: str) -> None:
-    """Measure one case and add its rows."""
-    n_in, hidden, n_out, n_steps, batch, density = case
-    rng = np.random.default_rng(0)
-    x = (rng.random((batch, n_steps, n_in)) < density).astype(np.uint8)
-    labels = rng.integers(0, n_out, batch)
-    flat = x.reshape(-1, n_in)
-    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1, dtype=np.int64))])
-    rows = Rows(offsets, np.nonzero(flat)[1].astype(np.int32), batch, n_steps, n_in)
-    weights = [
-        rng.uniform(-0.25, 0.25, shape).astype(np.float32) for shape in ((n_in, hidden), (hidden, n_out))
-    ]
-    surrogates = [exponential(80, 0.03, 3.0)] * 2
-    decays = (cuba_lif.round_decay(0.25), cuba_lif.round_decay(0.03))
-
-    def layers(integer: bool) -> list[cpu.Weights]:
-        rounding = cuba_lif.quantise if integer else np.asarray
-        return [cpu.weights(rounding(w), None, *decays, 80) for w in weights]
-
-    def ours(integer: bool) -> Callable[[], Any]:
-        masters = [w.copy() for w in weights]
-        adam, units = Adam.start(masters), [np.ones(w.shape[1], np.float32) for w in masters]
-
-        def step() -> Any:
-            found = gradients(
-                rows,
-                layers(integer),
-                surrogates,
-                labels,
-                true_rate=0.2,
-                false_rate=0.02,
-                integer=integer,
-                gains=[None, None],
-            )
-            adam.update(masters, list(found.feed_forward), [1e-6 * u for u in units])
-            return found.feed_forward
-
-        return step
-
-    def torch_step(dtype: torch.dtype, integer: bool) -> Callable[[], Any]:
-        masters = [torch.tensor(w, requires_grad=True) for w in weights]
-        adam = torch.optim.Adam(masters, lr=1e-6)
-
-        def step() -> Any:
-            _, found, _ = by_torch(
-                x, layers(integer), surrogates, labels, 0.2, 0.02, integer, [None, None], dtype
-            )
-            for master, g in zip(masters, found, strict=True):
-                master.grad = torch.as_tensor(g, dtype=torch.float32)
-            adam.step()
-            return found
-
-        return step
-
-    repeats = 5 if n_steps < 500 else 2
-    exact = {
-        integer: by_torch(x, layers(integer), surrogates, labels, 0.2, 0.02, integer, [None, None])[1]
-        for integer in (True, False)
+def exact_gradients(case: Case) -> dict[str, list[np.ndarray]]:
+    """Return dL/dW of each layer by automatic differentiation in float64, for real and integer states."""
+    given = case.labels, TRUE_RATE, FALSE_RATE
+    return {
+        arithmetic: gradients(
+            case.x, layers_of(case, arithmetic), [SURROGATE] * 2, *given, arithmetic == "integer", [None] * 2
+        )[1]
+        for arithmetic in ("ideal", "integer")
     }
 
-    def error(found: Any, integer: bool) -> float:
-        pairs = zip(found, exact[integer], strict=True)
-        return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in pairs)
 
-    loop_s, found = best_of(torch_step(torch.float32, False), max(2, repeats - 2))
-    table.add_row(name, "torch loop, float32", f"{loop_s:.4f}", "1.0", f"{error(found, False):.1e}")
-    for integer, label in ((False, "dse, ideal (float64 states)"), (True, "dse, integer")):
-        seconds, found = best_of(ours(integer), repeats)
+def error(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> float:
+    """Return the largest difference relative to the largest entry, over layers."""
+    return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(found, exact, strict=True))
+
+
+def measure(case: str, rounds: int, seconds: float, python_of: dict[str, str]) -> dict[str, Row | None]:
+    """Return each row of a case; None where its framework is not installed."""
+    exact = exact_gradients(CASES[case])
+    exact["float32"] = exact["ideal"]
+    found: dict[str, Row | None] = dict.fromkeys(ROWS)
+    running: dict[str, tuple[Worker, Row]] = {}
+    with contextlib.ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
+        for name in ROWS:
+            python = python_of.get(name.split()[0], sys.executable)
+            with contextlib.suppress(NotInstalled):
+                worker = stack.enter_context(Worker(python, "benchmarks.step_contender", name, case))
+                found[name] = row = Row(worker.ask("rates"))
+                running[name] = worker, row
+                if name in EXACT:
+                    path = Path(folder) / f"{name}.npz"
+                    worker.ask("gradients", str(path))
+                    with np.load(path) as file:
+                        row.error = error([file[k] for k in file.files], exact[EXACT[name]])
+        for _ in range(rounds):
+            for worker, row in running.values():
+                row.step += worker.ask("timed", "step", seconds, 3)
+                row.infer += worker.ask("timed", "infer", seconds / 3, 3)
+    return found
+
+
+def table_of(name: str, rows: dict[str, Row | None]) -> Table:
+    """Return the table of a case."""
+    case = CASES[name]
+    sizes = "-".join(map(str, case.sizes))
+    what = (
+        f"{name}: {sizes}, {case.n_steps} steps, batch {case.batch}, {100 * case.density:.0f} % input spikes"
+    )
+    table = Table(title=what, title_justify="left")
+    of_step = ("step, ms", "min", "× CSR", "× snnTorch", "gradient error")
+    for heading in ("", *of_step, "inference, ms", "× CSR", "× snnTorch", "fired, %"):
+        table.add_column(heading, no_wrap=True, justify="right" if heading else "left")
+
+    def faster_than(other: str, row: Row, what: str) -> str:
+        slow = rows[other]
+        return f"{median(getattr(slow, what)) / median(getattr(row, what)):.1f}" if slow else "-"
+
+    for key, row in rows.items():
+        if row is None:
+            table.add_row(ROWS[key], "not installed")
+            continue
         table.add_row(
-            name, label, f"{seconds:.4f}", f"{loop_s / seconds:.1f}", f"{error(found, integer):.1e}"
+            ROWS[key],
+            f"{1e3 * median(row.step):.2f}",
+            f"{1e3 * min(row.step):.2f}",
+            faster_than("csr loop", row, "step"),
+            faster_than("snntorch", row, "step"),
+            "-" if row.error is None else f"{row.error:.1e}",
+            f"{1e3 * median(row.infer):.2f}",
+            faster_than("csr loop", row, "infer"),
+            faster_than("snntorch", row, "infer"),
+            " / ".join(f"{100 * rate:.1f}" for rate in row.rates),
         )
+    return table
+
+
+def add_elsewhere(table: Table, case: str, rows: dict[str, Row | None]) -> None:
+    """Add how far ahead of the figures of another machine a case is, scaled by the CSR loops of the two."""
+    loop = rows["csr loop"]
+    if case not in CSR_LOOP_ELSEWHERE or loop is None:
+        return
+    scale = median(loop.step) / CSR_LOOP_ELSEWHERE[case]
+    for what, seconds in ELSEWHERE.items():
+        scaled = seconds[case] * scale
+        ours = [f"{scaled / median(row.step):.2f}" for key, row in rows.items() if key in OURS and row]
+        table.add_row(case, what, f"{1e3 * seconds[case]:.1f}", f"{1e3 * scaled:.1f}", *ours)
+    table.add_section()
 
 
 def main() -> None:
-    """Print the table."""
-    torch.set_num_threads(1)
-    table = Table(
-        "case", "engine", "CPU s per step", "times faster", "gradient error", title="One training step"
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for name in sys.argv[1:] or list(CASES):
-        step_of(CASES[name], table, name)
-    Console(width=110).print(table)
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(CASES))
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=1.0, help="of steps per row and round (3 at least)")
+    parser.add_argument("--python", action="append", default=[], metavar="FRAMEWORK=PATH")
+    asked = parser.parse_args()
+    console = Console(width=150, highlight=False)
+    elsewhere = Table(
+        "case",
+        "measured on another machine",
+        "its ms",
+        "scaled, ms",
+        *(f"× {name}" for name in OURS),
+        title="Times faster than figures of another machine, scaled by the CSR loops of the two",
+        title_justify="left",
+    )
+    for name in asked.cases or [name for name in CASES if name != "tiny"]:
+        rows = measure(name, asked.rounds, asked.seconds, pythons(asked.python))
+        console.print(table_of(name, rows))
+        add_elsewhere(elsewhere, name, rows)
+    if elsewhere.row_count:
+        console.print(elsewhere)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Model families: a frozen dataclass of settings that trains and responds.
 
 Contract: `fit(dataset, training, rngs)` returns an `Outcome`; `rngs(purpose, *index)` gives the random
-generator of a purpose, so that a design's result depends on nothing but the design. A family whose designs can
-train on the same batches also has `shares`, `fit_cohort`, `memory_bytes`, `workspace_bytes` and `cost`, and the
-settings `input_delays` and `steps_per_sample` (dse.models.snn.SNN is the example).
+generator of a purpose, so that a design's result depends on nothing but the design. A family whose designs
+can train on the same batches also has `shares`, `fit_cohort`, `memory_bytes`, `workspace_bytes` and `cost`,
+and the settings `input_delays` and `steps_per_sample` (dse.models.snn.SNN is the example).
 To add a family, add a file with a dataclass registered in section "models".
 """

@@ -1,0 +1,59 @@
+"""The networks and inputs whose training step is timed: the same in every process, whatever runs there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+TRUE_RATE, FALSE_RATE = 0.2, 0.02
+DECAY_CURRENT, DECAY_VOLTAGE, THRESHOLD = 1024, 123, 80
+"""SLAYER's defaults of its N-MNIST example, in integers: 0.25, 0.03, 1.25."""
+TAU_GRAD, SCALE_GRAD = 0.03, 3.0
+LEARNING_RATE = 1e-6
+"""So small that activity does not drift while it is timed."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A classifier with one hidden layer, and a batch of random input spikes of a density."""
+
+    sizes: tuple[int, int, int]
+    n_steps: int
+    batch: int
+    density: float
+
+    @cached_property
+    def x(self) -> np.ndarray:
+        """Input spikes (sample, step, input) uint8."""
+        shape = (self.batch, self.n_steps, self.sizes[0])
+        return (np.random.default_rng(0).random(shape, np.float32) < self.density).astype(np.uint8)
+
+    @cached_property
+    def labels(self) -> np.ndarray:
+        """Class numbers (sample,)."""
+        return np.arange(self.batch) % self.sizes[-1]
+
+    @cached_property
+    def weights(self) -> list[np.ndarray]:
+        """Weights (input, neuron) float32 as torch starts them, uniform within +-1 / sqrt(inputs)."""
+        rng = np.random.default_rng(1)
+        shapes = zip(self.sizes, self.sizes[1:], strict=False)
+        return [rng.uniform(-1, 1, (i, o)).astype(np.float32) / np.float32(np.sqrt(i)) for i, o in shapes]
+
+    @cached_property
+    def rounded(self) -> list[np.ndarray]:
+        """The weights on the 8-bit grid, up or down by chance: to the nearest would zero all of case C."""
+        rng = np.random.default_rng(2)
+        return [np.floor(w * 32 + rng.random(w.shape, np.float32)) / np.float32(32) for w in self.weights]
+
+
+CASES = {
+    "A": Case((1600, 450, 11), 250, 32, 0.02),
+    "B": Case((1600, 100, 11), 250, 32, 0.02),
+    "C": Case((6084, 425, 11), 1000, 8, 0.02),
+    # The density of five send-on-delta thresholds with three input delays.
+    "fabric": Case((480, 150, 7), 128, 32, 0.20),
+    "tiny": Case((40, 12, 3), 30, 4, 0.10),
+}

@@ -1,0 +1,101 @@
+"""This engine as one of those that are timed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cases import (
+    DECAY_CURRENT,
+    DECAY_VOLTAGE,
+    FALSE_RATE,
+    LEARNING_RATE,
+    SCALE_GRAD,
+    TAU_GRAD,
+    THRESHOLD,
+    TRUE_RATE,
+    Case,
+)
+from dse.engine import cpu
+from dse.engine.events import Rows, delayed
+from dse.engine.layers import Weights, forward, weights
+from dse.engine.member import Member, TrainedLayer, Turn
+from dse.engine.network import gradients
+from dse.neurons.surrogate import exponential
+from dse.records import Arithmetic
+
+SURROGATE = exponential(THRESHOLD, TAU_GRAD, SCALE_GRAD)
+
+
+def rows_of(x: np.ndarray) -> Rows:
+    """Return (sample, step, input) 0/1 as rows: the inverse of dse.engine.events.dense."""
+    n, t, c = x.shape
+    flat = x.reshape(n * t, c) != 0
+    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1, dtype=np.int64))])
+    return Rows(offsets, np.nonzero(flat)[1].astype(np.int32), n, t, c)
+
+
+def layers_of(case: Case, arithmetic: Arithmetic) -> list[Weights]:
+    """Return a case's layers as they run."""
+    return [
+        weights(w, None, np.int32(DECAY_CURRENT), np.int32(DECAY_VOLTAGE), THRESHOLD)
+        for w in (case.rounded if arithmetic == "integer" else case.weights)
+    ]
+
+
+class Ours:
+    """Some copies of a case's network in a cohort; times are of all copies together."""
+
+    def __init__(self, case: Case, arithmetic: Arithmetic, copies: int) -> None:
+        self._case, self._arithmetic = case, arithmetic
+        self._rows, self._layers = rows_of(case.x), layers_of(case, arithmetic)
+        layers = tuple(
+            TrainedLayer(
+                layer.feed_forward,
+                None,
+                np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
+                np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
+                THRESHOLD,
+                SURROGATE,
+                np.ones(layer.n_neurons, np.float32),
+            )
+            for layer in self._layers
+        )
+        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic)
+        self._cohort = cpu.start([member] * copies, case.batch, case.n_steps)
+        self._turns = {k: Turn(LEARNING_RATE, (None,) * len(layers)) for k in range(copies)}
+
+    def step(self) -> Any:
+        """Train every copy on the batch."""
+        return self._cohort.step(self._rows, self._case.labels, self._turns)
+
+    def infer(self) -> np.ndarray:
+        """Return the most active output of each sample, once for each copy."""
+        for _ in self._turns:
+            rows = self._rows
+            for layer in self._layers:
+                fired = forward(rows, layer, self._arithmetic).fired
+                rows = delayed(fired)
+            sample = np.repeat(np.arange(rows.n_samples), rows.per_step().sum(axis=1))
+            counts = np.zeros((rows.n_samples, rows.n_inputs), np.int64)
+            np.add.at(counts, (sample, rows.index), 1)
+        return counts.argmax(axis=1)
+
+    def rates(self) -> list[float]:
+        """Return each layer's spikes per neuron and step."""
+        return list(self.step()[0].fired)
+
+    def gradients(self) -> list[np.ndarray]:
+        """Return dL/dW of each layer."""
+        found = gradients(
+            self._rows,
+            self._layers,
+            [SURROGATE] * len(self._layers),
+            self._case.labels,
+            true_rate=TRUE_RATE,
+            false_rate=FALSE_RATE,
+            arithmetic=self._arithmetic,
+            gains=[None] * len(self._layers),
+        )
+        return list(found.feed_forward)

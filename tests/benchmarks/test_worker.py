@@ -1,0 +1,46 @@
+"""Workers answer, and say what became of them."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from benchmarks.worker import NotInstalled, Worker, cpu_seconds, pythons
+
+
+def echo() -> Worker:
+    return Worker(sys.executable, "tests.benchmarks.echo")
+
+
+def test_a_worker_answers_on_one_thread_whatever_is_printed() -> None:
+    with echo() as worker:
+        assert worker.ask("echo", 1, "two", [3.5]) == [1, "two", [3.5]]
+        assert worker.ask("echo") == []
+        assert worker.ask("threads") == "1"
+
+
+def test_a_missing_framework_or_python_is_not_installed() -> None:
+    with echo() as worker, pytest.raises(NotInstalled, match="no_such_framework"):
+        worker.ask("missing")
+    with pytest.raises(NotInstalled, match="/nowhere/python cannot be run"):
+        Worker("/nowhere/python", "tests.benchmarks.echo")
+
+
+def test_a_failed_worker_says_its_last_line() -> None:
+    with echo() as worker:
+        for _ in range(2):
+            with pytest.raises(RuntimeError, match="ValueError: no such thing"):
+                worker.ask("fail")
+
+
+def test_repetitions_are_counted_without_the_first() -> None:
+    calls: list[int] = []
+    assert len(cpu_seconds(lambda: calls.append(1), 0.0, 5)) == 5
+    assert len(calls) == 6
+
+
+def test_pythons_are_named_by_framework() -> None:
+    assert pythons(["a=/b/c", "d=e=f"]) == {"a": "/b/c", "d": "e=f"}
+    with pytest.raises(ValueError, match="must be FRAMEWORK=PATH, got norse"):
+        pythons(["norse"])
