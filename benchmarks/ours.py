@@ -19,7 +19,7 @@ from benchmarks.cases import (
 )
 from dse.engine import cpu
 from dse.engine.events import Rows, delayed
-from dse.engine.layers import Weights, forward, weights
+from dse.engine.layers import Weights, forward, prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons.surrogate import exponential
@@ -50,6 +50,7 @@ class Ours:
     def __init__(self, case: Case, arithmetic: Arithmetic, copies: int) -> None:
         self._case, self._arithmetic = case, arithmetic
         self._rows, self._layers = rows_of(case.x), layers_of(case, arithmetic)
+        self._prepared = [prepare(layer, arithmetic) for layer in self._layers]
         layers = tuple(
             TrainedLayer(
                 layer.feed_forward,
@@ -74,9 +75,8 @@ class Ours:
         """Return the most active output of each sample, once for each copy."""
         for _ in self._turns:
             rows = self._rows
-            for layer in self._layers:
-                fired = forward(rows, layer, self._arithmetic).fired
-                rows = delayed(fired)
+            for layer in self._prepared:
+                rows = delayed(forward(rows, layer).fired)
             sample = np.repeat(np.arange(rows.n_samples), rows.per_step().sum(axis=1))
             counts = np.zeros((rows.n_samples, rows.n_inputs), np.int64)
             np.add.at(counts, (sample, rows.index), 1)

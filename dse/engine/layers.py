@@ -141,8 +141,21 @@ def layer_of(
     )
 
 
-def prepared(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | None = None) -> Layer:
-    """Return a layer for one call; weights on the 8-bit grid run as int8."""
+@dataclass(frozen=True)
+class Prepared:
+    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons."""
+
+    layer: Layer
+    n_neurons: int
+
+
+def prepare(weights: Weights, arithmetic: Arithmetic) -> Prepared:
+    """Return a layer laid out for an arithmetic."""
+    return Prepared(laid_out(weights, arithmetic), weights.n_neurons)
+
+
+def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | None = None) -> Layer:
+    """Return a layer as the kernels read it; weights on the 8-bit grid run as int8."""
 
     def matrix(w: Array) -> Array:
         whole = w * np.float32(GRID)
@@ -264,7 +277,7 @@ class Forward:
 
 def forward(
     rows: Rows,
-    layer: Weights,
+    layer: Weights | Prepared,
     arithmetic: Arithmetic = "integer",
     *,
     keep_voltage: bool = False,
@@ -274,19 +287,20 @@ def forward(
 
     Args:
         rows: input spikes.
-        layer: weights as they run (already rounded where they are deployed).
-        arithmetic: of the states.
+        layer: weights as they run (already rounded where they are deployed), laid out or not.
+        arithmetic: of the states, where the layer is not laid out yet.
         keep_voltage: keep the membrane potential.
         count: count neuron updates and the largest state.
 
     Raises:
         ValueError: the rows' inputs differ from the layer's.
     """
-    check_inputs(rows, layer.feed_forward.shape[0])
-    ready = prepared(layer, arithmetic)
-    n, t, h = rows.n_samples, rows.n_steps, layer.n_neurons
+    done = prepare(layer, arithmetic) if isinstance(layer, Weights) else layer
+    ready, h = done.layer, done.n_neurons
+    check_inputs(rows, ready.n_inputs)
+    n, t = rows.n_samples, rows.n_steps
     size = chunk_samples(n, t)
-    z = aligned(size * t * ready.n_columns, precision(arithmetic))
+    z = aligned(size * t * ready.n_columns, ready.back_u.dtype, zeroed=False)
     n_groups = ready.n_columns // LANES
     fired = np.empty(n * t * n_groups, np.uint16)
     updates = np.zeros(n * t if count else 0, np.int32)

@@ -32,10 +32,10 @@ def width_at(column: int, n_columns: int) -> int:
     return WORD if left >= WORD else 32 if left >= 32 else LANES
 
 
-def aligned(n: int, kind: Any) -> Array:
-    """Return n zeros that start on a cache line."""
+def aligned(n: int, kind: Any, *, zeroed: bool = True) -> Array:
+    """Return n numbers that start on a cache line: zeros, or whatever the memory held."""
     dtype = np.dtype(kind)
-    raw = np.zeros(n * dtype.itemsize + _LINE_BYTES, np.uint8)
+    raw = (np.zeros if zeroed else np.empty)(n * dtype.itemsize + _LINE_BYTES, np.uint8)
     first = -raw.ctypes.data % _LINE_BYTES
     return raw[first : first + n * dtype.itemsize].view(dtype)
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from dse.engine.batch import batch_of, chunk_samples
 from dse.engine.events import Rows, delayed, dense
-from dse.engine.layers import Weights, check_inputs, forward, precision
-from dse.engine.layers import prepared as prepare
+from dse.engine.layers import Prepared, Weights, check_inputs, forward, laid_out, precision
 from dse.engine.layout import aligned, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.neurons.surrogate import Exponential
@@ -62,16 +61,16 @@ def gradients(
         ValueError: the rows' inputs differ from the first layer's.
     """
     check_inputs(rows, layers[0].feed_forward.shape[0])
-    prepared = [prepare(w, arithmetic, s) for w, s in zip(layers, surrogates, strict=True)]
+    ready = [laid_out(w, arithmetic, s) for w, s in zip(layers, surrogates, strict=True)]
     kind = precision(arithmetic)
     sizes = [w.n_neurons for w in layers]
-    found = [aligned(x.n_inputs * x.n_columns, kind) for x in prepared]
-    rings = [aligned(x.ring.size, kind) for x in prepared]
+    found = [aligned(x.n_inputs * x.n_columns, kind) for x in ready]
+    rings = [aligned(x.ring.size, kind) for x in ready]
     n_rows = chunk_samples(rows.n_samples, rows.n_steps) * rows.n_steps
     deeper = [0, *(g.size for g in found[1:])]
     space = Workspace(n_rows, sizes, deeper, [r.size for r in rings], kind)
     done = learn(
-        prepared,
+        ready,
         sizes,
         batch_of(rows),
         labels,
@@ -89,11 +88,11 @@ def gradients(
         done.loss,
         tuple(
             unpacked(g, x.n_inputs, n) * kind(f)
-            for g, x, n, f in zip(found, prepared, sizes, factors, strict=True)
+            for g, x, n, f in zip(found, ready, sizes, factors, strict=True)
         ),
         tuple(
             unpacked(g, x.n_columns, n)[:n] if g.size else g.reshape(0, 0)
-            for g, x, n in zip(rings, prepared, sizes, strict=True)
+            for g, x, n in zip(rings, ready, sizes, strict=True)
         ),
         tuple(float(f) / max(1, cells * n) for f, n in zip(done.n_fired, sizes, strict=True)),
         done.correct,
@@ -118,8 +117,8 @@ class Answer:
     peak: float
 
 
-def answer(rows: Rows, layers: Sequence[Weights], arithmetic: Arithmetic = "integer") -> Answer:
-    """Run a stack over a batch and count what it costs (arguments as in `gradients`)."""
+def answer(rows: Rows, layers: Sequence[Weights | Prepared], arithmetic: Arithmetic = "integer") -> Answer:
+    """Run a stack over a batch and count what it costs (arguments as in `layers.forward`)."""
     spikes, updates, fired = [rows.per_step()], [], []
     peak = 0.0
     for layer in layers:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dse.engine.events import gather
+from dse.engine.layers import prepare
 from dse.engine.network import Answer, answer
 from dse.models.initialisation import deployed
 from dse.neurons import cuba_lif
@@ -26,12 +27,15 @@ def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
 
 def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
     """Respond, and count each layer's spikes per neuron."""
-    layers = deployed(
-        [x.weight.T for x in network.layers],
-        [None if x.recurrent is None else x.recurrent.T for x in network.layers],
-        network.layers,
-        network.arithmetic,
-    )
+    layers = [
+        prepare(weights, network.arithmetic)
+        for weights in deployed(
+            [x.weight.T for x in network.layers],
+            [None if x.recurrent is None else x.recurrent.T for x in network.layers],
+            network.layers,
+            network.arithmetic,
+        )
+    ]
     answers: list[Answer] = []
     for first in range(0, max(1, samples.size), _BATCH):
         part = samples[first : first + _BATCH]
@@ -43,7 +47,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
             network.delays,
             network.steps_per_sample,
         )
-        answers.append(answer(rows, layers, network.arithmetic))
+        answers.append(answer(rows, layers))
     response = Response(
         np.concatenate([a.output for a in answers]),
         np.concatenate([a.spikes for a in answers]),

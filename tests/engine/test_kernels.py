@@ -10,7 +10,7 @@ from dse.engine.adam import adam
 from dse.engine.batch import batch_of
 from dse.engine.compiled import _sources
 from dse.engine.events import Rows
-from dse.engine.layers import forward, prepared, run, weights
+from dse.engine.layers import forward, laid_out, run, weights
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.neurons.surrogate import exponential
 from tests.engine.test_network import rows_of
@@ -79,7 +79,7 @@ def test_the_fast_exponential_is_the_surrogate(arithmetic: str, tau: float) -> N
     x = np.ones((1, 1, 1), np.uint8)
     v = forward(rows_of(x), layer, arithmetic, keep_voltage=True).voltage[0, 0]
     surrogate = exponential(80, tau, 3.0)
-    ready = prepared(layer, arithmetic, surrogate)
+    ready = laid_out(layer, arithmetic, surrogate)
     z = aligned(ready.n_columns, np.float64 if arithmetic == "ideal" else np.float32)
     fired, none = np.zeros(ready.n_columns // LANES, np.uint16), np.zeros(0, np.int32)
     rows = rows_of(x)
