@@ -19,7 +19,7 @@ from dse import dataset, seeds
 from dse.config import SearchSpace
 from dse.dataset.sections import component, section
 from dse.engine.events import dense, gather
-from dse.models.cohort import train
+from dse.models.cohort import PROBE_SAMPLES, train
 from dse.models.initialisation import initialise, populations_of
 from dse.models.training import Design, Generators, Training
 from dse.neurons.surrogate import exponential
@@ -43,7 +43,6 @@ SETTINGS = {
     "training.dropout": "0",
     "training.silent_epochs": "0",
 }
-_PROBE_SAMPLES = 64
 
 
 def some() -> list[int]:
@@ -121,7 +120,7 @@ def task(space: SearchSpace, data: Dataset, numbers: Sequence[int]) -> Task:
     every = np.arange(data.spikes.n_samples)
     rows = gather(data.spikes, every, data.start, data.n_steps, model.input_delays)
     batches, n_batches = shared(space)("batches"), -(-data.train.size // training.batch_size)
-    picked = shared(space)("probe").permutation(data.train)[:_PROBE_SAMPLES]
+    picked = shared(space)("probe").permutation(data.train)[:PROBE_SAMPLES]
     probe = gather(data.spikes, picked, data.start[picked], data.n_steps, model.input_delays)
     found = {}
     for number in numbers:

@@ -27,7 +27,7 @@ from dse.records import Array, Dataset, Layer, Network, Outcome
 if TYPE_CHECKING:
     from dse.models.snn import SNN
 
-_PROBE_SAMPLES = 64
+PROBE_SAMPLES = 64
 _SATURATED = 0.95
 # Beyond this, initial weights are forgotten and one spike overrules all others: no rate schedule comes back.
 _LOST_GROWTH = 100.0
@@ -78,7 +78,7 @@ def train(
     def rows_of(samples: Array, start: Array) -> Rows:
         return gather(dataset.spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
 
-    chosen = shared("probe").permutation(dataset.train)[:_PROBE_SAMPLES]
+    chosen = shared("probe").permutation(dataset.train)[:PROBE_SAMPLES]
     probe = rows_of(chosen, dataset.start[chosen])
     clock = _Clock()
     trainees = []

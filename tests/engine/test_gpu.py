@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.ours import rows_of
 from benchmarks.torch_loop import gradients as by_autograd
 from dse.engine import cpu
 from dse.engine import gpu as engine
-from dse.engine.events import Rows
 from dse.engine.layers import weights
 from dse.engine.member import Cohort, Masters, Member, Report, TrainedLayer, Turn
 from dse.engine.network import gradients as on_cpu
@@ -52,14 +52,6 @@ GRADIENT_ERROR: dict[Arithmetic, float] = {"integer": 1e-5, "float32": 2e-6, "id
 """Largest error of a gradient, as a share of its matrix's largest entry."""
 PRODUCT_ERROR: dict[Arithmetic, float] = {"integer": 0.0, "float32": 1e-6, "ideal": 1e-14}
 """Largest error of a layer's weighted input, as a share of the largest one."""
-
-
-def rows_of(x: np.ndarray) -> Rows:
-    """Return (sample, step, input) 0/1 as rows."""
-    n, t, c = x.shape
-    flat = x.reshape(n * t, c) != 0
-    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
-    return Rows(offsets, np.nonzero(flat)[1].astype(np.int32), n, t, c)
 
 
 def member(

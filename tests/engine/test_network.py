@@ -7,21 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dse.engine.events import Rows, delayed, dense
+from benchmarks.ours import rows_of
+from dse.engine.events import delayed, dense
 from dse.engine.layers import Weights, forward, weights
 from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
 from tests.golden import Case, cases
-
-
-def rows_of(x: np.ndarray) -> Rows:
-    """Return (sample, step, channel) 0/1 as rows."""
-    n, t, c = x.shape
-    flat = x.reshape(n * t, c) != 0
-    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
-    return Rows(offsets, np.nonzero(flat)[1].astype(np.int32), n, t, c)
 
 
 @pytest.mark.parametrize("case", cases())
