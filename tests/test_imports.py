@@ -21,6 +21,7 @@ LAYERS = (
     ("deploy", "measure", "models"),
     ("dataset",),
     (
+        "cache",
         "decision",
         "encoders",
         "engine",
@@ -28,23 +29,25 @@ LAYERS = (
         "execution",
         "hardware",
         "metrics",
-        "preprocessing",
         "progress",
         "recordings",
-        "scene",
         "search",
         "skyline",
         "store",
     ),
-    ("constraints", "neurons", "pareto"),
+    ("scene",),
+    ("constraints", "neurons", "pareto", "preprocessing"),
     ("config",),
     ("registry", "seeds"),
-    ("records",),
+    ("native", "records"),
 )
 HEIGHT = {name: -depth for depth, layer in enumerate(LAYERS) for name in layer}
 PUBLIC = ("__init__", "__main__")  # the package's own face may import anything
 
-HEAVY = ("moocore", "numba", "optuna", "pandas", "plotly", "pyarrow", "sklearn", "torch", "triton")
+HEAVY = (
+    *("h5py", "lz4", "moocore", "numba", "optuna", "pandas"),
+    *("plotly", "pyarrow", "sklearn", "torch", "triton", "zstandard"),
+)
 
 
 def part(path: Path) -> str:

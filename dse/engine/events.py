@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.engine.compiled import compiled
+from dse.native.compiled import compiled
 from dse.records import Array, Spikes
 
 

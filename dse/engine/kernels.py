@@ -14,9 +14,9 @@ import numba
 import numpy as np
 from numba.extending import overload
 
-from dse.engine.compiled import compiled
 from dse.engine.layout import LANES, width_at
-from dse.engine.simd import (
+from dse.native.compiled import compiled
+from dse.native.simd import (
     LANES_16,
     LANES_32,
     LANES_64,

@@ -15,9 +15,9 @@ import numpy as np
 
 from dse.engine import kernels
 from dse.engine.batch import chunk_samples
-from dse.engine.compiled import compiled
 from dse.engine.events import Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
+from dse.native.compiled import compiled
 from dse.neurons.cuba_lif import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential
 from dse.records import Arithmetic, Array

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine.compiled import compiled
+from dse.native.compiled import compiled
 from dse.records import Array
 
 LANES = 16

@@ -12,10 +12,10 @@ import numpy as np
 
 from dse.engine import kernels
 from dse.engine.batch import Batch
-from dse.engine.compiled import compiled
 from dse.engine.layers import Layer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
 from dse.engine.loss import spike_rate
+from dse.native.compiled import compiled
 from dse.records import Array
 
 _NO_UPDATES = np.zeros(0, np.int32)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from dse.engine import kernels
 from dse.engine.adam import adam
 from dse.engine.batch import batch_of
-from dse.engine.compiled import _sources
 from dse.engine.events import Rows
 from dse.engine.layers import forward, laid_out, run, weights
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
+from dse.native.compiled import _sources
 from dse.neurons.surrogate import exponential
 from tests.engine.test_network import rows_of
 
@@ -144,4 +146,4 @@ def test_rounded_weights_follow_their_masters_and_clipped_ones_have_no_gradient(
 
 
 def test_compiled_code_is_kept_under_the_sources_of_the_whole_engine() -> None:
-    assert kernels.gather._cache._cache_file._source_stamp == _sources()
+    assert kernels.gather._cache._cache_file._source_stamp == _sources(Path(kernels.__file__).parent)

@@ -1,0 +1,1 @@
+"""What every compiled kernel stands on: Numba functions cached on disk, and vectors as values in them."""

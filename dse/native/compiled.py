@@ -1,0 +1,63 @@
+"""Numba functions that are compiled once per version of their package, and kept on disk between processes."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_HERE = Path(__file__).parent
+# Packages whose kernels are inlined into those of others: what may be called from another package's kernel.
+_INLINED = (_HERE, _HERE.parent / "preprocessing")
+
+
+@cache
+def _sources(folder: Path) -> str:
+    """Return a hash of every source file of a package and of those whose kernels it may call."""
+    found = hashlib.sha256()
+    for path in sorted({path for place in (folder, *_INLINED) for path in place.glob("*.py")}):
+        found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator: `numba.njit` with the options, cached, without the interpreter lock.
+
+    Numba's cache is fresh as long as the function's own file is, although the code of other files is inlined
+    into it: after an update of one file it would run what was compiled from the old one. Here the cached code
+    is that of all files of the function's package.
+
+    `_nrt=False` is for kernels that allocate nothing and make no views: Numba then counts no references,
+    which costs two atomic operations for every array that is passed on.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        found = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        kept: Any = getattr(getattr(found, "_cache", None), "_cache_file", None)
+        if hasattr(kept, "_source_stamp"):
+            source = sys.modules[function.__module__].__file__ or __file__
+            kept._source_stamp = _sources(Path(source).parent)
+            kept._load_index = _readable(kept._load_index)
+        return found
+
+    return decorate
+
+
+def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
+    """Return a reader of a function's index that takes one it cannot read for an empty one.
+
+    The index of an older version may name types of modules that are no more.
+    """
+
+    def reader() -> Any:
+        try:
+            return load()
+        except (ImportError, AttributeError):
+            return {}
+
+    return reader
