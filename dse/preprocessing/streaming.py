@@ -1,0 +1,182 @@
+"""One pass over a recording's events, block by block: how long it is, and its spikes.
+
+Blocks may end anywhere, in the middle of a bin too. What is held is a block, one bin and the spikes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.native.compiled import compiled
+from dse.preprocessing.kernels import add, flush
+from dse.preprocessing.pools import Pooling
+from dse.records import Array, Block
+
+_LATEST = np.iinfo(np.int64).max
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What one pass tells of a recording before it is pooled.
+
+    first_us: time of its first event; 0 without events.
+    n_bins: bins from the start of the temporal crop to its end or the last event, whichever comes first.
+    onset_bin: first of them with enough events of either polarity in the crop, before pooling; -1: none.
+    n_events: events of the recording, kept or not.
+    """
+
+    first_us: int
+    n_bins: int
+    onset_bin: int
+    n_events: int
+
+
+def survey(
+    blocks: Iterable[Block], pooling: Pooling, onset_events: float, t0_us: int | None = None
+) -> Survey:
+    """Return length and onset of a recording.
+
+    Args:
+        blocks: its events; time never falls.
+        pooling: settings on its frame.
+        onset_events: events in a bin that make the onset, > 0.
+        t0_us: time that bins are counted from; None: the first event.
+    """
+    first_us, duration_us, n_events = 0, 0, 0
+    needed = math.ceil(onset_events)
+    onset, present, count = -1, 0, 0
+    for block in blocks:
+        if not len(block.t_us):
+            continue
+        if not n_events:
+            first_us = int(block.t_us[0])
+        from_us = first_us if t0_us is None else t0_us
+        n_events += len(block.t_us)
+        duration_us = int(block.t_us[-1]) - from_us + 1
+        if onset < 0:
+            begin_us = from_us + pooling.start_us
+            low, high = _within(block.t_us, begin_us, from_us + pooling.end_us)
+            onset, present, count = _onset(
+                block.t_us, block.x, block.y, low, high,
+                begin_us, pooling.bin_us, *pooling.crop, needed, present, count,
+            )  # fmt: skip
+    return Survey(first_us, pooling.n_bins(duration_us), onset, n_events)
+
+
+def pool(
+    blocks: Iterable[Block], pooling: Pooling, t0_us: int, first_bin: int, n_bins: int
+) -> tuple[Array, Array]:
+    """Return the spikes per bin, (n_bins,) int64, and their channels, int32, sorted within each bin.
+
+    Nothing is read after the block that reaches beyond the last bin; bins beyond the last event are empty.
+
+    Args:
+        blocks: events of one recording; time never falls.
+        pooling: settings on its frame.
+        t0_us: time that bins are counted from: the first event, or the start of a simulated trial.
+        first_bin: first bin to keep, from the start of the temporal crop.
+        n_bins: bins to keep.
+    """
+    counts = np.zeros(n_bins, dtype=np.int64)
+    channels = np.empty(pooling.n_channels, dtype=np.int32)
+    words = np.zeros((1, (pooling.n_channels + 63) // 64), dtype=np.uint64)
+    events = np.zeros((1, pooling.n_channels if pooling.counts_needed else 0), dtype=np.uint8)
+    begin_us = t0_us + pooling.start_us + first_bin * pooling.bin_us
+    stop_us = min(t0_us + pooling.end_us, begin_us + n_bins * pooling.bin_us)
+    present, filled = 0, 0
+    for block in blocks if n_bins else ():
+        e, high = _within(block.t_us, begin_us, stop_us)
+        while e < high:
+            e, present, filled = _take(
+                block.t_us, block.x, block.y, block.polarity, e, high, begin_us, pooling.bin_us,
+                pooling.poles, pooling.only, pooling.first_x, pooling.n_x, pooling.first_y, pooling.n_y,
+                pooling.width, pooling.height, pooling.needed, words, events,
+                present, counts, channels, filled,
+            )  # fmt: skip
+            if len(channels) < filled + pooling.n_channels:
+                channels = _grown(channels, filled, 2 * filled + pooling.n_channels)
+        if len(block.t_us) and block.t_us[-1] >= stop_us:
+            break
+    if n_bins:
+        end = flush(0, pooling.needed, words, events, channels, filled)
+        counts[present] = end - filled
+        filled = end
+    return without_quiet(counts, _grown(channels, filled, filled), pooling)
+
+
+def without_quiet(counts: Array, channels: Array, pooling: Pooling) -> tuple[Array, Array]:
+    """Return a raster without the channels whose mean rate over all its bins is below the rate floor.
+
+    Args:
+        counts: (n_bins,) int64 spikes per bin.
+        channels: int32 channels, bin by bin.
+        pooling: has the floor and the width of a bin.
+    """
+    if pooling.rate_floor_hz <= 0:
+        return counts, channels
+    spikes = np.bincount(channels, minlength=pooling.n_channels)
+    loud = spikes * 1e6 >= pooling.rate_floor_hz * (len(counts) * pooling.bin_us)
+    kept = loud[channels]
+    until = np.concatenate([[0], np.cumsum(kept)])[np.cumsum(counts)]
+    return np.diff(until, prepend=0).astype(np.int64), channels[kept]
+
+
+def _within(t_us: Array, begin_us: int, stop_us: int) -> tuple[int, int]:
+    """Return first and last + 1 of the events with begin <= t < stop."""
+    borders = np.array([min(begin_us, _LATEST), min(stop_us, _LATEST)], dtype=np.int64)
+    low, high = np.searchsorted(t_us, borders)
+    return int(low), int(high)
+
+
+def _grown(channels: Array, filled: int, capacity: int) -> Array:
+    """Return what is filled, with room."""
+    found = np.empty(capacity, dtype=np.int32)
+    found[:filled] = channels[:filled]
+    return found
+
+
+@compiled()
+def _take(  # type: ignore[no-untyped-def]
+    t_us, x, y, polarity, e, high, begin_us, bin_us, poles, only, first_x, n_x, first_y, n_y, width, height,
+    needed, words, events, present, counts, channels, filled,
+):  # fmt: skip
+    """Count events e .. high - 1 and write the bins that they end; return where it came to.
+
+    It stops early where `channels` has no room for a whole bin.
+    """
+    n_channels = poles * width * height
+    edge_us = begin_us + (present + 1) * bin_us
+    while e < high:
+        if t_us[e] >= edge_us:
+            if len(channels) < filled + n_channels:
+                break
+            end = flush(0, needed, words, events, channels, filled)
+            counts[present] = end - filled
+            filled = end
+            present = (t_us[e] - begin_us) // bin_us
+            edge_us = begin_us + (present + 1) * bin_us
+        if only < 0 or polarity[e] == only:
+            pole = polarity[e] if poles == 2 else 0
+            add(0, x[e], y[e], pole, first_x, n_x, first_y, n_y, width, height, words, events)
+        e += 1
+    return e, present, filled
+
+
+@compiled()
+def _onset(  # type: ignore[no-untyped-def]
+    t_us, x, y, low, high, begin_us, bin_us, crop_x, crop_y, columns, rows, needed, present, count
+):
+    """Return (onset bin or -1, present bin, its events so far) after events low .. high - 1."""
+    for e in range(low, high):
+        if 0 <= x[e] - crop_x < columns and 0 <= y[e] - crop_y < rows:
+            b = (t_us[e] - begin_us) // bin_us
+            if b != present:
+                present, count = b, 0
+            count += 1
+            if count >= needed:
+                return b, b, count
+    return -1, present, count

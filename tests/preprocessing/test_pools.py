@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dse.preprocessing import END_OF_TIME_US, Preprocessing, PreprocessingError, pooling
+
+
+def members(first: np.ndarray, n: np.ndarray, n_pools: int) -> list[list[int]]:
+    """The pixels of every pool along an axis."""
+    return [[u for u in range(len(first)) if first[u] <= i < first[u] + n[u]] for i in range(n_pools)]
+
+
+@pytest.mark.parametrize(
+    ("size", "pool", "stride", "padding", "found"),
+    [
+        (8, 4, None, 0, [[0, 1, 2, 3], [4, 5, 6, 7]]),
+        (10, 4, 4, 0, [[0, 1, 2, 3], [4, 5, 6, 7]]),  # the third would stick out
+        (6, 4, 2, 0, [[0, 1, 2, 3], [2, 3, 4, 5]]),
+        (7, 2, 5, 0, [[0, 1], [5, 6]]),  # stride > kernel: pixels in no pool
+        (1, 4, 4, 0, [[0]]),
+        (3, 4, 2, 0, [[0, 1, 2]]),
+        (6, 4, 4, 1, [[0, 1, 2], [3, 4, 5]]),  # (6 + 2 - 4) // 4 + 1
+        (5, 3, 2, 1, [[0, 1], [1, 2, 3], [3, 4]]),
+        (3, 4, 1, 1, [[0, 1, 2], [0, 1, 2]]),  # the kernel fits the padded axis
+        (1, 4, 4, 1, [[0]]),
+        (1, 9, 1, 2, [[0]]),
+        (2, 1, 1, 0, [[0], [1]]),
+    ],
+)
+def test_pixels_of_every_pool(size, pool, stride, padding, found):
+    settings = Preprocessing(1, pool=(pool, 1), stride=None if stride is None else (stride, 1),
+                             padding=(padding, 0))  # fmt: skip
+    along_x = pooling(settings, size, 2)
+    assert members(along_x.first_x, along_x.n_x, along_x.width) == found
+    assert (along_x.width, along_x.height) == (len(found), 2)
+    turned = Preprocessing(1, pool=(1, pool), stride=None if stride is None else (1, stride),
+                           padding=(0, padding))  # fmt: skip
+    along_y = pooling(turned, 2, size)
+    assert members(along_y.first_y, along_y.n_y, along_y.height) == found
+
+
+@pytest.mark.parametrize(("size", "n"), [(160, 40), (312, 78), (10, 2)])
+def test_number_of_pools_of_whole_frames(size, n):
+    assert pooling(Preprocessing(1, pool=4, stride=4), size, 1).width == n
+
+
+def test_pools_lie_in_the_crop():
+    found = pooling(Preprocessing(1, pool=2, crop=(3, 1, 5, 2)), 10, 4)
+    assert (found.width, found.height, found.n_channels) == (2, 1, 4)
+    assert members(found.first_x, found.n_x, 2) == [[3, 4], [5, 6]]
+    assert members(found.first_y, found.n_y, 1) == [[1, 2]]
+    assert found.first_x.dtype == found.n_y.dtype == np.int32
+
+
+def test_padding_of_a_crop_is_empty_although_the_frame_goes_on():
+    found = pooling(Preprocessing(1, pool=3, stride=2, padding=1, crop=(2, 1, 5, 3)), 10, 6)
+    assert members(found.first_x, found.n_x, found.width) == [[2, 3], [3, 4, 5], [5, 6]]
+    assert members(found.first_y, found.n_y, found.height) == [[1, 2], [2, 3]]
+
+
+def test_the_pins_are_a_crop():
+    given = pooling(Preprocessing(1, crop=(2, 0, 3, 3)), 8, 4)
+    pins = pooling(Preprocessing(1, crop="pins"), 8, 4, pins=(2, 0, 3, 3))
+    assert given.crop == pins.crop == (2, 0, 3, 3)
+    assert np.array_equal(given.n_x, pins.n_x)
+    # Pins that nobody asked for change nothing.
+    assert pooling(Preprocessing(1), 8, 4, pins=(2, 0, 3, 3)).crop == (0, 0, 8, 4)
+
+
+@pytest.mark.parametrize("crop", [(0, 0, 9, 4), (7, 0, 2, 4), (0, 3, 8, 2), (8, 0, 1, 1)])
+def test_a_crop_outside_the_frame_is_a_fault(crop):
+    x, y, width, height = crop
+    text = (
+        f"preprocessing.crop must lie in the frame of 8 x 4 pixels, got x {x} to {x + width - 1} and "
+        f"y {y} to {y + height - 1}"
+    )
+    with pytest.raises(PreprocessingError) as fault:
+        pooling(Preprocessing(1, crop=crop), 8, 4)
+    assert str(fault.value) == text
+
+
+def test_unknown_pins_are_a_fault():
+    with pytest.raises(PreprocessingError, match="where no pins are known, got pins"):
+        pooling(Preprocessing(1, crop="pins"), 8, 4)
+
+
+def test_what_the_kernels_read():
+    found = pooling(Preprocessing(2.5, pool_threshold=3, exceeds=True, polarity="ignore_on"), 3, 2)
+    assert (found.needed, found.counts_needed) == (4, True)
+    assert (found.poles, found.only, found.n_channels) == (1, 0, 6)
+    assert (found.bin_us, found.start_us, found.end_us) == (2500, 0, END_OF_TIME_US)
+    plain = pooling(Preprocessing(1), 3, 2)
+    assert (plain.needed, plain.counts_needed, plain.poles, plain.only) == (1, False, 2, -1)
+    assert pooling(Preprocessing(1, polarity="ignore_off"), 3, 2).only == 1
+    assert pooling(Preprocessing(1, polarity="merge"), 3, 2).only == -1
+
+
+@pytest.mark.parametrize(
+    ("time_ms", "duration_us", "n"),
+    [
+        (None, 0, 0),
+        (None, 1, 1),
+        (None, 30, 3),
+        (None, 31, 4),
+        ((0.0, 0.02), 1000, 2),
+        ((0.0, 0.025), 1000, 3),  # the last bin is partly empty
+        ((0.005, 0.025), 1000, 2),
+        ((0.005, 0.025), 16, 2),
+        ((0.005, 0.025), 5, 0),
+        ((0.005, 0.025), 6, 1),
+    ],
+)
+def test_bins_of_a_duration(time_ms, duration_us, n):
+    assert pooling(Preprocessing(0.01, time_ms=time_ms), 1, 1).n_bins(duration_us) == n
