@@ -9,7 +9,7 @@ microseconds; a *step* is one time step of the encoder (a sampling period or a t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -46,6 +46,16 @@ class Signals:
 
 
 @dataclass(frozen=True)
+class Block:
+    """Consecutive events of one recording: t_us (n,) int64, x and y (n,) int32, polarity (n,) uint8."""
+
+    t_us: Array
+    x: Array
+    y: Array
+    polarity: Array
+
+
+@dataclass(frozen=True)
 class Events:
     """Event recordings laid end to end; recording i is `t_us[offsets[i]:offsets[i+1]]`.
 
@@ -68,6 +78,11 @@ class Events:
     @property
     def n_recordings(self) -> int:
         return len(self.offsets) - 1
+
+    def blocks(self, i: int) -> Iterator[Block]:
+        """Yield recording i, in one piece."""
+        part = slice(int(self.offsets[i]), int(self.offsets[i + 1]))
+        yield Block(self.t_us[part], self.x[part], self.y[part], self.polarity[part])
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from dse.recordings import RecordingError, npz
-from dse.recordings.files import locate
+from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
 from dse.recordings.time_series import checked_offsets
 from dse.records import Array, Events
@@ -20,7 +20,7 @@ from dse.registry import param, register
 @register("recordings", "events")
 @dataclasses.dataclass(frozen=True)
 class EventFile:
-    """Event recordings of an .npz file; recording i is events[offsets[i]:offsets[i+1]].
+    """Event recordings of an .npz file; recording i is events[offsets[i]:offsets[i+1]], which may be none.
 
     An address is a pixel (`x`, `y`) or a `taxel`; polarity is 1 for ON and 0 for OFF.
     """
@@ -57,6 +57,10 @@ class EventFile:
         """Return the component with only the label columns that its file holds."""
         return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
 
+    def content(self, base: Path) -> str:
+        """Return the hash of the file."""
+        return content(locate(self.file, base))
+
     def read(self, base: Path) -> Events:
         """Return the recordings.
 
@@ -69,7 +73,7 @@ class EventFile:
         where = f"{path.name}: '{self.t_us}'"
         if t_us.ndim != 1:
             raise RecordingError(f"{where} must have one value per event, got shape {t_us.shape}")
-        borders = checked_offsets(arrays[self.offsets], len(t_us), where)
+        borders = checked_offsets(arrays[self.offsets], len(t_us), where, may_be_empty=True)
         fields = {
             "t_us": t_us,
             "x": arrays[self.taxel or self.x or ""],
@@ -114,7 +118,7 @@ def event_faults(
         height: addresses y must be below.
     """
     falls = np.diff(t_us, prepend=t_us[:1]) < 0
-    falls[offsets[:-1]] = False
+    falls[offsets[:-1][np.diff(offsets) > 0]] = False
     tests = [
         (t_us < 0, "time must be >= 0 us", t_us),
         (falls, "time must never fall within a recording", t_us),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import os
 from pathlib import Path
 
@@ -26,3 +28,22 @@ def locate(file: str, base: Path) -> Path:
         else " (DSE_DATA names another folder, --set data.file=FILE another file)"
     )
     raise RecordingError(f"data file '{file}' not found; looked in {looked}{hint}")
+
+
+def content(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal; it is read again only where size or time have changed.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    try:
+        about = path.stat()
+        return _content(path, about.st_size, about.st_mtime_ns)
+    except OSError as error:
+        raise RecordingError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+
+
+@functools.cache
+def _content(path: Path, size: int, modified_ns: int) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

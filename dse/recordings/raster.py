@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from dse.recordings import RecordingError, npz
-from dse.recordings.files import locate
+from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
 from dse.records import Array, Rasters, Spikes
 from dse.registry import param, register
@@ -64,6 +64,10 @@ class RasterFile:
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
         return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+
+    def content(self, base: Path) -> str:
+        """Return the hash of the file."""
+        return content(locate(self.file, base))
 
     def read(self, base: Path) -> Rasters:
         """Return the spikes.

@@ -12,7 +12,7 @@ import numpy as np
 
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
-from dse.recordings.files import locate
+from dse.recordings.files import content, locate
 from dse.recordings.labels import columns_key, label_columns
 from dse.recordings.time_series import end_to_end
 from dse.records import Array, Signals
@@ -59,7 +59,7 @@ class Table:
             try:
                 if file is not None:
                     path = locate(file, base)
-                    found += _missing(path, names, _column_names(path))
+                    found += _missing(path, names, column_names(path))
             except RecordingError as error:
                 found.append(str(error))
         return found
@@ -67,12 +67,17 @@ class Table:
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its label table, if there is one, holds."""
         try:
-            known = [] if self.labels is None else _column_names(locate(self.labels, base))
+            known = [] if self.labels is None else column_names(locate(self.labels, base))
         except RecordingError:
             return dataclasses.replace(self, labels=None, columns={})
         return dataclasses.replace(
             self, columns={column: name for column, name in self.columns.items() if name in known}
         )
+
+    def content(self, base: Path) -> str:
+        """Return the hashes of the table and of its label table."""
+        files = [self.file, *([] if self.labels is None else [self.labels])]
+        return " ".join(content(locate(file, base)) for file in files)
 
     def read(self, base: Path) -> Signals:
         """Return the recordings.
@@ -84,7 +89,7 @@ class Table:
             raise RecordingError(fault)
         path = locate(self.file, base)
         needed = [self.recording, *([] if self.time_ms is None else [self.time_ms]), *self.channels]
-        samples = _read(path, needed)
+        samples = read_table(path, needed)
         identity = _identity(samples, self.recording, path)
         if self.labels is None:
             order = list(dict.fromkeys(identity))
@@ -113,7 +118,7 @@ class Table:
         return Signals(flat, borders, float(self.step_ms), columns)
 
     def _labels(self, path: Path) -> tuple[list[str], dict[str, Array]]:
-        table = _read(path, [self.recording, *self.columns.values()])
+        table = read_table(path, [self.recording, *self.columns.values()])
         order = _identity(table, self.recording, path)
         twice = [name for name, rows in Counter(order).items() if rows > 1]
         if twice:
@@ -176,11 +181,26 @@ def _numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
     return np.asarray(values, dtype=np.float64)
 
 
-def _column_names(path: Path) -> list[str]:
-    return [str(x) for x in _read(path, None, head=True).columns]
+def column_names(path: Path) -> list[str]:
+    """Return the columns of a table.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    return [str(x) for x in read_table(path, None, head=True).columns]
 
 
-def _read(path: Path, columns: list[str] | None, *, head: bool = False) -> pd.DataFrame:
+def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> pd.DataFrame:
+    """Return some columns of a .csv or .parquet table.
+
+    Args:
+        path: an existing file.
+        columns: their names; None: all.
+        head: whether to return no rows.
+
+    Raises:
+        RecordingError: it cannot be read, or has no such column.
+    """
     import pandas as pd
     import pyarrow
 

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from dse.recordings import RecordingError, npz
-from dse.recordings.files import locate
+from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
 from dse.records import Array, Signals
 from dse.registry import param, register
@@ -50,6 +50,10 @@ class TimeSeries:
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
         return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+
+    def content(self, base: Path) -> str:
+        """Return the hash of the file."""
+        return content(locate(self.file, base))
 
     def read(self, base: Path) -> Signals:
         """Return the recordings.
@@ -98,8 +102,8 @@ def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array,
     return flat, borders
 
 
-def checked_offsets(offsets: Array, n_rows: int, where: str) -> Array:
-    """Return borders as int64, checked to run from 0 to n_rows and to leave no recording empty.
+def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Array:
+    """Return borders as int64, checked from 0 to n_rows; no recording is empty unless it may be.
 
     Raises:
         RecordingError: they do not.
@@ -118,6 +122,6 @@ def checked_offsets(offsets: Array, n_rows: int, where: str) -> Array:
         raise RecordingError(
             f"{where}: offsets must run from 0 to its end at {n_rows}, got {borders[0]} to {borders[-1]}"
         )
-    if (lengths == 0).any():
+    if not may_be_empty and (lengths == 0).any():
         raise RecordingError(f"{where}: recording {int((lengths == 0).argmax())} is empty")
     return borders

@@ -1,18 +1,20 @@
 """What every component of section `recordings` promises; a new one is tested by being registered."""
 
 import dataclasses
+import re
 
 import pytest
 
 from dse import registry
-from dse.recordings import RecordingError
+from dse.recordings import PLACES, RecordingError
 
 COMPONENTS = registry.known("recordings")
-REQUIRED = {"file": "absent.npz", "step_ms": 1.0, "width": 4, "channels": ("a",), "taxel": "taxel"}
+REQUIRED = {"step_ms": 1.0, "channels": ("a",), "taxel": "taxel"}
+ABSENT = {"file": "absent.npz", "folder": "absent", "scene": "absent.yaml"}
 
 
 def test_the_known_formats():
-    assert list(COMPONENTS) == ["events", "raster", "table", "time_series"]
+    assert list(COMPONENTS) == ["event_files", "events", "raster", "scene", "table", "time_series"]
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
@@ -23,10 +25,41 @@ def test_every_key_is_explained_and_none_is_an_axis(name):
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_a_missing_file_is_one_fault_and_one_error(name, tmp_path):
+def test_what_is_missing_is_one_fault_and_one_error(name, tmp_path):
     fields = {field.name for field in dataclasses.fields(COMPONENTS[name])}
-    source = COMPONENTS[name](**{key: value for key, value in REQUIRED.items() if key in fields})
-    faults = source.check(tmp_path)
-    assert len(faults) == 1 and "data file 'absent.npz' not found" in faults[0]
-    with pytest.raises(RecordingError, match=r"data file 'absent\.npz' not found"):
-        source.read(tmp_path)
+    keys = {key: value for key, value in {**REQUIRED, **ABSENT}.items() if key in fields}
+    if name == "events":
+        keys["width"] = 4
+    (place,) = keys.keys() & ABSENT.keys()
+    assert place in PLACES
+    source = COMPONENTS[name](**keys)
+    told = re.escape(f"'{ABSENT[place]}'")
+    (fault,) = source.check(tmp_path)
+    assert re.search(told, fault)
+    for ask in (source.read, source.content):
+        with pytest.raises(RecordingError, match=told):
+            ask(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["events", "raster", "table", "time_series"])
+def test_content_is_what_is_in_the_file_and_not_where_it_lies(name, tmp_path):
+    fields = {field.name for field in dataclasses.fields(COMPONENTS[name])}
+    keys = {key: value for key, value in REQUIRED.items() if key in fields}
+    keys |= {"width": 4} if name == "events" else {}
+    found = []
+    for file, inside in (("a.npz", b"one"), ("b.npz", b"one"), ("c.npz", b"two")):
+        (tmp_path / file).write_bytes(inside)
+        found.append(COMPONENTS[name](file=file, **keys).content(tmp_path))
+    assert found[0] == found[1] != found[2]
+
+
+def test_the_content_of_a_table_is_that_of_its_labels_too(tmp_path):
+    for file, inside in (("x.csv", b"one"), ("a.csv", b"a"), ("b.csv", b"b")):
+        (tmp_path / file).write_bytes(inside)
+    plain, a, b = (
+        COMPONENTS["table"](
+            file="x.csv", labels=labels, **{key: REQUIRED[key] for key in ("step_ms", "channels")}
+        )
+        for labels in (None, "a.csv", "b.csv")
+    )
+    assert len({source.content(tmp_path) for source in (plain, a, b)}) == 3

@@ -67,7 +67,6 @@ def test_pixel_events_without_polarity_are_all_on(write, tmp_path):
             {"polarity": np.array([1, 1, 1, 1, 256])},
             "polarity must be 0 or 1, got 256 at event 1 of recording 1",
         ),
-        ({"offsets": np.array([0, 5, 5])}, "recording 1 is empty"),
         ({"offsets": np.array([0, 3, 6])}, "offsets must run from 0 to its end at 5, got 0 to 6"),
         ({"label": np.array([0])}, "must have one value for each of the 2 recordings"),
     ],
@@ -77,6 +76,21 @@ def test_each_fault_is_one_clear_line(write, tmp_path, wrong, message):
     with pytest.raises(RecordingError, match=message) as error:
         SOURCE.read(tmp_path)
     assert str(error.value).startswith("x.npz: ") and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("offsets", [[0, 3, 3, 5], [0, 0, 3, 5], [0, 3, 5, 5]])
+def test_a_recording_may_be_empty(write, tmp_path, offsets):
+    write("x.npz", **GOOD | {"offsets": np.array(offsets), "label": np.arange(3)})
+    events = SOURCE.read(tmp_path)
+    found = [[t for block in events.blocks(i) for t in block.t_us.tolist()] for i in range(3)]
+    assert [x for x in found if x] == [[5, 5, 9], [2, 7]]
+    assert len(found) == 3
+
+
+def test_a_fall_beside_an_empty_recording_is_found(write, tmp_path):
+    write("x.npz", **GOOD | {"offsets": np.array([0, 5, 5])})
+    with pytest.raises(RecordingError, match="must never fall within a recording, got 2 at event 3"):
+        SOURCE.read(tmp_path)
 
 
 def test_rows_outside_the_frame(write, tmp_path):

@@ -1,0 +1,268 @@
+"""Event recordings in files of their own: a folder, which of its files, and where their labels are.
+
+    data:
+      kind: event_files
+      folder: N-MNIST
+      pattern: "**/*.bin"
+      label_from: folder
+      columns: {digit: folder, part: folder2}    # N-MNIST/Train/7/00042.bin
+
+Only names, formats and labels are held. Events are read when a recording is asked for, so memory follows
+neither from the length of a file nor, but for its name, from how many there are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from dse.recordings import RecordingError
+from dse.recordings.file_labels import (
+    FOLDER,
+    Labelled,
+    folder_columns,
+    labels_of_folders,
+    labels_of_table,
+    table_files,
+)
+from dse.recordings.files import content, locate
+from dse.recordings.folder_events import LEFT_OUT, FolderEvents, unusable
+from dse.recordings.folders import by_path, content_of, files_below, locate_folder
+from dse.recordings.formats import Format, detect, named
+from dse.recordings.formats.arrays import UNITS_US, USUAL
+from dse.recordings.labels import columns_key
+from dse.recordings.table import column_names
+from dse.registry import Rule, param, register
+
+AUTO = "auto"
+
+_MOST_NAMED = 5
+
+
+def _arrays_key() -> Any:
+    rule = Rule("t, x, y or p -> its name in .npz and .h5 files; absent: the usual names", axis=False)
+    return dataclasses.field(default_factory=dict, metadata={"rule": rule})
+
+
+@register("recordings", "event_files")
+@dataclasses.dataclass(frozen=True)
+class EventFiles:
+    """A folder of event files, a recording each; labels come from a table or from the names of the folders.
+
+    Recordings come in the order of the label table, without one in the order of their paths. What begins
+    with a dot is no recording, nor is the label table.
+    """
+
+    folder: str = param(doc="folder of the recordings: absolute, beside the YAML or in $DSE_DATA", axis=False)
+    pattern: str = param(
+        "**/*", doc="which of its files, by their paths below it, in quotes; ** is any folders", axis=False
+    )
+    labels: str | None = param(
+        None, doc="table, .csv or .parquet, with the path of every file in its column `file`", axis=False
+    )
+    label_from: str | None = param(
+        None,
+        doc="columns are folders: `folder` that the file lies in, `folder2` that this one lies in, ...",
+        choices=(FOLDER,),
+        axis=False,
+    )
+    format: str = param(
+        AUTO,
+        doc="format of the files, such as aedat4; auto: by first bytes and name",
+        axis=False,
+    )
+    width: int | None = param(
+        None, doc="addresses run from 0 to width - 1; absent: as the files say", low=1, axis=False
+    )
+    height: int | None = param(
+        None, doc="rows run from 0 to height - 1; absent: as the files say", low=1, axis=False
+    )
+    arrays: Mapping[str, str] = _arrays_key()
+    time_unit: str | None = param(
+        None,
+        doc="unit of times in .npz and .h5 files; absent: integers are us",
+        choices=tuple(UNITS_US),
+        axis=False,
+    )
+    repair: bool = param(
+        False, doc="go on after what is not sound, by a rule that a warning states for each file", axis=False
+    )
+    columns: Mapping[str, str] = columns_key()
+
+    def __post_init__(self) -> None:
+        if self.labels is not None and self.label_from is not None:
+            raise RecordingError("data.labels and data.label_from exclude each other, got both")
+        if self.columns and self.labels is None and self.label_from is None:
+            raise RecordingError("data.columns must come from data.labels or data.label_from, got neither")
+        if (self.width is None) != (self.height is None):
+            raise RecordingError("data.width and data.height must be given together, got one of them")
+        if self.format != AUTO:
+            named(self.format)
+        for key in self.arrays:
+            if key not in USUAL:
+                raise RecordingError(f"data.arrays must have keys of t, x, y and p, got '{key}'")
+
+    def check(self, base: Path) -> list[str]:
+        """Return what names, label table and headers show to be wrong; no events are read.
+
+        With `repair`, files with a wrong header are left out; that is a fault only where no file remains.
+        """
+        return self._examined(base).faults
+
+    def with_columns_found(self, base: Path) -> Self:
+        """Return the component with only the label columns that there are; a table of other files is none."""
+        known: list[str] = []
+        try:
+            _, table, names = self._files(base)
+            if self.label_from is not None:
+                known = folder_columns(names)
+            elif table is not None and set(names).intersection(table_files(table)):
+                known = column_names(table)
+        except RecordingError:
+            pass
+        kept = {column: name for column, name in self.columns.items() if name in known}
+        return dataclasses.replace(self, columns=kept, labels=self.labels if kept else None)
+
+    def content(self, base: Path) -> str:
+        """Return a hash of the files' paths below the folder, of what is in them, and of the label table.
+
+        Raises:
+            RecordingError: folder or table are not found, or a file cannot be read.
+        """
+        folder, table, names = self._files(base)
+        found = content_of(folder, names)
+        return found if table is None else f"{found} {content(table)}"
+
+    def read(self, base: Path) -> FolderEvents:
+        """Return the recordings; with `repair` without files that hold not one sound event.
+
+        Raises:
+            RecordingError: anything wrong with names, label table and headers.
+        """
+        found = self._examined(base)
+        for fault in found.faults:
+            raise RecordingError(fault)
+        left_out = dict(found.left_out)
+        if self.repair:
+            for name, form in found.formats.items():
+                if (why := unusable(found.folder, name, form, found.frame)) is not None:
+                    left_out[name] = why
+        kept = [i for i, name in enumerate(found.labelled.names) if name not in left_out]
+        if not kept:
+            raise RecordingError(f"{self.folder}: no file can be used; the first: {min(left_out.values())}")
+        names = [found.labelled.names[i] for i in kept]
+        return FolderEvents(
+            *found.frame,
+            columns={column: values[kept] for column, values in found.labelled.columns.items()},
+            folder=found.folder,
+            names=tuple(names),
+            formats=tuple(found.formats[name] for name in names),
+            repair=self.repair,
+            left_out=tuple(left_out.values()),
+        )
+
+    def _files(self, base: Path) -> tuple[Path, Path | None, list[str]]:
+        """Return the folder, the label table and the recordings' paths below the folder.
+
+        Raises:
+            RecordingError: folder or table are not found.
+        """
+        folder = locate_folder(self.folder, base)
+        names = files_below(folder, self.pattern)
+        if self.labels is None:
+            return folder, None, names
+        inside = folder / self.labels
+        table = inside if inside.is_file() else locate(self.labels, base)
+        same = {name for name in names if name.endswith(table.name) and (folder / name).samefile(table)}
+        return folder, table, [name for name in names if name not in same]
+
+    def _examined(self, base: Path) -> _Examined:
+        """Return everything that is known without reading events."""
+        try:
+            folder, table, names = self._files(base)
+            if not names:
+                raise RecordingError(f"{self.folder}: no file below it matches the pattern '{self.pattern}'")
+        except RecordingError as error:
+            return _Examined(Path(), Labelled([]), {}, {}, (0, 0), [str(error)])
+        labelled = Labelled(names)
+        if table is not None:
+            labelled = labels_of_table(names, table, self.columns)
+        elif self.label_from is not None:
+            labelled = labels_of_folders(names, self.columns)
+        formats, frames, left_out = self._headers(folder, names)
+        faults = list(labelled.faults)
+        if not (self.repair and formats):
+            faults += list(left_out.values())[:_MOST_NAMED]
+            if len(left_out) > _MOST_NAMED:
+                faults.append(f"{self.folder}: {len(left_out) - _MOST_NAMED} more files like these")
+        frame = self._frame(frames, faults) if frames else (0, 0)
+        return _Examined(folder, labelled, formats, left_out, frame, faults)
+
+    def _headers(
+        self, folder: Path, names: list[str]
+    ) -> tuple[dict[str, Format], dict[str, tuple[int, int] | None], dict[str, str]]:
+        """Return what reads each file, the frame that each states, and why others cannot be read."""
+        formats: dict[str, Format] = {}
+        frames: dict[str, tuple[int, int] | None] = {}
+        left_out: dict[str, str] = {}
+        given = None if self.format == AUTO else self._set_up(named(self.format))
+        kinds: dict[type, Format] = {}  # one object for each kind, not for each file
+        for name in names:
+            try:
+                form = given or self._set_up(detect(folder / name))
+                form = kinds.setdefault(type(form), form)
+                frames[name] = form.frame(folder / name)
+                formats[name] = form
+            except RecordingError as error:
+                left_out[name] = f"{by_path(error, name)}; {LEFT_OUT}"
+        return formats, frames, left_out
+
+    def _set_up(self, form: Any) -> Format:
+        """Return a format with those keys of this component that it has."""
+        own = {key.name for key in dataclasses.fields(form)}
+        keys = {key: getattr(self, key) for key in ("arrays", "time_unit") if key in own}
+        found: Format = dataclasses.replace(form, **keys)
+        return found
+
+    def _frame(self, frames: Mapping[str, tuple[int, int] | None], faults: list[str]) -> tuple[int, int]:
+        """Return the frame of all files; where they contradict each other or the keys, that is a fault."""
+        stated: dict[tuple[int, int], str] = {}
+        for name, frame in frames.items():
+            if frame is not None:
+                stated.setdefault(frame, name)
+        if self.width is not None and self.height is not None:
+            given = (self.width, self.height)
+            others = [(name, frame) for frame, name in stated.items() if frame != given]
+            faults += [
+                f"{name}: data.width and data.height must be {_by(frame)} as the file says, got {_by(given)}"
+                for name, frame in others[:_MOST_NAMED]
+            ]
+            return given
+        silent = next((name for name, frame in frames.items() if frame is None), None)
+        if silent is not None:
+            faults.append(f"data.width and data.height must be given: {silent} does not say its frame")
+        elif len(stated) > 1:
+            told = " and ".join(f"{_by(frame)} in {name}" for frame, name in list(stated.items())[:2])
+            faults.append(f"{self.folder}: all files must have one frame, got {told}")
+        return next(iter(stated), (0, 0))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Examined:
+    """What names, labels and headers say.
+
+    formats: what reads each file. left_out: why other files cannot be read.
+    """
+
+    folder: Path
+    labelled: Labelled
+    formats: Mapping[str, Format]
+    left_out: Mapping[str, str]
+    frame: tuple[int, int]
+    faults: list[str]
+
+
+def _by(frame: tuple[int, int]) -> str:
+    return f"{frame[0]} x {frame[1]}"

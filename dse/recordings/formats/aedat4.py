@@ -1,0 +1,284 @@
+"""AEDAT 4, the files of DV: a header, then compressed flatbuffers that belong to several streams."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar
+from xml.etree import ElementTree
+
+import numpy as np
+
+from dse.recordings import RecordingError
+from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
+from dse.recordings.formats.aedat import read_version
+from dse.records import Array, Block
+from dse.registry import register
+
+_PACKET = struct.Struct("<ii")
+_EVENT = np.dtype(
+    {
+        "names": ["t", "x", "y", "on"],
+        "formats": ["<i8", "<i2", "<i2", "u1"],
+        "offsets": [0, 8, 10, 12],
+        "itemsize": 16,
+    }
+)
+_MOST_BYTES = 1 << 28
+"""Largest packet, before and after decompression: 16 million events; cameras send some thousand."""
+
+_PIECE_BYTES = 1 << 20
+
+
+@register("recordings.formats", "aedat4")
+@dataclass(frozen=True)
+class Aedat4:
+    """AEDAT 4: the header's first stream of events (type EVTS); packets of other streams are passed over.
+
+    Times are Unix times; (0, 0) is the upper left pixel.
+
+    Source: iniVation, AEDAT File Formats, AEDAT 4.0, and its flatbuffer schemas.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".aedat4",)
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return whether the head names version 4; of its revisions all but 4.0 are refused with a reason."""
+        return head.startswith(b"#!AER-DAT4")
+
+    def frame(self, path: Path) -> tuple[int, int] | None:
+        """Return the size that the header states for the stream of events, None if it states none.
+
+        Raises:
+            RecordingError: the header is not of this format, or describes no stream of events.
+        """
+        with open_file(path) as file:
+            header = _read_header(file, path.name)
+        return header.frame
+
+    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+        """Yield the events.
+
+        Raises:
+            RecordingError: the header is not of this format, or `broken` raised it.
+        """
+        with open_file(path) as file:
+            header = _read_header(file, path.name)
+            for at, data in _packets(file, header, broken):
+                try:
+                    events = _events(header.decompress(data))
+                except ValueError as problem:
+                    broken(f"the packet at byte {at} {problem}", "drops packets that are not sound")
+                    continue
+                for first in range(0, len(events), BLOCK_EVENTS):
+                    part = events[first : first + BLOCK_EVENTS]
+                    yield Block(
+                        part["t"].astype(np.int64),
+                        part["x"].astype(np.int32),
+                        part["y"].astype(np.int32),
+                        part["on"].copy(),
+                    )
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the header says.
+
+    decompress: undoes the packets' compression.
+    end: where the packets end, None if that is not noted.
+    streams: the numbers of the streams.
+    stream: the number of the events' stream.
+    frame: its width and height, None if not noted.
+    """
+
+    decompress: Callable[[bytes], bytes]
+    end: int | None
+    streams: tuple[int, ...]
+    stream: int
+    frame: tuple[int, int] | None
+
+
+def _read_header(file: BinaryIO, name: str) -> _Header:
+    """Read up to the first packet.
+
+    Raises:
+        RecordingError: the header is not of this format, or describes no stream of events.
+    """
+    read_version(file, name, "4.0")
+    at, left = file.tell(), os.fstat(file.fileno()).st_size - file.tell()
+    size = int.from_bytes(file.read(4), "little")
+    if not 8 <= size <= min(left - 4, _MOST_BYTES):
+        raise RecordingError(
+            f"{name}: the header at byte {at} must state its length within the {left} bytes left, got {size}"
+        )
+    data = size.to_bytes(4, "little") + file.read(size)
+    try:
+        fields = _root(data, b"IOHE")
+        compression = _at(data, fields[0], "<i") if 0 in fields else 0
+        end = _at(data, fields[1], "<q") if 1 in fields else -1
+        streams = _streams(data, fields)
+    except ValueError as problem:
+        raise RecordingError(f"{name}: the header at byte {at} {problem}") from problem
+    if compression not in range(len(_DECOMPRESS)):
+        raise RecordingError(
+            f"{name}: the header's compression must be from 0 (none) to {len(_DECOMPRESS) - 1}, "
+            f"got {compression}"
+        )
+    events = [stream for stream, (kind, _) in streams.items() if kind == "EVTS"]
+    if not events:
+        found = ", ".join(f"{stream} of type {kind}" for stream, (kind, _) in streams.items()) or "none"
+        raise RecordingError(f"{name}: the header must describe a stream of type EVTS, got {found}")
+    frame = streams[events[0]][1]
+    return _Header(_DECOMPRESS[compression], None if end == -1 else end, tuple(streams), events[0], frame)
+
+
+def _streams(data: bytes, fields: Mapping[int, int]) -> dict[int, tuple[str, tuple[int, int] | None]]:
+    """Return number -> type, size of the streams that the header describes in XML, in its order.
+
+    Raises:
+        ValueError: it does not, as the end of a sentence.
+    """
+    if 2 not in fields:
+        raise ValueError("must describe the streams, got no description")
+    first, count = _vector(data, fields[2], 1)
+    try:
+        root = ElementTree.fromstring(data[first : first + count])
+        found = {}
+        for node in root.findall("./node[@name='outInfo']/node"):
+            kind = node.findtext("attr[@key='typeIdentifier']", "")
+            sides = [node.findtext(f"node[@name='info']/attr[@key='{key}']") for key in ("sizeX", "sizeY")]
+            size = (int(sides[0]), int(sides[1])) if sides[0] and sides[1] else None
+            if size is not None and min(size) < 1:
+                raise ValueError(f"a stream must be at least 1 x 1, got {size[0]} x {size[1]}")
+            found[int(node.get("name", ""))] = (kind, size)
+    except (ElementTree.ParseError, ValueError) as problem:
+        raise ValueError(f"must describe the streams in XML: {problem}") from problem
+    return found
+
+
+def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[int, bytes]]:
+    """Yield position and content of the packets of the stream of events."""
+    length = end = os.fstat(file.fileno()).st_size
+    if header.end is not None:
+        if file.tell() <= header.end <= length:
+            end = header.end
+        else:
+            broken(
+                f"the table of packets must begin between byte {file.tell()} and the end of the file at byte "
+                f"{length}, got byte {header.end}",
+                "reads the packets that are there",
+            )
+    while (at := file.tell()) < end:
+        head = file.read(_PACKET.size)
+        stream, size = _PACKET.unpack(head) if len(head) == _PACKET.size else (-1, -1)
+        begin = at + _PACKET.size
+        if not 0 <= size <= end - begin:
+            found = f"a length of {size} bytes" if len(head) == _PACKET.size else "no length"
+            broken(
+                f"the packet at byte {at} must end within the {end - at} bytes left, got {found}",
+                "drops the bytes from a packet that does not end",
+                end - at,
+            )
+            return
+        if stream not in header.streams:
+            known = ", ".join(map(str, header.streams))
+            broken(
+                f"the packet at byte {at} must be of a stream in the header ({known}), got stream {stream}",
+                "drops packets of unknown streams",
+            )
+        elif stream == header.stream:
+            if size <= _MOST_BYTES:
+                yield at, file.read(size)
+            else:
+                broken(
+                    f"the packet at byte {at} must be at most {_MOST_BYTES} bytes long, got {size}",
+                    "drops packets that are too long",
+                )
+        file.seek(begin + size)
+
+
+def _events(data: bytes) -> Array:
+    """Return the events of a packet, a view into it.
+
+    Raises:
+        ValueError: it is no flatbuffer of events, as the end of a sentence.
+    """
+    fields = _root(data, b"EVTS")
+    if 0 not in fields:
+        return np.empty(0, _EVENT)
+    first, count = _vector(data, fields[0], _EVENT.itemsize)
+    return np.frombuffer(data, _EVENT, count, first)
+
+
+def _root(data: bytes, kind: bytes) -> dict[int, int]:
+    """Return number -> position of the fields that the root table of a size-prefixed flatbuffer holds.
+
+    Raises:
+        ValueError: it is no flatbuffer of that kind, as the end of a sentence.
+    """
+    if len(data) < 12 or int.from_bytes(data[:4], "little") != len(data) - 4:
+        raise ValueError(f"must hold a flatbuffer of its own length, got {len(data)} bytes")
+    if data[8:12] != kind:
+        raise ValueError(f"must hold a flatbuffer {kind.decode()}, got {data[8:12]!r}")
+    table = 4 + _at(data, 4, "<I")
+    lookup = table - _at(data, table, "<i")
+    if (size := _at(data, lookup, "<H")) < 4:
+        raise ValueError(f"must hold a table of at least 4 bytes, got {size}")
+    offsets = [_at(data, place, "<H") for place in range(lookup + 4, lookup + size - 1, 2)]
+    return {i: table + offset for i, offset in enumerate(offsets) if offset}
+
+
+def _vector(data: bytes, at: int, size: int) -> tuple[int, int]:
+    """Return the position of the first item, and the number of items, of the vector of the field at `at`."""
+    begin = at + _at(data, at, "<I")
+    count = _at(data, begin, "<I")
+    if begin + 4 + count * size > len(data):
+        raise ValueError(f"must hold {count} items of {size} bytes, got {len(data) - begin - 4} bytes")
+    return begin + 4, count
+
+
+def _at(data: bytes, at: int, layout: str) -> int:
+    if not 0 <= at <= len(data) - struct.calcsize(layout):
+        raise ValueError(f"must refer to places within its {len(data)} bytes, got {at}")
+    return int(struct.unpack_from(layout, data, at)[0])
+
+
+def _bounded(pieces: Iterator[bytes]) -> bytes:
+    found, total = [], 0
+    for piece in pieces:
+        found.append(piece)
+        total += len(piece)
+        if total > _MOST_BYTES:
+            raise ValueError(f"must hold at most {_MOST_BYTES} bytes once decompressed, got more")
+    return b"".join(found)
+
+
+def _lz4(data: bytes) -> bytes:
+    import lz4.frame
+
+    def pieces() -> Iterator[bytes]:
+        frame: Any = lz4.frame.LZ4FrameDecompressor()
+        yield frame.decompress(data, _PIECE_BYTES)
+        while not frame.eof and not frame.needs_input:
+            yield frame.decompress(b"", _PIECE_BYTES)
+
+    try:
+        return _bounded(pieces())
+    except (RuntimeError, EOFError) as problem:
+        raise ValueError(f"must be an LZ4 frame: {problem}") from problem
+
+
+def _zstd(data: bytes) -> bytes:
+    import zstandard
+
+    try:
+        return _bounded(zstandard.ZstdDecompressor().read_to_iter(data, write_size=_PIECE_BYTES))
+    except zstandard.ZstdError as problem:
+        raise ValueError(f"must be a Zstandard frame: {problem}") from problem
+
+
+# In the order of the header's number: none, LZ4, LZ4 high, Zstandard, Zstandard high.
+_DECOMPRESS: tuple[Callable[[bytes], bytes], ...] = (bytes, _lz4, _lz4, _zstd, _zstd)

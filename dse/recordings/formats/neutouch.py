@@ -1,0 +1,93 @@
+"""NeuTouch text recordings (.tact): a line per event with its sign, its taxel and its time on the clock.
+
+    0 44 1606029303.0246768
+
+The sign is 0 for a positive event (ON) and 1 for a negative one (OFF); the recorder's own tools call that
+column isNeg. Taxels 1-39 are the left finger, 40-79 the right. The addresses 0 and 60 carry no taxel, and
+their events are left out. Time 0 is the first event of a taxel; as float64 a Unix time resolves 0.24 us.
+
+Source: recordings and tools of github.com/tasbolat1/neutouch.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
+from dse.records import Array, Block
+from dse.registry import register
+
+N_TAXELS = 80
+NO_TAXEL = (0, 60)
+
+_LINE = re.compile(rb"\s*([01])\s+(\d{1,9})\s+(\d{1,12}(?:\.\d*)?)\s*")
+_LINE_BYTES = 24
+_LONGEST_LINE = 1 << 10
+_SHOWN = 40
+
+
+@register("recordings.formats", "neutouch")
+@dataclass(frozen=True)
+class Neutouch:
+    """NeuTouch text: `polarity taxel time` per line, polarity 0 for ON."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".tact",)
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return whether the name says so and the first line reads like an event."""
+        return path.suffix.lower() in self.suffixes and _LINE.fullmatch(head.split(b"\n", 1)[0]) is not None
+
+    def frame(self, path: Path) -> tuple[int, int]:
+        """Return the taxel addresses, in a row."""
+        return N_TAXELS, 1
+
+    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+        """Yield the events of the taxels; `broken` hears of lines that are none.
+
+        Raises:
+            RecordingError: the file cannot be opened, or `broken` raised it.
+        """
+        first_s: float | None = None
+        for events in _events(path, broken):
+            events = events[~np.isin(events[:, 1], NO_TAXEL)]
+            if not len(events):
+                continue
+            if first_s is None:
+                first_s = float(events[0, 2])
+            yield Block(
+                t_us=np.rint((events[:, 2] - first_s) * 1e6).astype(np.int64),
+                x=events[:, 1].astype(np.int32),
+                y=np.zeros(len(events), dtype=np.int32),
+                polarity=(events[:, 0] == 0).astype(np.uint8),
+            )
+
+
+def _events(path: Path, broken: Broken) -> Iterator[Array]:
+    """Yield (n, 3) float64: sign, taxel and Unix time of consecutive lines."""
+    n_before, rest, more = 0, b"", True
+    with open_file(path) as file:
+        while more:
+            chunk = file.read(BLOCK_EVENTS * _LINE_BYTES)
+            more = bool(chunk)
+            lines = (rest + chunk).split(b"\n")
+            rest = lines.pop()[:_LONGEST_LINE] if more else b""
+            found = []
+            for number, line in enumerate(lines, n_before + 1):
+                fields = _LINE.fullmatch(line)
+                if fields is not None:
+                    found.append(fields.groups())
+                elif line.strip():
+                    text = line.decode(errors="replace")[:_SHOWN]
+                    broken(
+                        f"line {number} must be a sign (0 or 1), a taxel and a time, got {text!r}",
+                        "leaves out lines that are no events",
+                    )
+            n_before += len(lines)
+            if found:
+                yield np.array(found).astype(np.float64)

@@ -1,0 +1,194 @@
+"""Trials of a simulated scene: no file is read, every record is made when it is asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from dse.config.faults import ConfigError, known_names
+from dse.recordings import RecordingError
+from dse.records import Array, Block
+from dse.registry import param, register
+from dse.scene.checks import half_width_px
+from dse.scene.load import find_scene, load_scene
+from dse.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from dse.preprocessing import Pooling
+
+COLUMNS = ("texture", "profile", "speed_mm_s", "force_n", "repetition")
+
+
+@dataclass(frozen=True)
+class Trials:
+    """The trials of a scene as recordings; recording i is trial i.
+
+    columns: texture (name), profile (label of the motion), speed_mm_s (its highest speed, before the trial's
+        own gain), force_n (mean force of the cell, before the trial's own deviation), repetition (from 0).
+    """
+
+    scene: Scene
+
+    @property
+    def width(self) -> int:
+        return self.scene.sensor.frame_px[0]
+
+    @property
+    def height(self) -> int:
+        return self.scene.sensor.frame_px[1]
+
+    @property
+    def n_recordings(self) -> int:
+        return self.scene.n_trials
+
+    @property
+    def duration_us(self) -> int:
+        """Length of every record."""
+        return round(self.scene.duration_ms * 1000)
+
+    @functools.cached_property
+    def columns(self) -> Mapping[str, Array]:
+        """Label columns, each (n,)."""
+        scene = self.scene
+        cells = np.array([scene.cell(k) for k in range(scene.n_trials)], dtype=np.int64)
+        texture, motion, force, repetition = cells.T
+        found = (
+            np.array([x.name for x in scene.textures])[texture],
+            np.array([x.label for x in scene.motions])[motion],
+            np.array([x.peak_mm_s for x in scene.motions])[motion],
+            np.array(scene.forces_n)[force],
+            repetition,
+        )
+        return dict(zip(COLUMNS, found, strict=True))
+
+    def pins(self) -> tuple[int, int, int, int]:
+        """Return x, y, width and height of the pixels that see pins.
+
+        They are the box around the image of the resting pins, wider by a pitch on every side: more than shear
+        moves a pin, within the frame.
+        """
+        sensor = self.scene.sensor
+        reach = half_width_px(sensor) + sensor.image_scale_px_mm * sensor.pin_pitch_mm
+        low = [max(0, math.floor(size / 2 - reach)) for size in sensor.frame_px]
+        high = [min(size, math.ceil(size / 2 + reach)) for size in sensor.frame_px]
+        return low[0], low[1], high[0] - low[0], high[1] - low[1]
+
+    def blocks(self, i: int) -> Iterator[Block]:
+        """Yield the events of trial i, in one piece; times count from the start of the record."""
+        from dse.scene import simulate
+
+        yield simulate.events(self.scene, i)
+
+    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Array, Array]:
+        """Return spikes per bin (n_bins,) and their channels, sorted per bin; no event list is made."""
+        from dse.scene import simulate
+
+        return simulate.raster(self.scene, i, pooling, n_bins)
+
+
+@register("recordings", "scene")
+@dataclass(frozen=True)
+class SceneTrials:
+    """Trials of a simulated scene: columns texture, profile, speed_mm_s, force_n and repetition."""
+
+    scene: str = param(
+        doc="a scene file: absolute, beside the YAML, or the name of a shipped one", axis=False
+    )
+    textures: tuple[str, ...] | None = param(
+        None, doc="those of its textures that are touched; absent: all", axis=False
+    )
+    trials: int | None = param(
+        None, doc="trials of each texture, motion and force; absent: as in the scene", low=1, axis=False
+    )
+    duration_ms: float | None = param(
+        None, doc="length of a record; absent: as in the scene", unit="ms", low=0, low_open=True, axis=False
+    )
+    seed: int | None = param(None, doc="seed of the scene; absent: as in the scene", low=0, axis=False)
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """Label column -> its name: a scene names them itself."""
+        return {name: name for name in COLUMNS}
+
+    def check(self, base: Path) -> list[str]:
+        """Return what is wrong with the scene's file, and with what is asked of it; nothing is simulated."""
+        try:
+            scene = _scene(self.scene, base)
+        except ConfigError as error:
+            return [
+                f"scene '{self.scene}': {fault if fault.line else fault.message}" for fault in error.faults
+            ]
+        names = [texture.name for texture in scene.textures]
+        faults = [
+            f"data.textures: scene '{self.scene}' has no texture '{name}'; {known_names(name, names)}"
+            for name in self.textures or ()
+            if name not in names
+        ]
+        if self.textures is not None and (not self.textures or len(set(self.textures)) < len(self.textures)):
+            faults.append(
+                f"data.textures must name one texture or more, each once, got {list(self.textures)}"
+            )
+        return faults
+
+    def with_columns_found(self, base: Path) -> Self:
+        """Return the component: a scene has all of its columns."""
+        return self
+
+    def resolved(self, base: Path) -> Scene:
+        """Return the scene with the numbers that are given here.
+
+        Raises:
+            RecordingError: anything wrong with the scene's file, or with what is asked of it.
+        """
+        if faults := self.check(base):
+            raise RecordingError("\n".join(faults))
+        scene = _scene(self.scene, base)
+        given = {"trials": self.trials, "duration_ms": self.duration_ms, "seed": self.seed}
+        changes: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+        if self.textures is not None:
+            by_name = {texture.name: texture for texture in scene.textures}
+            changes["textures"] = tuple(by_name[name] for name in self.textures)
+        return dataclasses.replace(scene, **changes)
+
+    def content(self, base: Path) -> str:
+        """Return a hash of all that the records follow from: the scene's numbers and the simulator's version.
+
+        Raises:
+            RecordingError: anything wrong with the scene's file.
+        """
+        from dse.scene import simulate
+
+        scene = self.resolved(base)
+        numbers = dataclasses.asdict(dataclasses.replace(scene, name=""))
+        kinds = [type(motion).__name__ for motion in scene.motions]
+        text = json.dumps([simulate.VERSION, kinds, numbers], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def read(self, base: Path) -> Trials:
+        """Return the trials; they are simulated as they are read.
+
+        Raises:
+            RecordingError: anything wrong with the scene's file, or with what is asked of it.
+        """
+        return Trials(self.resolved(base))
+
+
+def _scene(path_or_name: str, base: Path) -> Scene:
+    path = find_scene(path_or_name, base)
+    about = path.stat()
+    return _loaded(path, about.st_size, about.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=64)
+def _loaded(path: Path, size: int, modified_ns: int) -> Scene:
+    """Return the scene of a file; it is read again only where size or time have changed."""
+    return load_scene(path)

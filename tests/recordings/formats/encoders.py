@@ -1,0 +1,139 @@
+"""Writers of the small files that the tests of the readers read back, after the formats' descriptions."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+
+from dse.recordings.formats import Format, Repairs
+from dse.recordings.formats.checked import checked
+from dse.records import Block
+
+Event = tuple[int, int, int, int]  # t_us, x, y, polarity
+
+
+def event_lists(most_us: int, most_xy: int) -> st.SearchStrategy[list[Event]]:
+    """Return lists of 1 to 40 events in order: gaps up to `most_us`, addresses up to `most_xy`."""
+    gap = st.one_of(st.just(0), st.integers(0, 100), st.integers(0, most_us))
+    address = st.integers(0, most_xy)
+    parts = st.lists(st.tuples(gap, address, address, st.integers(0, 1)), min_size=1, max_size=40)
+    return parts.map(
+        lambda found: [(sum(g for g, *_ in found[: k + 1]), *found[k][1:]) for k in range(len(found))]
+    )
+
+
+def evt2_event(t: int, x: int, y: int, p: int) -> int:
+    return p << 28 | (t & 0x3F) << 22 | x << 11 | y
+
+
+def evt2_high(high: int) -> int:
+    return 0x8 << 28 | high % (1 << 28)
+
+
+def evt2_words(events: Sequence[Event]) -> list[int]:
+    words, high = [], None
+    for t, x, y, p in events:
+        if t >> 6 != high:
+            high = t >> 6
+            words.append(evt2_high(high))
+        words.append(evt2_event(t, x, y, p))
+    return words
+
+
+def evt3_high(high: int) -> int:
+    return 0x8 << 12 | high % (1 << 12)
+
+
+def evt3_low(low: int) -> int:
+    return 0x6 << 12 | low
+
+
+def evt3_y(y: int) -> int:
+    return 0x0 << 12 | y
+
+
+def evt3_x(x: int, p: int) -> int:
+    return 0x2 << 12 | p << 11 | x
+
+
+def evt3_base(x: int, p: int) -> int:
+    return 0x3 << 12 | p << 11 | x
+
+
+def evt3_vector(valid: int, wide: int) -> int:
+    return {12: 0x4, 8: 0x5}[wide] << 12 | valid
+
+
+def evt3_words(events: Sequence[Event], wide: int = 0) -> list[int]:
+    """Return EVT 3.0 words; with `wide` 12 or 8, runs of one time, row and polarity become vectors."""
+    words: list[int] = []
+    high, low, row = None, 0, None
+    k = 0
+    while k < len(events):
+        t, x, y, p = events[k]
+        if t >> 12 != high:
+            high, low = t >> 12, 0
+            words.append(evt3_high(high))
+        if t & 0xFFF != low:
+            low = t & 0xFFF
+            words.append(evt3_low(low))
+        if y != row:
+            row = y
+            words.append(evt3_y(y))
+        run = [x]
+        k += 1
+        while (
+            wide
+            and k < len(events)
+            and events[k][0] == t
+            and events[k][2:] == (y, p)
+            and events[k][1] > run[-1]
+        ):
+            run.append(events[k][1])
+            k += 1
+        if len(run) == 1:
+            words.append(evt3_x(x, p))
+            continue
+        words.append(evt3_base(x, p))
+        for first in range(x, run[-1] + 1, wide):
+            valid = sum(1 << (column - first) for column in run if first <= column < first + wide)
+            words.append(evt3_vector(valid, wide))
+    return words
+
+
+def raw(words: Iterable[int], size: int, header: str) -> bytes:
+    """Return an EVT file: header, then little-endian words of `size` bytes."""
+    return header.encode("latin-1") + np.array(list(words), dtype=f"<u{size}").tobytes()
+
+
+def dat(events: Iterable[Event], header: str = "% Version 2\n", mark: bytes = b"\x0c\x08") -> bytes:
+    packed = [struct.pack("<II", t % (1 << 32), p << 28 | y << 14 | x) for t, x, y, p in events]
+    return header.encode() + mark + b"".join(packed)
+
+
+def nmnist(events: Iterable[Event]) -> bytes:
+    return b"".join(bytes([x, y, p << 7 | t >> 16 & 0x7F, t >> 8 & 0xFF, t & 0xFF]) for t, x, y, p in events)
+
+
+def events_of(blocks: Iterable[Block]) -> list[Event]:
+    """Return the events of blocks as tuples, after a look at the arrays' types."""
+    found: list[Event] = []
+    for block in blocks:
+        types = (block.t_us.dtype, block.x.dtype, block.y.dtype, block.polarity.dtype)
+        assert types == (np.int64, np.int32, np.int32, np.uint8)
+        columns = (block.t_us, block.x, block.y, block.polarity)
+        found += zip(*(column.tolist() for column in columns), strict=True)
+    return found
+
+
+def recording(
+    path: Path, form: Format, width: int, height: int, repair: bool, notes: list[str]
+) -> Iterator[Block]:
+    """Yield the checked events of a file; `notes` gains what was repaired."""
+    repairs = Repairs(path.name, repair)
+    yield from checked(form.blocks(path, repairs.broken), width, height, repairs.broken)
+    notes += repairs.notes

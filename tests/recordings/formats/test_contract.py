@@ -1,0 +1,207 @@
+"""What holds for every event file format: bad bytes are a sentence or a repair, and files are told apart."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dse.recordings import RecordingError
+from dse.recordings.formats import BLOCK_EVENTS, Repairs, detect, named
+from dse.recordings.formats.checked import checked
+from dse.registry import known
+from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, nmnist, raw
+
+FORMATS = list(known("recordings.formats"))
+FRAME = (320, 240)
+MOST_S = 20
+ONE = [(70, 3, 4, 1)]
+SAMPLES = {
+    "expelliarmus_evt2_sample.raw": "evt2",
+    "expelliarmus_evt3_sample.raw": "evt3",
+    "expelliarmus_evt3_sample_decoded.npz": "npz",
+    "faery_dvs.es": "es",
+    "neutouch_sponge_trial1_5.tact": "neutouch",
+    "tonic_sample.aedat4": "aedat4",
+    "tonic_sample_aedat_header.aedat": "aedat2",
+    "tonic_sample_ncars.dat": "dat",
+    "tonic_sample_nmnist.bin": "nmnist",
+    "tonic_sample_stmnist.mat": "stmnist",
+}
+"""Real files, and what they are."""
+MARKS = (
+    b"",
+    b"% evt 2.0\n",
+    b"% evt 3.0\n",
+    b"% Version 2\n\x0c\x08",
+    b"#!AER-DAT2.0\r\n",
+    b"#!AER-DAT3.1\r\nFormat: RAW\r\n#!END-HEADER\r\n",
+    b"#!AER-DAT4.0\r\n",
+    b"Event Stream\x02\x00\x00\x01\x40\x01\xf0\x00",
+    b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
+    b"\x89HDF\r\n\x1a\n",
+    b"PK\x03\x04",
+    b"0 12 1600000000.5\n",
+)
+"""How files of the formats begin, so that random bytes get past the first look."""
+
+
+def test_there_are_formats():
+    assert {"dat", "evt2", "evt3", "nmnist"} <= set(FORMATS)
+
+
+@contextmanager
+def a_reader_that_hangs_fails() -> Iterator[None]:
+    def give_up(*_: object) -> None:
+        raise TimeoutError(f"still reading after {MOST_S} s")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(MOST_S)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def read(path, name, repair):
+    """Read a file to its end, or to its RecordingError; what comes out must be sound."""
+    form = named(name)
+    repairs = Repairs(path.name, repair)
+    n_events, latest = 0, 0
+    with a_reader_that_hangs_fails():
+        try:
+            width, height = form.frame(path) or FRAME
+            assert width > 0 and height > 0
+            for block in checked(form.blocks(path, repairs.broken), width, height, repairs.broken):
+                n = len(block.t_us)
+                assert len({len(column) for column in vars(block).values()}) == 1
+                assert 0 < n <= 16 * BLOCK_EVENTS
+                assert block.t_us[0] >= latest and (block.t_us[1:] >= block.t_us[:-1]).all()
+                assert 0 <= block.x.min() and block.x.max() < width
+                assert 0 <= block.y.min() and block.y.max() < height
+                assert block.polarity.max() <= 1
+                n_events, latest = n_events + n, int(block.t_us[-1])
+        except RecordingError as error:
+            assert str(error).startswith(f"{path.name}: ") and "\n" not in str(error)
+            return None
+    assert repair or not repairs.notes
+    return n_events
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("contract")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_format_states_its_suffixes(name):
+    suffixes = named(name).suffixes
+    assert suffixes and all(x.startswith(".") and x == x.lower() for x in suffixes)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_an_empty_file(folder, name):
+    path = folder / f"empty{named(name).suffixes[0]}"
+    path.write_bytes(b"")
+    assert read(path, name, repair=False) is None
+    assert read(path, name, repair=True) in (None, 0)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_file_and_a_folder(folder, name):
+    for path in (folder / "none", folder):
+        assert read(path, name, repair=True) is None
+        with pytest.raises(RecordingError, match="cannot be read"):
+            detect(path)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@settings(max_examples=60)
+@given(mark=st.sampled_from(MARKS), content=st.binary(max_size=200), repair=st.booleans())
+def test_random_bytes(folder, name, mark, content, repair):
+    path = folder / f"random{named(name).suffixes[0]}"
+    path.write_bytes(mark + content)
+    read(path, name, repair)
+
+
+@pytest.mark.parametrize("file", SAMPLES)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_real_files_cut_and_damaged(shared_data, folder, file, data):
+    content = (shared_data / "native_event_files" / file).read_bytes()[: 1 << 15]
+    cut = data.draw(st.integers(0, len(content)) | st.integers(0, min(700, len(content))), label="cut")
+    damaged = bytearray(content[:cut])
+    at = st.integers(0, max(cut - 1, 0)) | st.integers(0, min(700, max(cut - 1, 0)))
+    for place, byte in data.draw(st.lists(st.tuples(at, st.integers(0, 255)), max_size=4), label="bytes"):
+        damaged[place : place + 1] = bytes([byte])
+    path = folder / file
+    path.write_bytes(damaged)
+    for repair in (False, True):
+        read(path, SAMPLES[file], repair)
+
+
+@pytest.mark.parametrize(("file", "name"), SAMPLES.items())
+def test_real_files_are_told_apart_by_content_and_by_name(shared_data, folder, file, name):
+    path = shared_data / "native_event_files" / file
+    assert detect(path) == named(name)
+    read(path, name, repair=False)
+    if name not in ("neutouch", "nmnist"):  # nothing in their bytes says what they are
+        other = folder / "other.name"
+        other.write_bytes(path.read_bytes())
+        assert detect(other) == named(name)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "name"),
+    [
+        ("a.raw", raw(evt2_words(ONE), 4, "% evt 2.0\n"), "evt2"),
+        ("a.raw", raw(evt3_words(ONE), 2, "% format EVT3;height=720;width=1280\n"), "evt3"),
+        ("a.DAT", dat(ONE, "% Width 304\n"), "dat"),
+        ("a.dat", b"no header", "dat"),
+        ("a.bin", nmnist(ONE), "nmnist"),
+        ("a.BIN", b"\xff" * 10, "nmnist"),
+        ("evt2", raw([], 4, "% evt 2.0\n"), "evt2"),
+    ],
+)
+def test_content_decides_and_then_the_suffix(folder, file, content, name):
+    (folder / file).write_bytes(content)
+    assert detect(folder / file) == named(name)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "sentence"),
+    [
+        ("a.raw", b"\x00" * 8, "may be any of evt2, evt3"),
+        ("a.txt", b"hello", "is of no known format"),
+        ("a", b"", "is of no known format"),
+    ],
+)
+def test_a_file_that_could_be_several_or_none(folder, file, content, sentence):
+    (folder / file).write_bytes(content)
+    known_names = ", ".join(FORMATS)
+    with pytest.raises(RecordingError) as error:
+        detect(folder / file)
+    assert str(error.value) == f"{file}: {sentence}; state the key 'format': one of {known_names}"
+
+
+def test_an_unknown_name():
+    with pytest.raises(RecordingError, match=r"^format must be one of .*evt2, evt3.*, got 'evt'$"):
+        named("evt")
+
+
+def test_repairs_count_each_kind():
+    repairs = Repairs("a.raw", True)
+    repairs.broken("one is bad", "drops it")
+    repairs.broken("two are bad", "drops it", 2)
+    repairs.broken("other", "keeps it")
+    assert repairs.notes == [
+        "a.raw: one is bad; --repair drops it (3 in all)",
+        "a.raw: other; --repair keeps it",
+    ]
+    with pytest.raises(RecordingError, match=r"^a\.raw: one is bad; --repair drops it$"):
+        Repairs("a.raw", False).broken("one is bad", "drops it")

@@ -1,0 +1,213 @@
+"""Trials of a scene as recordings: columns, overrides, faults, hash, and what is simulated for whom."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.config import ConfigError, load_space
+from dse.recordings import RecordingError, Simulated
+from dse.recordings import scene as scene_module
+from dse.recordings.scene import COLUMNS, SceneTrials, Trials
+from dse.scene import simulate
+from dse.scene.load import load_scene
+from dse.scene.scene import Scene
+
+TINY = """\
+scene: tiny
+sensor:
+  {layout: grid, n_across: 2, pin_pitch_mm: 2.5, image_scale_px_mm: 8, frame_px: [64, 48], pin_radius_mm: 0.5}
+textures: [denim, foam, wool]
+motions:
+  - {kind: constant, speed_mm_s: {choice: [20, 40]}}
+forces_n: [1, 1.5]
+trials: 2
+duration_ms: 120
+"""
+N = 3 * 2 * 2 * 2
+SPACE = """\
+study: touch
+data:
+  kind: scene
+  scene: tiny.yaml
+task: {target: texture}
+split:
+  train: {repetition: [0]}
+  validation: {repetition: [1]}
+preprocessing: {bin_ms: 10, pool: 4}
+model: {kind: snn, hidden: 4, true_rate: 0.5}
+objectives: [accuracy]
+"""
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Path:
+    (tmp_path / "tiny.yaml").write_text(TINY, encoding="utf-8")
+    return tmp_path
+
+
+def read(base: Path, **keys: Any) -> Trials:
+    return SceneTrials("tiny.yaml", **keys).read(base)
+
+
+def test_a_scene_is_read_again_only_where_its_file_has_changed(
+    base: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+
+    def counted(path: Path) -> Scene:
+        read.append(path)
+        return load_scene(path)
+
+    monkeypatch.setattr(scene_module, "load_scene", counted)
+    source = SceneTrials("tiny.yaml")
+    assert source.check(base) == []
+    before = source.content(base)
+    assert source.read(base).n_recordings == N
+    assert read == [base / "tiny.yaml"]
+    (base / "tiny.yaml").write_text(TINY.replace("trials: 2", "trials: 20"), encoding="utf-8")
+    assert source.content(base) != before
+    assert source.read(base).n_recordings == 10 * N
+    assert len(read) == 2
+
+
+def test_columns_in_the_order_of_trials(base: Path) -> None:
+    trials = read(base)
+    assert tuple(trials.columns) == COLUMNS == tuple(SceneTrials("tiny.yaml").columns)
+    assert trials.n_recordings == N
+    for values in trials.columns.values():
+        assert values.shape == (N,)
+    for k in range(N):
+        texture, motion, force, repetition = trials.scene.cell(k)
+        found = tuple(values[k] for values in trials.columns.values())
+        assert found == (
+            *(("denim", "foam", "wool")[texture], ("constant_20", "constant_40")[motion], (20, 40)[motion]),
+            *((1, 1.5)[force], repetition),
+        )
+
+
+def test_it_is_what_a_data_set_asks_of_a_scene(base: Path) -> None:
+    trials = read(base)
+    assert isinstance(trials, Simulated)
+    assert (trials.width, trials.height, trials.duration_us) == (64, 48, 120_000)
+
+
+def test_pixels_that_see_pins(base: Path) -> None:
+    # Pins at 32 and 24 +- 10 px, radius 4 px, a pitch of 20 px around them: cut off by the frame above.
+    assert read(base).pins() == (0, 0, 64, 48)
+    wide = dataclasses.replace(read(base).scene.sensor, frame_px=(200, 101))
+    assert Trials(dataclasses.replace(read(base).scene, sensor=wide)).pins() == (66, 16, 68, 69)
+
+
+def test_events_are_made_when_asked_for(base: Path) -> None:
+    trials = read(base)
+    (block,) = trials.blocks(5)
+    expected = simulate.events(trials.scene, 5)
+    for field in dataclasses.fields(block):
+        np.testing.assert_array_equal(getattr(block, field.name), getattr(expected, field.name))
+    assert len(block.t_us) > 0
+    assert block.t_us[0] >= 0
+    assert block.t_us[-1] < trials.duration_us
+    (again,) = trials.blocks(5)
+    np.testing.assert_array_equal(block.t_us, again.t_us)
+
+
+def test_a_trial_is_the_same_in_a_smaller_scene(base: Path) -> None:
+    whole, part = read(base), read(base, textures=("wool",), trials=1)
+    assert part.n_recordings == 4
+    same = np.flatnonzero((whole.columns["texture"] == "wool") & (whole.columns["repetition"] == 0))
+    (a,), (b,) = whole.blocks(int(same[3])), part.blocks(3)
+    np.testing.assert_array_equal(a.t_us, b.t_us)
+    np.testing.assert_array_equal(a.x, b.x)
+
+
+def test_overrides(base: Path) -> None:
+    scene = read(base, textures=("wool", "denim"), trials=5, duration_ms=80.0, seed=9).scene
+    assert [texture.name for texture in scene.textures] == ["wool", "denim"]
+    assert (scene.trials, scene.duration_ms, scene.seed) == (5, 80.0, 9)
+    assert read(base).scene == load_scene(base / "tiny.yaml")
+
+
+def test_a_shipped_scene_by_name(tmp_path: Path) -> None:
+    assert SceneTrials("quickstart").check(tmp_path) == []
+    assert SceneTrials("quickstart").read(tmp_path).scene.name == "quickstart"
+
+
+def test_every_fault_of_the_scene_is_told(base: Path) -> None:
+    path = base / "tiny.yaml"
+    path.write_text(TINY.replace("denim", "denin").replace("trials: 2", "trials: 0"), encoding="utf-8")
+    source = SceneTrials("tiny.yaml")
+    faults = source.check(base)
+    assert [fault.split(": ")[1].removeprefix(f"{path}:") for fault in faults] == ["4", "8"]
+    assert faults[0].startswith(f"scene 'tiny.yaml': {path}:4: unknown texture 'denin'; known: ")
+    with pytest.raises(RecordingError, match=r"unknown texture 'denin'.*\n.*trials must be >= 1"):
+        source.read(base)
+
+
+@pytest.mark.parametrize(
+    ("textures", "message"),
+    [
+        (
+            ("denim", "wol"),
+            r"data\.textures: scene 'tiny\.yaml' has no texture 'wol'; .*Did you mean 'wool'\?",
+        ),
+        (("denim", "denim"), r"data\.textures must name one texture or more, each once"),
+        ((), r"data\.textures must name one texture or more, each once"),
+    ],
+)
+def test_textures_that_the_scene_lacks(base: Path, textures: tuple[str, ...], message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        read(base, textures=textures)
+
+
+def test_no_such_scene(tmp_path: Path) -> None:
+    (fault,) = SceneTrials("quikstart").check(tmp_path)
+    assert fault.startswith(
+        "scene 'quikstart': no such file, nor a scene of this name; known: neurotac_davis"
+    )
+
+
+def test_a_search_space_of_a_scene(base: Path) -> None:
+    path = base / "space.yaml"
+    path.write_text(SPACE, encoding="utf-8")
+    assert load_space(path, check_data=True).fixed["data"]["scene"] == "tiny.yaml"
+    path.write_text(SPACE.replace("tiny.yaml", "tin.yaml"), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_space(path, check_data=True)
+    assert str(caught.value).startswith(f"{path}:4: scene 'tin.yaml': no such file, nor a scene of this name")
+
+
+def test_the_hash_follows_the_numbers_and_nothing_else(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = SceneTrials("tiny.yaml").content(base)
+    (base / "renamed.yaml").write_text(f"# a comment\n{TINY.replace('scene: tiny', 'scene: x')}", "utf-8")
+    assert SceneTrials("renamed.yaml").content(base) == first
+    assert SceneTrials("tiny.yaml", trials=2).content(base) == first
+    others = {
+        SceneTrials("tiny.yaml", **keys).content(base)
+        for keys in ({"seed": 1}, {"trials": 3}, {"duration_ms": 80.0}, {"textures": ("denim",)})
+    }
+    (base / "tiny.yaml").write_text(TINY.replace("kind: constant", "kind: accelerating")
+                                    .replace("speed_mm_s", "peak_mm_s"), encoding="utf-8")  # fmt: skip
+    others.add(SceneTrials("tiny.yaml").content(base))
+    monkeypatch.setattr(simulate, "VERSION", simulate.VERSION + 1)
+    others.add(SceneTrials("renamed.yaml").content(base))
+    assert len(others) == 6
+    assert first not in others
+
+
+def test_a_raster_is_asked_of_the_simulator(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(simulate, "raster", lambda *given: asked.append(given) or ("counts", "channels"))
+    trials = read(base)
+    pooling: Any = object()
+    assert trials.raster(7, pooling, 30) == ("counts", "channels")
+    assert asked == [(trials.scene, 7, pooling, 30)]
+
+
+def test_documented_columns() -> None:
+    assert all(name in (inspect.getdoc(Trials) or "") for name in COLUMNS)
