@@ -8,6 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+# Between two lines of a log about what goes on, at least.
+_DOING_S = 10.0
+
 
 class Progress(Protocol):
     """How a study reports; `expect` may raise the number of runs as it goes."""
@@ -17,6 +20,9 @@ class Progress(Protocol):
 
     def advance(self, text: str) -> None:
         """One run has ended; `text` says which and how."""
+
+    def doing(self, text: str) -> None:
+        """Say what goes on before the next run ends: what comes later replaces it."""
 
     def note(self, text: str) -> None:
         """Say something that matters: a warning, a stage."""
@@ -43,6 +49,9 @@ class Silent:
     def advance(self, text: str) -> None:
         """Say nothing."""
 
+    def doing(self, text: str) -> None:
+        """Say nothing."""
+
     def note(self, text: str) -> None:
         """Say nothing."""
 
@@ -51,7 +60,7 @@ class Lines:
     """One line per run, for logs."""
 
     def __init__(self) -> None:
-        self._began = time.monotonic()
+        self._began = self._said = time.monotonic()
         self._done = 0
         self._expected = 0
 
@@ -64,6 +73,12 @@ class Lines:
         self._done += 1
         left = (time.monotonic() - self._began) / self._done * max(0, self._expected - self._done)
         self.note(f"{self._done}/{self._expected} {text}, about {_duration(left)} left")
+
+    def doing(self, text: str) -> None:
+        """Print a line, now and then."""
+        if time.monotonic() - self._said >= _DOING_S:
+            self._said = time.monotonic()
+            self.note(text)
 
     def note(self, text: str) -> None:
         """Print a line."""
@@ -92,6 +107,9 @@ def _bar() -> Iterator[Progress]:
 
             def advance(self, text: str) -> None:
                 rich.update(task, advance=1, description=escape(text))
+
+            def doing(self, text: str) -> None:
+                rich.update(task, description=escape(text))
 
             def note(self, text: str) -> None:
                 rich.console.print(text, markup=False, highlight=False)

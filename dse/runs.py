@@ -1,19 +1,22 @@
 """The training runs of a study: which are finished, and how the missing ones are made.
 
 A run is (trial, repeat). It is finished when its folder exists and is undamaged; a failed run is finished
-too, its record says why. Data sets are prepared once per distinct data sections and shared by memory map.
+too, its record says why. Data sets are prepared once per distinct data sections, in a cache that all studies
+share (dse.cache), and read as memory maps.
 Runs that can share batches train in cohorts (dse.search.cohorts); no result depends on which.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dse import dataset, registry, seeds, store, trial
+from dse import cache, dataset, registry, seeds, store, trial
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.sections import settings_class
 from dse.execution import Failure, Workers, memory_budget
@@ -26,6 +29,7 @@ from dse.store import StoreError
 Record = dict[str, Any]
 
 _OVER_BUDGET = "MemoryBudget"
+_MOST_ROUNDS = 5
 # Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
 # rises with the number of designs, where a CPU has all of the gain from some eight of them.
 _LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
@@ -41,6 +45,7 @@ class Runs:
         self._progress = progress
         execution = space.execution
         self._budget = memory_budget(execution.memory_gib, workers.n, execution.device)
+        self._cache = _opened_cache(folder, progress)
         self._records: dict[tuple[int, int], Record] = {}
         self._warned: set[str] = set()
 
@@ -99,24 +104,25 @@ class Runs:
         """
         self.recall(entries)
         wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
-        waiting = self._planned(self._prepared(wanted))
-        while waiting:
-            again: list[trial.Cohort] = []
-            for cohort, ended in self._workers.stream(trial.train, waiting):
-                if isinstance(ended, Failure):
-                    again += self._unfinished(cohort, ended)
-                    continue
-                number, why = ended
-                self._settle(cohort.runs[number], why)
-                after_each()
-            waiting = again
+        with contextlib.ExitStack() as held:  # the data sets, until nobody needs them any more
+            waiting = self._planned(self._prepared(wanted, held))
+            while waiting:
+                again: list[trial.Cohort] = []
+                for cohort, ended in self._workers.stream(trial.train, waiting):
+                    if isinstance(ended, Failure):
+                        again += self._unfinished(cohort, ended)
+                        continue
+                    number, why = ended
+                    self._settle(cohort.runs[number], why)
+                    after_each()
+                waiting = again
 
     def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
         """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
-        data = {folder: dataset.load(folder) for folder in {run.data for run in runs}}
+        load = functools.lru_cache(maxsize=8)(dataset.load)
         fitting, demands, execution = [], [], self._space.execution
         for run in runs:
-            demand = trial.demand(run, data[run.data], execution.threads)
+            demand = trial.demand(run, load(run.data), execution.threads)
             if demand.alone_bytes > self._budget:
                 text = (
                     f"training needs {demand.alone_bytes} bytes, more than the {self._budget} of a process; "
@@ -180,25 +186,13 @@ class Runs:
         store.save_run(store.run_folder(self._folder, number, repeat), record, {})
         self._keep({**record, "files": {}})
 
-    def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[trial.Run]:
-        """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
+    def _prepared(self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack) -> list[trial.Run]:
+        """Prepare and hold the data sets that the wanted runs need; return the runs that can be trained."""
         sections = {entry.trial: self._space.resolve(entry.design) for entry, _ in wanted}
         base = self._space.source.parent
         keys = {number: dataset.dataset_key(resolved, base) for number, resolved in sections.items()}
         needed = {key: sections[number] for number, key in keys.items()}
-        missing = [
-            trial.Preparation(resolved, base, self._data(key))
-            for key, resolved in needed.items()
-            if not self._is_prepared(key)
-        ]
-        failures: dict[str, Failure] = {}
-        for job, result in self._workers.map(trial.prepare, missing):
-            key = job.folder.name
-            if isinstance(result, Failure):
-                _stop_if_disk(result)
-                failures[key] = result
-            else:
-                store.write_json(self._warnings(key), result)
+        failures = self._prepare(needed, held)
         first = next(iter(failures.values()), None)
         if first is not None and not self._records and len(failures) == len(needed):
             told = first.error == RecordingError.__name__
@@ -210,12 +204,63 @@ class Runs:
             why = failures.get(key)
             if why is None:
                 try:
-                    runs.append(self._run(entry, repeat, sections[entry.trial], self._data(key)))
+                    runs.append(self._run(entry, repeat, sections[entry.trial], self._cache / key))
                 except ValueError as error:  # keys that are legal one by one and not together
                     why = Failure(type(error).__name__, str(error))
             if why is not None:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
+
+    def _prepare(
+        self, needed: Mapping[str, Mapping[str, Any]], held: contextlib.ExitStack
+    ) -> dict[str, Failure]:
+        """Make the data sets that are not in the cache and hold them all; return those that cannot be made.
+
+        Args:
+            needed: key -> resolved design.
+            held: lets go of them.
+        """
+        failures: dict[str, Failure] = {}
+        missing = [key for key in needed if not self._hold(key, held)]
+        # Between being made and being held, one may be removed by somebody whose own need the room.
+        for _ in range(_MOST_ROUNDS):
+            if not missing:
+                return failures
+            for job, said in self._workers.stream(trial.prepare, self._preparations(needed, missing)):
+                if isinstance(said, str):
+                    self._progress.doing(said)
+                elif isinstance(said, Failure):
+                    _stop_if_disk(said)
+                    left = [key for key in job.designs if key not in failures]
+                    failures |= {key: said for key in left if not self._hold(key, held)}
+                else:
+                    key, why = said
+                    failures[key] = why
+            missing = [key for key in missing if key not in failures and not self._hold(key, held)]
+        lost = f"{self._cache}: prepared data were removed as often as they were made"
+        return failures | dict.fromkeys(missing, Failure(StoreError.__name__, lost))
+
+    def _preparations(
+        self, needed: Mapping[str, Mapping[str, Any]], missing: Sequence[str]
+    ) -> list[trial.Preparation]:
+        """Return the jobs: designs that may share spikes in one; jobs share the threads there are."""
+        groups: dict[str, list[str]] = {}
+        for key in missing:
+            groups.setdefault(dataset.same_spikes(needed[key]), []).append(key)
+        threads = max(1, self._workers.n // len(groups)) * self._space.execution.threads
+        base = self._space.source.parent
+        return [
+            trial.Preparation({key: needed[key] for key in keys}, base, self._cache, threads)
+            for keys in groups.values()
+        ]
+
+    def _hold(self, key: str, held: contextlib.ExitStack) -> bool:
+        """Hold a data set and its spikes if they are there."""
+        with store.explained(self._cache):
+            found = dataset.hold(self._cache, key)
+        if found is not None:
+            held.enter_context(found)
+        return found is not None
 
     def _run(self, entry: Entry, repeat: int, resolved: Mapping[str, Any], data: Path) -> trial.Run:
         model = {key: value for key, value in resolved["model"].items() if key != "kind"}
@@ -234,30 +279,17 @@ class Runs:
             hardware=self._space.hardware,
         )
 
-    def _data(self, key: str) -> Path:
-        return self._folder / "data" / key
-
-    def _warnings(self, key: str) -> Path:
-        return self._folder / "data" / f"{key}.json"
-
-    def _is_prepared(self, key: str) -> bool:
-        """Return whether a data set is there and readable; a damaged one is removed."""
-        if not self._data(key).is_dir():
-            return False
-        try:
-            dataset.load(self._data(key))
-            store.read_json(self._warnings(key))
-        except Exception:  # whatever is wrong with a cache, building it again is right
-            store.remove(self._data(key))
-            return False
-        return True
-
-    def _warn(self, keys: Any) -> None:
-        for key in sorted(keys):
-            for text in store.read_json(self._warnings(key)):
-                if text not in self._warned:
-                    self._warned.add(text)
-                    self._progress.note(f"warning: {text}")
+    def _warn(self, keys: Iterable[str]) -> None:
+        """Say what is suspicious about data sets, once, and keep it with the study."""
+        path = self._folder / store.WARNINGS
+        known: list[str] = store.read_json(path) if path.exists() else []
+        found = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
+        for text in dict.fromkeys(found):
+            if text not in self._warned:
+                self._warned.add(text)
+                self._progress.note(f"warning: {text}")
+        if set(found) - set(known):
+            store.write_json(path, list(dict.fromkeys([*known, *found])))
 
     def _check_data(self, entry: Entry, record: Record) -> None:
         if "data" not in record:
@@ -269,6 +301,18 @@ class Runs:
                 f"restore them, or choose another --results folder"
             )
             raise ConfigError([Fault(str(self._space.source), 0, text)])
+
+
+def _opened_cache(folder: Path, progress: Progress) -> Path:
+    """Return the cache, in the study's folder where the user's own cannot be written."""
+    with store.explained(folder / "cache"):
+        try:
+            root, note = cache.opened_root(folder / "cache")
+        except ValueError as error:
+            raise StoreError(str(error)) from None
+    if note:
+        progress.note(note)
+    return root
 
 
 def _is_of(entry: Entry, record: Record) -> bool:

@@ -6,9 +6,10 @@ A job carries paths and settings only; spikes are read from the prepared data se
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from dse.models.training import Design
 from dse.records import Array, Dataset, Outcome
 from dse.search.cohorts import Demand
 
+T = TypeVar("T")
+
 PROCESS_BYTES = 320 * 2**20
 """What a worker takes beside arrays, rounded up: interpreter, libraries, and compiling the kernels once."""
 
@@ -28,13 +31,22 @@ _SPIKE_BYTES = 64
 _ANSWER_BYTES = 216
 
 
+# Between two sentences about what goes on, at least.
+_TELL_S = 0.5
+
+
 @dataclasses.dataclass(frozen=True)
 class Preparation:
-    """Prepare the data set of `sections` (a resolved design) at `folder`; data files lie beside `base`."""
+    """Prepare data sets that have most of their work in common, one after the other.
 
-    sections: Mapping[str, Any]
+    designs: key of the data set -> resolved design. base: what recordings lie beside.
+    cache: root of the cache. threads: for trials that are simulated.
+    """
+
+    designs: Mapping[str, Mapping[str, Any]]
     base: Path
-    folder: Path
+    cache: Path
+    threads: int = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +54,7 @@ class Run:
     """Train a design once.
 
     sections: the design resolved. model, training: the components of those sections.
-    data: folder of the prepared data set. folder: where the run is published.
+    data: folder of the prepared data set, named as its key. folder: where the run is published.
     phi, theta: decision grid. hardware: names of profiles.
     """
 
@@ -88,12 +100,35 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     )
 
 
-def prepare(job: Preparation) -> list[str]:
-    """Build and save a data set; return the warnings about it."""
-    built, warnings = dataset.build(job.sections, job.base)
-    with store.explained(job.folder):
-        dataset.save(built, job.folder)
-    return warnings
+def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
+    """Make the data sets that are not in the cache.
+
+    Yields:
+        What goes on, in words, now and then; the key of a data set that cannot be made, and why.
+    """
+    for key, sections in job.designs.items():
+        try:
+            with store.explained(job.cache):
+                telling = dataset.prepare(sections, job.base, job.cache, job.threads)
+                (yield from _now_and_then(telling)).close()
+        except store.StoreError:
+            raise  # a full disk is nobody's failure
+        except Exception as error:
+            yield key, Failure.of(error)
+
+
+def _now_and_then(telling: Generator[str, None, T]) -> Generator[str, None, T]:
+    """Yield what a generator tells, not too often; return what it returns."""
+    due = time.monotonic() + _TELL_S
+    while True:
+        try:
+            text = next(telling)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        if time.monotonic() >= due:
+            yield text
+            due = time.monotonic() + _TELL_S
 
 
 def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
@@ -155,7 +190,7 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
         "repeat": job.repeat,
         "design": dict(job.design),
         "seed": job.seed,
-        "sections": dict(job.sections),
+        "sections": dataset.as_prepared(job.sections, job.data),
         "classes": list(data.classes),
         "data": job.data.name,
         "status": "finished",

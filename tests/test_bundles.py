@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse import store, study
+from dse import dataset, store, study
 from dse.bundles import evaluate, export
+from dse.cache import usual_root
+from dse.cli import main
 from dse.config import load_space
 from dse.dataset import load
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.recordings import RecordingError
+from dse.recordings.scene import Trials
+from dse.scene.load import load_scene
 from tests import tiny_study
 from tests.spaces import write_space
 
@@ -69,7 +73,7 @@ def test_the_bundle_answers_as_the_trained_network_did(
     read = bundle.read(exported)
     records = real.runs(0)
     chosen = records[read.evidence["repeat"]]
-    validation = load(real.folder / "data" / chosen["data"]).validation
+    validation = load(usual_root() / chosen["data"]).validation
     arrays = recordings(real)
     arrays |= {"spikes": arrays["spikes"][validation], "label": arrays["label"][validation]}
     np.savez(tmp_path / "new.npz", **arrays)
@@ -163,3 +167,80 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> Non
         right = (answers.label == answers.target)[validation]
         assert right.mean() == pytest.approx(point["accuracy"])
         assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
+
+
+SCENE = """\
+scene: fingertip
+sensor:
+  {layout: rings, n_across: 1, pin_pitch_mm: 2, image_scale_px_mm: 8, frame_px: [96, 64], pin_radius_mm: 0.5}
+textures: [denim, satin]
+motions: [{kind: constant, speed_mm_s: {choice: [20, 50]}}]
+trials: 4
+duration_ms: 150
+"""
+ON_SCENE = """
+study: scene
+data: {kind: scene, scene: fingertip.yaml}
+task: {target: texture}
+window: {n_steps: 20, at: start}
+split: {stratified: {validation: 0.5}}
+preprocessing: {bin_ms: 5, pool: 8, polarity: merge, crop: pins}
+model: {kind: snn, hidden: [12]}
+training: {epochs: 2, batch_size: 8}
+decision: {phi: [0], theta: [0.5]}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+"""
+
+
+@pytest.fixture(scope="module")
+def on_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a scene and of a bundle that was trained on it."""
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "fingertip.yaml").write_text(SCENE)
+    (folder / "scene.yaml").write_text(ON_SCENE)
+    found = study.run(load_space(folder / "scene.yaml"), folder / "results", progress=False)
+    export(found, found.trials.iloc[0].to_dict(), folder / "bundle")
+    return folder
+
+
+def test_a_scene_is_answered_with_the_crop_that_was_trained(on_scene: Path) -> None:
+    sections = bundle.read(on_scene / "bundle").sections
+    pins = Trials(load_scene(str(on_scene / "fingertip.yaml"))).pins()
+    assert sections["preprocessing"]["crop"] == list(pins) != [0, 0, 96, 64]
+    found = evaluate(on_scene / "bundle", on_scene / "fingertip.yaml")
+    record = study.open(on_scene / "results" / "scene").runs(0)[0]
+    validation = load(usual_root() / record["data"]).validation
+    right = found.label == found.target
+    assert len(right) == 16 and right[validation].mean() == pytest.approx(record["columns"]["accuracy"])
+
+
+def test_a_scene_trained_network_answers_on_events(on_scene: Path, tmp_path: Path) -> None:
+    assert (
+        main(["simulate", str(on_scene / "fingertip.yaml"), "--out", str(tmp_path / "all.npz"), "--quiet"])
+        == 0
+    )
+    several = evaluate(on_scene / "bundle", tmp_path / "all.npz")
+    assert several.columns["labelled"] == several.columns["recordings"] == 16
+    with np.load(tmp_path / "all.npz") as file:
+        arrays, part = dict(file), slice(file["offsets"][2], file["offsets"][3])
+    (tmp_path / "files").mkdir()
+    fields = np.zeros((part.stop - part.start, 2), "<u4")
+    t_us, x, y, p = (arrays[name][part].astype("<u4") for name in ("t_us", "x", "y", "polarity"))
+    fields[:, 0], fields[:, 1] = t_us, x | y << 14 | p << 28
+    header = b"% Data file containing CD events.\n% Version 2\n% Width 96\n% Height 64\n"
+    (tmp_path / "files" / "one.dat").write_bytes(header + bytes((0x0C, 8)) + fields.tobytes())
+    for path in (tmp_path / "files", tmp_path / "files" / "one.dat"):
+        found = evaluate(on_scene / "bundle", path)
+        assert found.label.tolist() == several.label[2:3].tolist()
+        assert found.target.tolist() == [-1]
+
+
+def test_what_was_repaired_is_said(
+    real: study.Study, exported: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build_for = dataset.build_for
+    monkeypatch.setattr(
+        "dse.bundles.dataset.build_for", lambda *given: (build_for(*given)[0], ["recording 3 was cut"])
+    )
+    assert evaluate(exported, real.folder.parents[1] / "tiny.npz").notes == ("recording 3 was cut",)

@@ -138,6 +138,35 @@ def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole
     assert_same(folder, whole)
 
 
+def test_a_full_disk_while_data_are_prepared(
+    tmp_path: Path, whole: study.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    folder = prepare(tmp_path / "full")
+    process = start(folder, limit=4_000)  # the offsets of the spikes' rows take 6 kB
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert told.count("\n") == 1
+    assert f"{tmp_path / 'cache'}: cannot be written: File too large; free some space and run" in told
+    assert [path.name for path in (tmp_path / "cache").iterdir()] == [".lock"], "nothing half-written"
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert_same(folder, whole)
+
+
+def test_kill_9_while_data_are_prepared(
+    tmp_path: Path, whole: study.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    folder = prepare(tmp_path / "killed")
+    process = start(folder)
+    wait_until(process, lambda: any((tmp_path / "cache").glob(".part-*")))
+    process.kill()
+    process.communicate()
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert not list((tmp_path / "cache").glob(".part-*"))
+    assert_same(folder, whole)
+
+
 def test_a_full_disk_stops_the_study_and_fails_no_design(tmp_path: Path, whole: study.Study) -> None:
     folder = prepare(tmp_path / "full")
     process = start(folder, limit=6_000)

@@ -11,6 +11,7 @@ from dse.progress import Progress, shown
 
 def report(progress: Progress) -> None:
     progress.expect(1)
+    progress.doing("preparing data: 1 of 9 recordings [soon]")
     progress.note("warning: [bold] resting level gives fabric away")
     progress.expect(1)
     progress.advance("trial 0 accuracy 0.9")
@@ -27,6 +28,18 @@ def test_lines(capsys: pytest.CaptureFixture[str]) -> None:
         "1/2 trial 0 accuracy 0.9, about 0 s left",
         "2/2 trial 1 failed: [red], about 0 s left",
     ]
+
+
+def test_what_goes_on_is_a_line_now_and_then(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("dse.progress.time.monotonic", lambda: clock[0])
+    with shown(True) as progress:
+        for seconds in (1, 9, 11, 12, 20.5, 21):
+            clock[0] = seconds
+            progress.doing(f"at {seconds}")
+    assert capsys.readouterr().err.splitlines() == ["at 11", "at 21"]
 
 
 def test_silence(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -14,9 +16,11 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import decision, runs, store, study, trial
+from dse.cache import usual_root
 from dse.config import ConfigError, load_space
 from dse.dataset import load
-from dse.execution import Workers
+from dse.dataset.files import read_meta
+from dse.execution import WORKER_DIED, Failure, Workers
 from dse.measure import read_out
 from dse.recordings import RecordingError
 from dse.study import exploration
@@ -101,7 +105,7 @@ def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
         [record] = finished.runs(number)
         folder = store.run_folder(finished.folder, number, 0)
         response = store.response_of(store.load_arrays(folder / "response.npz"))
-        data = load(finished.folder / "data" / record["data"])
+        data = load(usual_root() / record["data"])
         target = data.target[data.validation]
         done = response.spikes.cumsum(axis=1)
         end, grid = points[points["trial"] == number].iloc[0], points[points["trial"] == number].iloc[1:]
@@ -178,10 +182,148 @@ def test_a_damaged_run_is_made_again_and_no_other(
 
 
 def test_a_damaged_data_set_is_prepared_again(finished: study.Study, copied: Path) -> None:
-    for file in (copied / "results" / "tiny" / "data").rglob("channel.npy"):
-        file.write_bytes(file.read_bytes()[:100])
+    spikes = usual_root() / read_meta(usual_root() / finished.runs(0)[0]["data"])["spikes"]
+    (spikes / "channel.npy").write_bytes((spikes / "channel.npy").read_bytes()[:100])
     shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
     assert_same(study.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
+
+
+def cached(root: Path) -> dict[str, list[Path]]:
+    """Return the folders of a cache: data sets, and the spikes that they name."""
+    found: dict[str, list[Path]] = {"spikes": [], "dataset": []}
+    for path in sorted(root.glob("*/meta.json")):
+        found[store.read_json(path)["schema"].split("/")[1]].append(path.parent)
+    return found
+
+
+def test_tasks_share_spikes_with_each_other_and_with_another_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    jobs: list[trial.Preparation] = []
+    stream = Workers.stream
+
+    def watched(self: Workers, function: Any, given: Any) -> Any:
+        given = list(given)
+        jobs.extend(given if function is trial.prepare else [])
+        return stream(self, function, given)
+
+    monkeypatch.setattr(Workers, "stream", watched)
+    data = {**tiny_study.plain()["data"], "columns": {"fabric": "label", "speed": "label"}}
+    task = {"target": {"choice": ["fabric", "speed"]}}
+    execution = {"jobs": 4, "threads": 3}
+    space = make_space(tmp_path, data=data, task=task, model={"kind": "fake"}, execution=execution)
+    found = study.run(space, tmp_path / "results", progress=False)
+    assert set(found.trials["status"]) == {"finished"}
+    assert {name: len(folders) for name, folders in cached(tmp_path / "cache").items()} == {
+        "spikes": 1,
+        "dataset": 2,
+    }
+    assert [(len(job.designs), job.threads) for job in jobs] == [(2, 12)], "one waits for the other's spikes"
+    shutil.rmtree(tmp_path / "results")
+    study.run(space, tmp_path / "results", progress=False)
+    assert len(jobs) == 1, "another study finds the data sets"
+    assert not (tmp_path / "results" / "tiny" / "data").exists()
+
+    window = {"n_steps": {"choice": [10, 20]}}
+    space = make_space(
+        tmp_path, data=data, task=task, model={"kind": "fake"}, execution=execution, window=window
+    )
+    study.run(space, tmp_path / "other", progress=False)
+    assert [(len(job.designs), job.threads) for job in jobs[1:]] == [(2, 6), (2, 6)]
+
+
+def test_data_sets_that_somebody_removed_are_prepared_again(
+    finished: study.Study, copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(copied / "cache"))
+    before = finished_runs(copied)
+    assert_same(study.run(make_space(copied), copied / "results", progress=False), finished)
+    assert finished_runs(copied) == before and not any(cached(copied / "cache").values())
+    shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
+    assert_same(study.run(make_space(copied), copied / "results", progress=False), finished)
+    assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
+
+
+def test_a_data_set_that_is_removed_as_often_as_it_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dse.runs.dataset.hold", lambda root, key: None)
+    space = make_space(tmp_path, model={"kind": "fake"})
+    with pytest.raises(RecordingError, match="prepared data were removed as often as they were made"):
+        study.run(space, tmp_path / "results", jobs=1, progress=False)
+
+
+def test_a_target_that_is_not_there_fails_no_other(tmp_path: Path) -> None:
+    task = {"target": {"choice": ["fabric", "absent"]}}
+    space = make_space(tmp_path, task=task, model={"kind": "fake"})
+    trials = study.run(space, tmp_path / "results", progress=False).trials.set_index("task.target")
+    assert trials.loc["fabric", "status"] == "finished"
+    assert trials.loc["absent", "reason"].startswith("RecordingError: task.target: no column 'absent'")
+
+
+def test_what_a_worker_had_prepared_before_it_died_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream = Workers.stream
+
+    def dies(self: Workers, function: Any, jobs: Any) -> Any:
+        if function is not trial.prepare:
+            yield from stream(self, function, jobs)
+            return
+        for job in jobs:
+            first = dict(list(job.designs.items())[:1])
+            assert not list(trial.prepare(dataclasses.replace(job, designs=first)))
+            yield job, Failure(WORKER_DIED, "worker died: signal 9")
+
+    monkeypatch.setattr(Workers, "stream", dies)
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    data = {**tiny_study.plain()["data"], "columns": {"fabric": "label", "speed": "label"}}
+    task = {"target": {"choice": ["fabric", "speed"]}}
+    space = make_space(tmp_path, data=data, task=task, model={"kind": "fake"})
+    trials = study.run(space, tmp_path / "results", jobs=1, progress=False).trials.set_index("task.target")
+    assert trials.loc["fabric", "status"] == "finished"
+    assert trials.loc["speed", "reason"] == "worker died: signal 9"
+
+
+def test_nothing_is_removed_that_a_study_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("DSE_CACHE_GIB", "0")
+    space = make_space(tmp_path, window={"n_steps": {"choice": [10, 20]}}, model={"kind": "fake"})
+    found = study.run(space, tmp_path / "results", jobs=2, progress=False)
+    assert set(found.trials["status"]) == {"finished"}
+    for lock in (tmp_path / "cache").glob("*/lock"):
+        os.utime(lock, (0, 0))
+    study.run(space, tmp_path / "results", progress=False)
+    assert not any(cached(tmp_path / "cache").values()), "afterwards nobody holds them"
+
+
+def test_a_cache_that_cannot_be_written_is_replaced_by_the_studys_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "file" / "cache"))
+    found = study.run(make_space(tmp_path, model={"kind": "fake"}), tmp_path / "results", jobs=1)
+    assert len(cached(found.folder / "cache")["dataset"]) == 1
+    assert "prepared data cannot be shared and goes to " in capsys.readouterr().err
+    monkeypatch.setenv("DSE_CACHE_GIB", "little")
+    with pytest.raises(store.StoreError, match="DSE_CACHE_GIB must be a number of GiB"):
+        study.run(make_space(tmp_path), tmp_path / "more", progress=False)
+
+
+def test_warnings_stay_with_the_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    with np.load(tmp_path / "tiny.npz") as file:
+        arrays = dict(file)
+    signal = np.repeat(100.0 * arrays["label"][:, None, None], 20, axis=1) + np.arange(20)[None, :, None]
+    np.savez(tmp_path / "tiny.npz", signal=signal, label=arrays["label"])
+    data = {"kind": "time_series", "file": "tiny.npz", "step_ms": 5.0, "columns": {"fabric": "label"}}
+    encoder = {"kind": "send_on_delta", "thresholds": [2]}
+    space = make_space(tmp_path, data=data, encoder=encoder, model={"kind": "fake"})
+    for _ in range(2):
+        found = study.run(space, tmp_path / "results", jobs=1)
+        assert len(found.warnings) == 1 and found.warnings[0].startswith("resting level")
+    assert capsys.readouterr().err.count("warning: resting level") == 1
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.35, 0.6, 0.97])

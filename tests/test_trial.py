@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse import dataset, trial
+from dse import trial
 from dse.execution import Workers
 from dse.models.snn import SNN
 from dse.models.training import Training
 from dse.records import Dataset, Spikes
+from tests.saved_data import save
 
 
 def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
@@ -60,7 +61,7 @@ def peak_bytes(cohort: trial.Cohort) -> Iterator[int]:
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc: the peak cannot be read")
 def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path) -> None:
     data = made(48, 200, 1600, 0.02)
-    dataset.save(data, tmp_path / "data")
+    save(data, tmp_path / "data")
     runs = tuple(run(tmp_path, SNN((450,)), k, epochs=1, batch_size=16) for k in range(4))
     demands = [trial.demand(one, data) for one in runs]
     assert len({one.key for one in demands}) == 1

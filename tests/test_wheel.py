@@ -29,14 +29,16 @@ def wheel(tmp_path_factory) -> Path:
 def test_data_is_inside(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert "dse/py.typed" in names
-    for name in ("page.html", "page.js", "style.css"):
+    for name in ("page.html", "page.js", "style.css", "trial.html", "trial.js"):
         assert f"dse/_dashboards/{name}" in names
-    for space in ROOT.glob("search_spaces/*.yaml"):
-        assert f"dse/_search_spaces/{space.name}" in names
+    for space in ROOT.glob("search_spaces/**/*.yaml"):
+        assert f"dse/_{space.relative_to(ROOT)}" in names
     for profile in ROOT.glob("dse/hardware/profiles/*.yaml"):
         assert f"dse/hardware/profiles/{profile.name}" in names
     assert "dse/_search_spaces/fabric_texture.yaml" in names
+    assert "dse/_search_spaces/scenes/quickstart.yaml" in names
     assert "dse/hardware/profiles/loihi1_silicon.yaml" in names
+    assert {"dse/scene/sensors.yaml", "dse/scene/textures.yaml"} <= names
 
 
 def test_nothing_else_is_inside(wheel):

@@ -1,9 +1,21 @@
-"""The data set of a resolved design: recordings, windows, split and spikes, built once and kept on disk.
+"""The data set of a resolved design: recordings, windows, split and spikes, made once and kept in a cache.
 
 It joins the packages that turn data into spikes; models see a `Dataset` and nothing of where it came from.
+Spikes are kept apart from targets: tasks that differ in labels alone share them (`dse.cache`).
 """
 
-from dse.dataset.assemble import build, build_for
-from dse.dataset.cache import dataset_key, load, save
+from dse.dataset.assemble import as_prepared, build, build_for, hold, prepare, warnings
+from dse.dataset.files import load
+from dse.dataset.keys import dataset_key, same_spikes
 
-__all__ = ["build", "build_for", "dataset_key", "load", "save"]
+__all__ = [
+    "as_prepared",
+    "build",
+    "build_for",
+    "dataset_key",
+    "hold",
+    "load",
+    "prepare",
+    "same_spikes",
+    "warnings",
+]

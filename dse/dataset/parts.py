@@ -1,77 +1,131 @@
-"""Recordings of one file -> their spikes and where the windows lie in them; several parts -> one Dataset."""
+"""Recordings of one source -> where windows lie in them, and their spikes, one recording after the other."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dse import preprocessing
 from dse.dataset.sections import Resolved, component, section
-from dse.preprocessing import Preprocessing
-from dse.recordings import RecordingError, Recordings
+from dse.preprocessing import Pooling, Preprocessing, PreprocessingError
+from dse.recordings import EventSource, RecordingError, Recordings, Repaired, Simulated
 from dse.recordings.windows import Window, mean_levels, place, signal_onset, without_mean
-from dse.records import Array, Dataset, Events, Rasters, Signals, Spikes
+from dse.records import Array, Rasters, Signals, Spikes
+
+Result = TypeVar("Result")
+Telling = Generator[str, None, Result]
+"""Yields what goes on, in words, and returns a result."""
+
+Rows = tuple[Array, Array]
+"""Spikes of one recording: how many in each of its first steps, and their channels."""
+
+# Results that may wait for a slower one before them, per thread.
+_AHEAD = 2
 
 
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """Spikes of one file and where its windows lie in them."""
+    """Where windows lie in the recordings of one source, and how to make their spikes.
 
-    spikes: Spikes
+    start, low, high: (n,) as in Dataset, in the steps that are stored.
+    n_steps: window length. n_stored: steps that are stored of a recording, at most.
+    lengths, levels: steps and, where there is such a thing, mean of every channel over the window, of whole
+        recordings: what may give labels away.
+    rows: called with a number of threads; yields the spikes of every recording, in order.
+    notes: called after that; what had to be repaired.
+    """
+
     start: Array
     low: Array
     high: Array
     n_steps: int
+    n_stored: int
+    n_channels: int
+    step_ms: float
+    lengths: Array
+    levels: Array | None
+    rows: Callable[[int], Iterator[Rows]]
+    notes: Callable[[], list[str]] = list
 
 
-def part_of(
-    recordings: Recordings, resolved: Resolved, used: Array
-) -> tuple[Part, tuple[Array, Array | None]]:
-    """Return the spikes and windows of one file, and (lengths, resting levels) for the leakage test.
+def count(recordings: Recordings) -> int:
+    """Return the number of recordings."""
+    return recordings.spikes.n_samples if isinstance(recordings, Rasters) else recordings.n_recordings
+
+
+def placed(recordings: Recordings, resolved: Resolved, used: Array, threads: int = 1) -> Telling[Part]:
+    """Return where the windows of a source lie; recorded events are read once for it, spikes are not made.
 
     Args:
         recordings: as read.
-        resolved: the design.
+        resolved: the design, its crop fitted.
         used: (n,) bool, recordings that are in some part of the split; the others get no spikes.
+        threads: for trials that are simulated.
 
     Raises:
         RecordingError: a window does not fit, or a section is absent or out of place.
     """
     window = section(Window, resolved.get("window"))
-    at_onset = window.at == "contact_onset"
-    levels: Array | None = None
     _check_sections(recordings, resolved)
     if window.remove_mean and not isinstance(recordings, Signals):
         raise RecordingError("window.remove_mean must be false for recordings of events or spikes, got true")
     if isinstance(recordings, Rasters):
-        spikes = recordings.spikes
-        lengths = np.full(spikes.n_samples, spikes.n_steps)
-        onset = _raster_onset(spikes, window) if at_onset else None
-        start, low, high, n_steps = place(window, lengths, used, onset)
-        return Part(spikes, start, low, high, n_steps), (lengths, None)
+        return _of_rasters(recordings.spikes, window, used)
     if isinstance(recordings, Signals):
-        lengths = np.diff(recordings.offsets)
-        onset = signal_onset(recordings, window.onset_threshold) if at_onset else None
-        start, low, high, n_steps = place(window, lengths, used, onset)
-        levels = mean_levels(recordings, start, n_steps)
-        kept = np.where(used, high - low + n_steps, 0)
-        encoder = component("encoders", resolved["encoder"])
-        signals = without_mean(recordings, levels) if window.remove_mean else recordings
-        spikes = encoder.encode_all(signals, low, kept)
-    else:
+        return _of_signals(recordings, window, component("encoders", resolved["encoder"]), used)
+    return (yield from _of_events(recordings, window, pooling_of(recordings, resolved), used, threads))
+
+
+def pooling_of(source: EventSource, resolved: Resolved) -> Pooling:
+    """Return what section `preprocessing` means on a source's frame.
+
+    Raises:
+        RecordingError: its keys exclude each other, or the frame cannot give what is asked of it.
+    """
+    pins = source.pins() if isinstance(source, Simulated) else None
+    try:
         settings = section(Preprocessing, resolved["preprocessing"])
-        lengths = preprocessing.n_bins(recordings, settings)
-        onset = preprocessing.event_onset(recordings, settings, window.onset_threshold) if at_onset else None
-        start, low, high, n_steps = place(window, lengths, used, onset)
-        kept = np.where(used, high - low + n_steps, 0)
-        spikes = preprocessing.spikes_of(recordings, settings, low, kept)
-    return Part(spikes, start - low, np.zeros_like(low), high - low, n_steps), (lengths, levels)
+    except RecordingError:
+        raise
+    except ValueError as error:
+        raise RecordingError(f"preprocessing.{error}") from None
+    try:
+        return preprocessing.pooling(settings, source.width, source.height, pins)
+    except PreprocessingError as error:
+        raise RecordingError(str(error)) from None
+
+
+def fitted(source: Recordings, resolved: Resolved, train: Array) -> Telling[dict[str, Any]]:
+    """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone.
+
+    Args:
+        source: the recordings.
+        resolved: the design.
+        train: indices of the training recordings.
+    """
+    keys = resolved.get("preprocessing") or {}
+    if keys.get("crop") != "pins" or isinstance(source, Rasters | Signals):
+        return dict(resolved)
+    if isinstance(source, Simulated):
+        crop = source.pins()
+    else:
+        columns, rows = np.zeros(source.width, np.int64), np.zeros(source.height, np.int64)
+        for done, i in enumerate(train, 1):
+            more = preprocessing.count_pixels(source.blocks(int(i)), source.width, source.height)
+            columns, rows = columns + more[0], rows + more[1]
+            yield f"looking for pins: {done} of {len(train)} recordings"
+        crop = preprocessing.pin_rectangle(columns, rows)
+    return {**resolved, "preprocessing": {**keys, "crop": list(crop)}}
 
 
 def _check_sections(recordings: Recordings, resolved: Resolved) -> None:
     kind = resolved["data"]["kind"]
-    needed = {Signals: "encoder", Events: "preprocessing"}.get(type(recordings))
+    needed = {Signals: "encoder", Rasters: None}.get(type(recordings), "preprocessing")
     for name in ("encoder", "preprocessing"):
         if name == needed and not resolved.get(name):
             raise RecordingError(f"{name} must be given: data of kind '{kind}' becomes spikes by it")
@@ -79,51 +133,109 @@ def _check_sections(recordings: Recordings, resolved: Resolved) -> None:
             raise RecordingError(f"{name} must be absent: data of kind '{kind}' has no use for it")
 
 
-def _raster_onset(spikes: Spikes, window: Window) -> Array:
-    counts = np.diff(spikes.row_offsets).reshape(spikes.n_samples, spikes.n_steps)
-    enough = counts >= window.onset_threshold
-    return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+def _of_rasters(spikes: Spikes, window: Window, used: Array) -> Part:
+    lengths = np.full(spikes.n_samples, spikes.n_steps)
+    onset = None
+    if window.at == "contact_onset":
+        enough = np.diff(spikes.row_offsets).reshape(lengths.size, -1) >= window.onset_threshold
+        onset = np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+    start, low, high, n_steps = place(window, lengths, used, onset)
+    return Part(
+        start, low, high, n_steps, spikes.n_steps, spikes.n_channels, spikes.step_ms, lengths, None,
+        lambda threads: _rows_of(spikes),
+    )  # fmt: skip
 
 
-def joined(
-    parts: list[Part], codes: Array, classes: tuple[str, ...], split: tuple[Array, Array, Array]
-) -> Dataset:
-    """Return the data set of one part or of several laid end to end.
+def _of_signals(signals: Signals, window: Window, encoder: Any, used: Array) -> Part:
+    lengths = np.diff(signals.offsets)
+    onset = signal_onset(signals, window.onset_threshold) if window.at == "contact_onset" else None
+    start, low, high, n_steps = place(window, lengths, used, onset)
+    levels = mean_levels(signals, start, n_steps)
+    kept = np.where(used, high - low + n_steps, 0)
+
+    def rows(threads: int) -> Iterator[Rows]:
+        moved = without_mean(signals, levels) if window.remove_mean else signals
+        return _rows_of(encoder.encode_all(moved, low, kept))
+
+    return Part(
+        start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
+        encoder.n_channels(signals.n_channels), signals.step_ms, lengths, levels, rows,
+    )  # fmt: skip
+
+
+def _rows_of(spikes: Spikes) -> Iterator[Rows]:
+    for i in range(spikes.n_samples):
+        borders = spikes.row_offsets[i * spikes.n_steps : (i + 1) * spikes.n_steps + 1]
+        yield np.diff(borders), spikes.channel[borders[0] : borders[-1]]
+
+
+def _of_events(
+    source: EventSource, window: Window, pooling: Pooling, used: Array, threads: int
+) -> Telling[Part]:
+    simulated = source if isinstance(source, Simulated) else None
+    t0_us, lengths, onset = np.zeros((3, source.n_recordings), dtype=np.int64)
+    if simulated is not None:
+        lengths[:] = pooling.n_bins(simulated.duration_us)
+    if simulated is None or window.at == "contact_onset":
+
+        def survey(i: int) -> preprocessing.Survey:
+            begin = None if simulated is None else 0
+            return preprocessing.survey(source.blocks(i), pooling, window.onset_threshold, begin)
+
+        chosen = np.flatnonzero(used).tolist()
+        for done, found in enumerate(in_order(survey, chosen, threads if simulated else 1)):
+            i = chosen[done]
+            yield f"surveying data: {done + 1} of {len(chosen)} recordings"
+            onset[i] = found.onset_bin
+            if simulated is None:
+                if not found.n_events:
+                    raise RecordingError(f"recording {i} must have events, got none")
+                t0_us[i], lengths[i] = found.first_us, found.n_bins
+    start, low, high, n_steps = place(window, lengths, used, onset)
+    kept = np.where(used, high - low + n_steps, 0)
+    # The rate floor looks at the bins that are kept, of which a simulated raster is not told.
+    plain = dataclasses.replace(pooling, rate_floor_hz=0.0)
+
+    def recording(i: int) -> Rows:
+        first, n = int(low[i]), int(kept[i])
+        if not n:
+            return np.zeros(0, np.int64), np.zeros(0, np.int32)
+        if simulated is None:
+            return preprocessing.pool(source.blocks(i), pooling, int(t0_us[i]), first, n)
+        counts, channels = simulated.raster(i, plain, first + n)
+        return preprocessing.without_quiet(counts[first:], channels[counts[:first].sum() :], pooling)
+
+    def rows(threads: int) -> Iterator[Rows]:
+        return in_order(recording, range(source.n_recordings), threads if simulated else 1)
+
+    return Part(
+        start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
+        pooling.n_channels, pooling.bin_us / 1000, lengths, None, rows,
+        source.notes if isinstance(source, Repaired) else list,
+    )  # fmt: skip
+
+
+def in_order(
+    function: Callable[[int], Result], numbers: range | list[int], threads: int
+) -> Generator[Result, None, None]:
+    """Yield a function's result for every number, in order, whatever finishes first.
 
     Args:
-        parts: the data file, and the test file if there is one.
-        codes: targets of all recordings.
-        classes: names of the classes.
-        split: train, validation and test indices.
-
-    Raises:
-        RecordingError: the parts differ in channels, step or window.
+        function: with several threads, it must leave the interpreter to the others for most of its time.
+        numbers: of recordings.
+        threads: that call the function; no more than a few results wait to be taken.
     """
-    first, n_steps = parts[0], max(x.spikes.n_steps for x in parts)
-    for other in parts[1:]:
-        for name, a, b in (
-            ("channels", first.spikes.n_channels, other.spikes.n_channels),
-            ("ms per step", first.spikes.step_ms, other.spikes.step_ms),
-            ("steps per window", first.n_steps, other.n_steps),
-        ):
-            if a != b:
-                raise RecordingError(f"the test file must have {a} {name} as the data file has, got {b}")
-    rows = [
-        np.pad(
-            np.diff(x.spikes.row_offsets).reshape(-1, x.spikes.n_steps),
-            ((0, 0), (0, n_steps - x.spikes.n_steps)),
-        )
-        for x in parts
-    ]
-    offsets = np.concatenate([[0], np.cumsum(np.concatenate(rows))]).astype(np.int64)
-    channel = np.concatenate([x.spikes.channel for x in parts])
-    start, low, high = (
-        np.concatenate([getattr(x, name) for x in parts]).astype(np.int32)
-        for name in ("start", "low", "high")
-    )
-    train, validation, test = (x.astype(np.int64) for x in split)
-    return Dataset(
-        spikes=Spikes(offsets, channel, n_steps, first.spikes.n_channels, first.spikes.step_ms),
-        target=codes, classes=classes, start=start, start_low=low, start_high=high, n_steps=first.n_steps,
-        train=train, validation=validation, test=test,
-    )  # fmt: skip
+    if threads == 1:
+        yield from map(function, numbers)
+        return
+    waiting: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for number in numbers:
+            waiting.append(pool.submit(function, number))
+            if len(waiting) >= threads * _AHEAD:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -3,7 +3,7 @@
     results/<study>/
         search_space.yaml   what is explored, fully resolved       environment.json   where it ran
         journal.log         the ledger (dse.ledger)                trials.parquet, points.parquet, page.html
-        data/<key>/         prepared data sets, a cache            data/<key>.json    warnings about them
+        warnings.json       what is suspicious about the recordings
         artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names
 
 A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
@@ -19,6 +19,7 @@ from dse.store.arrays import (
     save_arrays,
 )
 from dse.store.files import (
+    WARNINGS,
     StoreError,
     checksum,
     exclusive,
@@ -34,6 +35,7 @@ from dse.store.runs import SCHEMA, load_run, run_folder, save_run
 
 __all__ = [
     "SCHEMA",
+    "WARNINGS",
     "StoreError",
     "checksum",
     "exclusive",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+WARNINGS = "warnings.json"
 _TEMPORARY = ".writing-"
 
 
@@ -95,7 +96,7 @@ def remove(path: Path) -> None:
 
 def sweep(folder: Path) -> None:
     """Remove what crashed writers left behind, anywhere under a study folder."""
-    for left in [*folder.rglob(f"{_TEMPORARY}*"), *folder.glob("data/.*")]:
+    for left in folder.rglob(f"{_TEMPORARY}*"):
         remove(left)
 
 

@@ -10,10 +10,11 @@ import yaml
 
 from dse import environment, store
 from dse.config import ConfigError, Fault, SearchSpace
+from dse.recordings import PLACES
 from dse.study.results import plain_space
 
-# Their contents count, and are compared run by run (dse.runs).
-_PLACES = ("data.file", "data.labels", "test.file", "test.labels")
+# What lies there counts, and is compared run by run (dse.runs).
+_PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
 def claim(space: SearchSpace, folder: Path) -> None:

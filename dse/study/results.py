@@ -61,8 +61,8 @@ class Study:
     @property
     def warnings(self) -> list[str]:
         """What is suspicious about the study's recordings, such as labels that are given away."""
-        files = sorted((self.folder / "data").glob("*.json"))
-        return list(dict.fromkeys(text for file in files for text in store.read_json(file)))
+        path = self.folder / store.WARNINGS
+        return list(store.read_json(path)) if path.exists() else []
 
     def skyline(
         self, objectives: Sequence[Objective] | None = None, where: str | None = None, by: str | None = None

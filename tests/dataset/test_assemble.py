@@ -117,7 +117,7 @@ def test_new_recordings_are_prepared_alike(folder):
     save(folder / "new.npz", [4, 10, 5])
     new = {**DESIGN["data"], "file": "new.npz"}
     by_test, _ = build(DESIGN | {"test": {"file": "new.npz"}}, folder)
-    dataset = build_for(DESIGN | {"data": new}, folder, by_test.classes)
+    dataset, _ = build_for(DESIGN | {"data": new}, folder, by_test.classes)
     assert dataset.test.tolist() == [0, 1, 2] and dataset.train.size == dataset.validation.size == 0
     assert dataset.target.tolist() == by_test.target[by_test.test].tolist()
     assert dataset.classes == by_test.classes
@@ -127,7 +127,7 @@ def test_new_recordings_are_prepared_alike(folder):
 
 def test_new_recordings_need_no_labels(folder):
     save(folder / "new.npz", [4, 10], label=None, repetition=None, names=None)
-    dataset = build_for(DESIGN | {"data": {**DESIGN["data"], "file": "new.npz"}}, folder, ("a", "b"))
+    dataset, _ = build_for(DESIGN | {"data": {**DESIGN["data"], "file": "new.npz"}}, folder, ("a", "b"))
     assert dataset.target.tolist() == [-1, -1] and dataset.classes == ("a", "b")
 
 
@@ -243,7 +243,7 @@ def test_events_from_their_contact_onset(events):
          "split must not read column 'fabric'"),
         ("folder", DESIGN, {"task": {"target": "velocity"}}, "task.target: no column 'velocity'"),
         ("folder", DESIGN, {"data": {**DESIGN["data"], "kind": "series"}},
-         "no component 'series'; known: events,"),
+         "no component 'series'; known: event_files, events,"),
         ("folder", DESIGN, {"encoder": {"kind": "send_on_delta", "theta": 2}},
          "unexpected keyword argument 'theta'"),
         ("folder", DESIGN, {"test": {"file": "absent.npz"}}, "data file 'absent.npz' not found"),

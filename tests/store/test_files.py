@@ -71,7 +71,6 @@ def test_sweeping_removes_only_what_was_never_finished(tmp_path: Path) -> None:
     left = [
         tmp_path / ".writing-points.parquet-12",
         tmp_path / "artefacts" / "00000" / ".writing-repeat_1-12" / "weights.npz",
-        tmp_path / "data" / ".key.0a1b" / "channel.npy",
     ]
     for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,211 @@
+"""Spikes and data sets on disk: written piece by piece, read as memory maps.
+
+    spikes      row_offsets, channel; start, low, high of the windows; lengths, levels (may be absent)
+    data set    target, train, validation, test; `meta.json` names the spikes, which lie in the folder beside
+
+Spikes alone are mapped: a map keeps a file open, and a study may have hundreds of data sets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+
+from dse.dataset.parts import Part
+from dse.recordings import RecordingError
+from dse.records import Array, Dataset, Spikes
+
+_META = "meta.json"
+_OF_SPIKES = ("row_offsets", "channel")
+_OF_WINDOWS = ("start", "low", "high")
+_OF_DATASET = ("target", "train", "validation", "test")
+
+
+def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1) -> Generator[str, None, None]:
+    """Write the spikes and windows of several sources, laid end to end, one recording at a time.
+
+    Args:
+        parts: the data, and the test file if there is one; they agree in channels, step and window.
+        folder: empty.
+        threads: for trials that are simulated; the files are the same with any number.
+
+    Yields:
+        What goes on, in words.
+    """
+    n_stored, n = max(part.n_stored for part in parts), sum(len(part.start) for part in parts)
+    done, filled = 0, 0
+    with (
+        _growing(folder / "row_offsets.npy", np.int64) as more_rows,
+        _growing(folder / "channel.npy", np.int32) as more_channels,
+    ):
+        more_rows(np.zeros(1, np.int64))
+        for part in parts:
+            for counts, channels in part.rows(threads):
+                ends = np.full(n_stored, filled + len(channels), np.int64)
+                ends[: len(counts)] = filled + np.cumsum(counts)
+                more_rows(ends)
+                more_channels(channels)
+                filled += len(channels)
+                done += 1
+                yield f"preparing data: {done} of {n} recordings"
+    for name in _OF_WINDOWS:
+        np.save(folder / f"{name}.npy", np.concatenate([getattr(part, name) for part in parts]))
+    np.save(folder / "lengths.npy", parts[0].lengths)
+    if parts[0].levels is not None:
+        np.save(folder / "levels.npy", parts[0].levels)
+    _write_meta(
+        folder,
+        {
+            "schema": "dse/spikes/1",
+            "n_steps": parts[0].n_steps,
+            "notes": [note for part in parts for note in part.notes()],
+            "spikes": {
+                "n_steps": n_stored,
+                "n_channels": parts[0].n_channels,
+                "step_ms": parts[0].step_ms,
+            },
+        },
+    )
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Spikes with their windows.
+
+    start, low, high: (n,) as in Dataset. n_steps: length of a window.
+    lengths, levels: as in Part, of the data without the test file.
+    notes: what had to be repaired.
+    """
+
+    spikes: Spikes
+    start: Array
+    low: Array
+    high: Array
+    n_steps: int
+    lengths: Array
+    levels: Array | None
+    notes: list[str]
+
+
+def read_spikes(folder: Path) -> Stored:
+    """Return spikes from their folder, memory-mapped and read-only.
+
+    Raises:
+        RecordingError: the folder holds none, or damaged ones.
+    """
+    with _readable(folder, "spikes"):
+        meta = json.loads((folder / _META).read_text(encoding="utf-8"))
+        rows, channel = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in _OF_SPIKES)
+        spikes = Spikes(rows, channel, **meta["spikes"])
+        arrays = {name: np.load(folder / f"{name}.npy") for name in (*_OF_WINDOWS, "lengths")}
+        levels = np.load(path) if (path := folder / "levels.npy").is_file() else None
+        return Stored(spikes, **arrays, n_steps=meta["n_steps"], levels=levels, notes=meta["notes"])
+
+
+def write_dataset(
+    folder: Path,
+    spikes: str,
+    target: Array,
+    classes: Sequence[str],
+    split: tuple[Array, Array, Array],
+    crop: Sequence[int] | None,
+    warnings: Sequence[str],
+) -> None:
+    """Write what a data set has beside its spikes.
+
+    Args:
+        folder: empty.
+        spikes: name of the folder of its spikes.
+        target: (n,) codes.
+        classes: names of the codes.
+        split: train, validation and test indices.
+        crop: rectangle that was fitted to the recordings, if any.
+        warnings: what is suspicious about the recordings.
+    """
+    for name, array in zip(_OF_DATASET, (target, *split), strict=True):
+        np.save(folder / f"{name}.npy", array.astype(np.int64))
+    _write_meta(
+        folder,
+        {
+            "schema": "dse/dataset/2",
+            "spikes": spikes,
+            "classes": list(classes),
+            "crop": None if crop is None else [int(x) for x in crop],
+            "warnings": list(warnings),
+        },
+    )
+
+
+def read_meta(folder: Path) -> dict[str, Any]:
+    """Return what a data set's `meta.json` holds: spikes, classes, crop, warnings.
+
+    Raises:
+        RecordingError: there is none, or a damaged one.
+    """
+    with _readable(folder, "data set"):
+        meta = json.loads((folder / _META).read_text(encoding="utf-8"))
+        return {name: meta[name] for name in ("spikes", "classes", "crop", "warnings")}
+
+
+def load(folder: Path) -> Dataset:
+    """Return a data set from its folder, its spikes memory-mapped and read-only.
+
+    Raises:
+        RecordingError: the folder holds no data set, or a damaged one.
+    """
+    folder = Path(folder)
+    meta = read_meta(folder)
+    with _readable(folder, "data set"):
+        arrays = {name: np.load(folder / f"{name}.npy") for name in _OF_DATASET}
+    return joined(read_spikes(folder.parent / meta["spikes"]), tuple(meta["classes"]), **arrays)
+
+
+def joined(
+    stored: Stored, classes: tuple[str, ...], target: Array, train: Array, validation: Array, test: Array
+) -> Dataset:
+    """Return a data set of spikes with their windows, and all that follows from labels."""
+    start, low, high = (x.astype(np.int32) for x in (stored.start, stored.low, stored.high))
+    return Dataset(
+        spikes=stored.spikes, target=target, classes=classes, start=start, start_low=low, start_high=high,
+        n_steps=stored.n_steps, train=train, validation=validation, test=test,
+    )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _growing(path: Path, dtype: Any) -> Iterator[Callable[[Array], None]]:
+    """Yield what appends to a one-dimensional .npy; its header says the length once the block has ended."""
+    header = {"descr": npy.dtype_to_descr(np.dtype(dtype)), "fortran_order": False}
+    with path.open("wb") as file:
+        npy.write_array_header_1_0(file, {**header, "shape": (0,)})  # numpy leaves room for any length
+        begin, length = file.tell(), 0
+
+        def append(values: Array) -> None:
+            nonlocal length
+            file.write(np.ascontiguousarray(values, dtype).data)
+            length += len(values)
+
+        yield append
+        file.seek(0)
+        npy.write_array_header_1_0(file, {**header, "shape": (length,)})
+        assert file.tell() == begin
+
+
+def _write_meta(folder: Path, meta: Mapping[str, Any]) -> None:
+    (folder / _META).write_text(json.dumps(meta, indent=1), encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _readable(folder: Path, what: str) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{folder}: no readable {what} ({error})") from None

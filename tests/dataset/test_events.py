@@ -1,0 +1,398 @@
+"""Recordings that are not in memory: trials that are simulated, and events that stay in their files."""
+
+import dataclasses
+import os
+import time
+import tracemalloc
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from dse import cache, preprocessing, registry
+from dse.dataset import as_prepared, build, build_for, hold, load, prepare, warnings
+from dse.dataset.assemble import _result
+from dse.dataset.files import read_meta, write_spikes
+from dse.dataset.parts import Part, in_order, placed
+from dse.recordings import RecordingError
+from dse.records import Array, Block
+
+SIZE = 12
+COLUMNS = {"texture": "texture", "speed": "speed", "part": "part"}
+
+
+def block(seed: int, n: int = 400, duration_us: int = 20_000, first_us: int = 0) -> Block:
+    """Return random events in the middle of the frame, and a few anywhere; most come after 5 ms or later."""
+    rng = np.random.default_rng(seed)
+    contact_us = 5000 + 1000 * (seed % 3)
+    early = rng.integers(first_us, contact_us, 5)
+    t_us = np.sort(np.concatenate([early, rng.integers(contact_us, duration_us, n - 5)]))
+    x, y = (np.where(rng.random(n) < 0.05, rng.integers(0, SIZE, n), rng.integers(4, 8, n)) for _ in "xy")
+    return Block(t_us, x.astype(np.int32), y.astype(np.int32), rng.integers(0, 2, n).astype(np.uint8))
+
+
+@dataclasses.dataclass(frozen=True)
+class Recorded:
+    """Event recordings that are read when they are asked for; every reading of one is noted."""
+
+    n_recordings: int
+    first_us: int = 0
+    read: list[int] = dataclasses.field(default_factory=list)
+    width: int = SIZE
+    height: int = SIZE
+
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        i = np.arange(self.n_recordings)
+        return {"texture": i % 2, "speed": i // 2 % 2, "part": i // 4 % 4}
+
+    def blocks(self, i: int) -> Iterator[Block]:
+        self.read.append(i)
+        whole = block(i, first_us=self.first_us * (i + 1), duration_us=20_000 + 1000 * (i % 3))
+        for part in np.array_split(np.arange(len(whole.t_us)), 3):
+            yield Block(*(getattr(whole, f.name)[part] for f in dataclasses.fields(Block)))
+
+    def notes(self) -> list[str]:
+        return [f"recording {i} was repaired" for i in sorted(set(self.read)) if i == 1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """Trials of 20 ms; the first of every four takes longest."""
+
+    n_recordings: int = 16
+    made: list[int] = dataclasses.field(default_factory=list)
+    width: int = SIZE
+    height: int = SIZE
+    duration_us: int = 20_000
+
+    columns = Recorded.columns
+
+    def pins(self) -> tuple[int, int, int, int]:
+        return 4, 4, 4, 4
+
+    def blocks(self, i: int) -> Iterator[Block]:
+        yield block(i)
+
+    def raster(self, i: int, pooling: Any, n_bins: int) -> tuple[Array, Array]:
+        time.sleep(0.004 * (i % 4 == 0))
+        self.made.append(i)
+        return preprocessing.pool(self.blocks(i), pooling, 0, 0, n_bins)
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """A component whose recordings a test has put here by name."""
+
+    file: str
+    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    there: ClassVar[dict[str, Any]] = {}
+
+    def content(self, base: Path) -> str:
+        return self.file
+
+    def with_columns_found(self, base: Path) -> "Kind":
+        return self
+
+    def read(self, base: Path) -> Any:
+        return self.there[self.file]
+
+
+@pytest.fixture(autouse=True)
+def kind():
+    registry.known("recordings")
+    registry._components["recordings"]["fake"] = Kind
+    yield
+    registry._components["recordings"].pop("fake")
+    Kind.there.clear()
+
+
+DESIGN = {
+    "data": {"kind": "fake", "file": "scene", "columns": COLUMNS},
+    "task": {"target": "texture"},
+    "window": {"n_steps": 8, "at": "middle", "jitter_steps": 2},
+    "split": {"train": {"part": [0, 1]}, "validation": {"part": 2}, "test": {"part": 3}},
+    "preprocessing": {"bin_ms": 1, "pool": 2},
+}
+
+
+def expected(
+    source: Any, i: int, design: Mapping[str, Any], first: int, n: int, t0_us: int = 0
+) -> list[list[int]]:
+    """Return the channels of bins first .. first + n - 1, pooled from the whole event list."""
+    settings = preprocessing.Preprocessing(**design["preprocessing"])
+    found = preprocessing.pooling(settings, SIZE, SIZE, (4, 4, 4, 4))
+    counts, channels = preprocessing.pool(source.blocks(i), found, t0_us, first, n)
+    return [part.tolist() for part in np.split(channels, np.cumsum(counts)[:-1])]
+
+
+def window_of(data: Any, i: int, first: int, n: int) -> list[list[int]]:
+    rows = i * data.spikes.n_steps + first + np.arange(n)
+    offsets = data.spikes.row_offsets
+    return [data.spikes.channel[offsets[row] : offsets[row + 1]].tolist() for row in rows]
+
+
+def test_trials_of_a_scene_are_its_events_pooled():
+    scene = Kind.there["scene"] = Scene()
+    data, notes = build(DESIGN, Path())
+    assert notes == []
+    assert (data.n_steps, data.spikes.n_steps, data.spikes.n_channels) == (8, 12, 2 * 36)
+    assert (data.train.size, data.validation.size, data.test.size) == (8, 4, 4)
+    assert sorted(scene.made) == list(range(16)), "each trial is simulated once"
+    for i in range(16):
+        assert (data.start[i], data.start_low[i], data.start_high[i]) == (2, 0, 4)
+        assert window_of(data, i, 0, 12) == expected(scene, i, DESIGN, 4, 12)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"rate_floor_hz": 120}, {"crop": [3, 2, 6, 7]}, {"time_ms": [3, 19]}, {"pool_threshold": 2}]
+)
+def test_settings_mean_the_same_for_scenes_and_files(settings: dict[str, Any]):
+    design = DESIGN | {"preprocessing": {**DESIGN["preprocessing"], **settings}}
+    Kind.there["scene"] = Scene()
+    Kind.there["files"] = Recorded(16)
+    simulated, _ = build(design, Path())
+    first = 2 if "time_ms" in settings else 4
+    for i in range(16):
+        assert window_of(simulated, i, 0, 12) == expected(Scene(), i, design, first, 12)
+    recorded, _ = build(design | {"data": {**DESIGN["data"], "file": "files"}}, Path())
+    for i in range(16):
+        source = Recorded(16)
+        t0_us = int(next(source.blocks(i)).t_us[0])
+        first = (int(recorded_bins(source, design, i)) - 8) // 2 - 2
+        assert window_of(recorded, i, 0, 12) == expected(source, i, design, first, 12, t0_us)
+
+
+def recorded_bins(source: Any, design: Mapping[str, Any], i: int) -> int:
+    settings = preprocessing.Preprocessing(**design["preprocessing"])
+    found = preprocessing.pooling(settings, SIZE, SIZE)
+    return preprocessing.survey(source.blocks(i), found, 1).n_bins
+
+
+def test_a_window_from_the_contact_of_a_trial():
+    Kind.there["scene"] = Scene()
+    design = DESIGN | {"window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 10}}
+    data, _ = build(design, Path())
+    for i in range(16):
+        onset = int(np.argmax(np.bincount(block(i).t_us // 1000) >= 10))
+        assert window_of(data, i, 0, 5) == expected(Scene(), i, DESIGN, onset, 5)
+
+
+def test_files_are_read_twice_at_most_and_only_those_in_use():
+    source = Kind.there["files"] = Recorded(16, first_us=50)
+    design = DESIGN | {
+        "data": {**DESIGN["data"], "file": "files"},
+        "split": {"train": {"part": 0}, "validation": {"part": 2}},
+    }
+    data, notes = build(design, Path())
+    assert sorted(source.read) == sorted([*range(4), *range(8, 12)] * 2)
+    assert notes == ["recording 1 was repaired"]
+    assert data.spikes.row_offsets[-1] == data.spikes.row_offsets[12 * data.spikes.n_steps]
+    assert (np.diff(data.spikes.row_offsets).reshape(16, -1).sum(axis=1) > 0)[
+        [0, 1, 2, 3, 8, 9, 10, 11]
+    ].all()
+
+
+def test_a_recording_without_events_is_named():
+    class Silent(Recorded):
+        def blocks(self, i: int) -> Iterator[Block]:
+            yield from () if i == 5 else super().blocks(i)
+
+    Kind.there["files"] = Silent(16)
+    with pytest.raises(RecordingError, match="recording 5 must have events, got none"):
+        build(DESIGN | {"data": {**DESIGN["data"], "file": "files"}}, Path())
+
+
+def test_keys_that_exclude_each_other_are_a_fault_of_the_recordings():
+    Kind.there["scene"] = Scene()
+    design = DESIGN | {"preprocessing": {"bin_ms": 1, "pool": 2, "padding": 2}}
+    with pytest.raises(RecordingError, match=r"^preprocessing\.padding must be smaller than pool"):
+        build(design, Path())
+
+
+def test_what_a_frame_cannot_give_is_a_fault_of_the_recordings():
+    Kind.there["scene"] = Scene()
+    design = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [0, 0, 13, 2]}}
+    with pytest.raises(RecordingError, match="crop must lie in the frame of 12 x 12 pixels"):
+        build(design, Path())
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.name != "lock"}
+
+
+def test_any_number_of_threads_gives_the_same_bytes(tmp_path: Path):
+    Kind.there["scene"] = Scene()
+    design = DESIGN | {"window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 10}}
+    found = []
+    for threads in (1, 2, 5):
+        root = tmp_path / str(threads)
+        root.mkdir()
+        with _result(prepare(design, Path(), root, threads)):
+            found.append({path.name: tree(path) for path in root.iterdir() if path.is_dir()})
+    assert len(found[0]) == 2
+    assert found[0] == found[1] == found[2]
+
+
+def test_results_come_in_order_and_few_wait():
+    begun, taken = [], 0
+
+    def slow(i: int) -> int:
+        begun.append(i)
+        time.sleep(0.002 * (i % 5 == 0))
+        return i
+
+    for result in in_order(slow, range(40), 3):
+        assert result == taken
+        taken += 1
+        assert len(begun) - taken <= 2 * 3
+    assert taken == 40
+
+
+def test_a_fault_in_a_thread_ends_the_others():
+    begun = []
+
+    def fails(i: int) -> int:
+        begun.append(i)
+        if i == 3:
+            raise RecordingError("recording 3 is bad")
+        time.sleep(0.001)
+        return i
+
+    with pytest.raises(RecordingError, match="recording 3 is bad"):
+        list(in_order(fails, range(1000), 2))
+    assert len(begun) < 20
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, threads: int):
+    n, n_spikes = 100, 100_000
+    silent = np.zeros(n, np.int32)
+
+    def large(i: int) -> tuple[Array, Array]:
+        return np.full(100, n_spikes // 100), np.full(n_spikes, i, np.int32)
+
+    part = Part(
+        silent, silent, silent, 100, 100, n, 1.0, np.full(n, 100), None,
+        lambda k: in_order(large, range(n), k),
+    )  # fmt: skip
+    tracemalloc.start()
+    try:
+        list(write_spikes([part], tmp_path, threads))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    one = 4 * n_spikes
+    assert (tmp_path / "channel.npy").stat().st_size > n * one
+    assert peak < 2 * (2 * threads + 2) * one, "a few recordings of a hundred"
+
+
+def entries(root: Path) -> dict[str, list[str]]:
+    """Return the names of the entries by what they are."""
+    found: dict[str, list[str]] = {"spikes": [], "dataset": []}
+    for path in root.glob("*/meta.json"):
+        found["dataset" if (path.parent / "target.npy").exists() else "spikes"].append(path.parent.name)
+    return found
+
+
+def test_texture_and_speed_share_their_spikes(tmp_path: Path):
+    scene = Kind.there["scene"] = Scene()
+    design = DESIGN | {"split": {"stratified": {"validation": 0.25, "test": 0.25}}}
+    speed = design | {"task": {"target": "speed"}, "split": {"stratified": {"validation": 0.5}}}
+    cache.tidy(tmp_path)
+    found = []
+    for each in (design, speed, design):
+        with _result(prepare(each, Path(), tmp_path)) as held:
+            found.append(load(held.folder))
+    assert len(scene.made) == 16
+    assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 2}
+    texture, speeds, again = found
+    assert texture.target.tolist() == again.target.tolist() != speeds.target.tolist()
+    assert texture.spikes.channel.filename == speeds.spikes.channel.filename
+    with _result(prepare(design | {"preprocessing": {"bin_ms": 2}}, Path(), tmp_path)):
+        assert len(scene.made) == 32
+
+
+def test_a_hold_is_of_both_and_what_lacks_one_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    scene = Kind.there["scene"] = Scene()
+    cache.tidy(tmp_path)
+    with _result(prepare(DESIGN, Path(), tmp_path)) as first:
+        key = first.folder.name
+    held = hold(tmp_path, key)
+    assert held is not None
+    monkeypatch.setenv("DSE_CACHE_GIB", "0")
+    for lock in tmp_path.glob("*/lock"):
+        os.utime(lock, (0, 0))
+    cache.tidy(tmp_path)
+    assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 1}
+    held.close()
+    cache.discard(tmp_path, read_meta(tmp_path / key)["spikes"])
+    assert hold(tmp_path, key) is None
+    monkeypatch.delenv("DSE_CACHE_GIB")
+    with _result(prepare(DESIGN, Path(), tmp_path)):
+        assert len(scene.made) == 32
+    assert hold(tmp_path, "unknown") is None
+
+
+@pytest.mark.parametrize("which", ["dataset", "spikes"])
+@pytest.mark.parametrize("damage", ["meta.json", "array"])
+def test_what_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: str):
+    Kind.there["scene"] = Scene()
+    cache.tidy(tmp_path)
+    with _result(prepare(DESIGN, Path(), tmp_path)) as first:
+        key, before = first.folder.name, load(first.folder)
+        good = np.array(before.spikes.channel)
+    folder = tmp_path / entries(tmp_path)[which][0]
+    file = folder / (
+        damage if damage == "meta.json" else {"dataset": "target.npy", "spikes": "channel.npy"}[which]
+    )
+    file.write_bytes(b"?" * file.stat().st_size)  # of the right size: only reading it tells
+    assert hold(tmp_path, key) is None
+    with _result(prepare(DESIGN, Path(), tmp_path)) as again:
+        assert np.array_equal(load(again.folder).spikes.channel, good)
+
+
+PINS = DESIGN | {
+    "preprocessing": {"bin_ms": 1, "crop": "pins"},
+    "data": {**DESIGN["data"], "file": "files"},
+}
+
+
+def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
+    source = Kind.there["files"] = Recorded(16)
+    cache.tidy(tmp_path)
+    with _result(prepare(PINS, Path(), tmp_path)) as held:
+        data, used = load(held.folder), as_prepared(PINS, held.folder)
+        assert warnings(held.folder) == ["recording 1 was repaired"]
+    assert used["preprocessing"] == {"bin_ms": 1, "crop": [4, 4, 4, 4]}
+    assert used["data"] == PINS["data"]
+    assert data.spikes.n_channels == 2 * 16
+    assert source.read[:8] == list(range(8)), "the crop is fitted to the training recordings alone"
+    fixed, _ = build(used, Path())
+    assert np.array_equal(fixed.spikes.channel, data.spikes.channel)
+    new, notes = build_for(used, Path(), data.classes)
+    assert notes == ["recording 1 was repaired"]
+    assert new.test.size == 16 and new.spikes.n_channels == 32
+    with pytest.raises(RecordingError, match=r"crop must be .* where no pins are known"):
+        build_for(PINS, Path(), data.classes)
+
+
+def test_a_scene_knows_its_pins(tmp_path: Path):
+    Kind.there["scene"] = Scene()
+    cache.tidy(tmp_path)
+    design = PINS | {"data": DESIGN["data"]}
+    with _result(prepare(design, Path(), tmp_path)) as held:
+        assert as_prepared(design, held.folder)["preprocessing"]["crop"] == [4, 4, 4, 4]
+        assert load(held.folder).spikes.n_channels == 32
+    plain = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [2, 2, 3, 3]}}
+    with _result(prepare(plain, Path(), tmp_path)) as held:
+        assert as_prepared(plain, held.folder) == plain
+
+
+def test_what_goes_on_is_told():
+    used = np.arange(16) % 2 == 0
+    telling = placed(Recorded(16), DESIGN, used)
+    assert list(telling)[:2] == ["surveying data: 1 of 8 recordings", "surveying data: 2 of 8 recordings"]
+    assert not list(placed(Scene(), DESIGN, used))

@@ -1,0 +1,75 @@
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+from dse.dataset import load, warnings
+from dse.dataset.files import read_spikes, write_spikes
+from dse.recordings import RecordingError
+from dse.records import Dataset, Spikes
+from tests.saved_data import part_of, save
+
+NONE = np.zeros(0, dtype=np.int64)
+DATASET = Dataset(
+    spikes=Spikes(np.array([0, 1, 1, 3, 3]), np.array([2, 0, 1], dtype=np.int32), 2, 3, 5.0),
+    target=np.array([1, 0]), classes=("a", "b"), start=np.array([0, 1], dtype=np.int32),
+    start_low=np.array([0, 0], dtype=np.int32), start_high=np.array([1, 1], dtype=np.int32), n_steps=1,
+    train=np.array([0]), validation=np.array([1]), test=NONE,
+)  # fmt: skip
+
+
+def same(a, b):
+    for field in dataclasses.fields(a):
+        x, y = getattr(a, field.name), getattr(b, field.name)
+        if dataclasses.is_dataclass(x):
+            same(x, y)
+        elif isinstance(x, np.ndarray):
+            assert np.array_equal(x, y) and x.dtype == y.dtype, field.name
+        else:
+            assert x == y, field.name
+
+
+def test_a_data_set_comes_back_mapped_and_read_only(tmp_path):
+    save(DATASET, tmp_path / "key")
+    found = load(tmp_path / "key")
+    same(DATASET, found)
+    assert isinstance(found.spikes.channel, np.memmap) and not found.spikes.channel.flags.writeable
+    assert warnings(tmp_path / "key") == ["too easy"]
+
+
+def test_no_spikes_at_all(tmp_path):
+    silent = dataclasses.replace(DATASET, spikes=Spikes(np.zeros(5, int), NONE.astype(np.int32), 2, 3, 5.0))
+    save(silent, tmp_path / "key")
+    same(silent, load(tmp_path / "key"))
+
+
+def test_sources_are_laid_end_to_end_with_rows_for_the_longest(tmp_path):
+    longer = Spikes(np.array([0, 2, 2, 4]), np.array([0, 2, 1, 2], dtype=np.int32), 3, 3, 5.0)
+    window = np.array([1], dtype=np.int32)
+    second = dataclasses.replace(
+        DATASET, spikes=longer, start=window, start_low=window, start_high=window, n_steps=1
+    )
+    told = list(write_spikes([part_of(DATASET), part_of(second)], tmp_path))
+    assert told == [f"preparing data: {i} of 3 recordings" for i in (1, 2, 3)]
+    found = read_spikes(tmp_path)
+    assert found.spikes.n_steps == 3
+    assert found.spikes.row_offsets.tolist() == [0, 1, 1, 1, 3, 3, 3, 5, 5, 7]
+    assert found.spikes.channel.tolist() == [2, 0, 1, 0, 2, 1, 2]
+    assert found.start.tolist() == [0, 1, 1]
+    assert found.lengths.tolist() == [2, 2]
+
+
+@pytest.mark.parametrize("damage", ["absent", "no meta", "cut", "no spikes"])
+def test_a_damaged_folder_is_named(tmp_path, damage):
+    if damage != "absent":
+        save(DATASET, tmp_path / "key")
+    if damage == "no meta":
+        (tmp_path / "key" / "meta.json").unlink()
+    if damage == "cut":
+        (tmp_path / "key" / "target.npy").write_bytes(b"\x93NUMPY")
+    if damage == "no spikes":
+        os.rename(tmp_path / "key spikes", tmp_path / "elsewhere")
+    what = "spikes: no readable spikes" if damage == "no spikes" else "key: no readable data set"
+    with pytest.raises(RecordingError, match=what):
+        load(tmp_path / "key")

@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from dse.dataset import dataset_key, same_spikes
+from dse.dataset.keys import spikes_key
+from dse.recordings import RecordingError
+
+DESIGN = {
+    "data": {"kind": "raster", "file": "x.npz", "step_ms": 5, "columns": {"letter": "label"}},
+    "task": {"name": "letters", "target": "letter"},
+    "split": {"stratified": {"validation": 0.2}},
+    "window": {"n_steps": 20},
+    "model": {"hidden": [100]},
+}
+OF_SPIKES = (
+    {"window": {"n_steps": 21}},
+    {"data": {**DESIGN["data"], "step_ms": 6}},
+    {"test": {"file": "x.npz"}},
+    {"encoder": {"kind": "e"}},
+    {"preprocessing": {"bin_ms": 1}},
+)
+OF_LABELS = (
+    {"task": {"target": "word"}},
+    {"split": {"stratified": {"validation": 0.3}}},
+    {"data": {**DESIGN["data"], "columns": {"letter": "other"}}},
+)
+USED = [np.array([True, True, False])]
+
+
+@pytest.fixture
+def folders(tmp_path):
+    for folder, content in (("a", b"one"), ("b", b"one"), ("c", b"two")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "x.npz").write_bytes(content)
+    return tmp_path
+
+
+def test_the_key_follows_content_and_sections_alone(folders):
+    key = dataset_key(DESIGN, folders / "a")
+    assert dataset_key(DESIGN, folders / "b") == key != dataset_key(DESIGN, folders / "c")
+    assert dataset_key(DESIGN | {"model": {"hidden": [7]}}, folders / "a") == key
+    assert dataset_key(DESIGN | {"task": {"name": "x", "target": "letter"}}, folders / "a") == key
+    for change in (*OF_SPIKES, *OF_LABELS):
+        assert dataset_key(DESIGN | change, folders / "a") != key, change
+
+
+def test_spikes_do_not_follow_from_labels(folders):
+    key = spikes_key(DESIGN, folders / "a", USED)
+    assert key != dataset_key(DESIGN, folders / "a")
+    assert spikes_key(DESIGN, folders / "b", USED) == key != spikes_key(DESIGN, folders / "c", USED)
+    for change in OF_LABELS:
+        assert spikes_key(DESIGN | change, folders / "a", USED) == key, change
+    for change in OF_SPIKES:
+        assert spikes_key(DESIGN | change, folders / "a", USED) != key, change
+    for used in ([np.array([True, True, True])], [np.array([True, True])]):
+        assert spikes_key(DESIGN, folders / "a", used) != key
+
+
+def test_what_may_share_spikes_is_known_without_recordings():
+    text = same_spikes(DESIGN)
+    for change in OF_LABELS[:2]:
+        assert same_spikes(DESIGN | change) == text, change
+    for change in OF_SPIKES:
+        assert same_spikes(DESIGN | change) != text, change
+
+
+def test_the_key_sees_a_file_change(tmp_path):
+    (tmp_path / "x.npz").write_bytes(b"one")
+    key = dataset_key(DESIGN, tmp_path)
+    (tmp_path / "x.npz").write_bytes(b"three")
+    assert dataset_key(DESIGN, tmp_path) != key
+    (tmp_path / "x.npz").unlink()
+    with pytest.raises(RecordingError, match="not found"):
+        dataset_key(DESIGN, tmp_path)
+
+
+def test_a_test_file_counts_by_its_content(folders):
+    design = DESIGN | {"test": {"file": str(folders / "c" / "x.npz")}}
+    same = DESIGN | {"test": {"file": "../c/x.npz"}}
+    assert dataset_key(design, folders / "a") == dataset_key(same, folders / "a")
+    other = DESIGN | {"test": {"file": "../b/x.npz"}}
+    assert dataset_key(design, folders / "a") != dataset_key(other, folders / "a")
