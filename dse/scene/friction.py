@@ -1,0 +1,108 @@
+"""Pre-sliding, stick-slip and sliding of the skin over a texture; one degree of freedom, s along the motion.
+
+State: deflection s of the skin (mm), whether it slips, threshold mu*; X = int (v - ds/dt) dt: slip distance.
+
+    stick  ds/dt = v  until  k_t s > mu* F rho(X)
+    slip   ds/dt = (s_k - s) / 2 ms,   s_k = (mu_k - (mu_s - mu_k) e^(-v / v_s) / 2) rho(X) F / k_t
+           until s is within 15 % of the drop; then stick with
+           mu* = mu_k + (mu_s - mu_k) e^(-v / v_s) e^(j n) + 0.004,   n ~ N(0, 1) of this slip
+
+rho(X) = 1 + eta n(X) is the friction roughness. Both phases are exact within a step (v, F and X held),
+their ends are located within it: a step's length moves no slip. The first stick is the pre-sliding burst,
+mu* = mu_s.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dse.native.compiled import compiled
+from dse.records import Array
+
+RELAXATION_S = 0.002
+LEAVES_AT = 0.15
+FLOOR = 0.004
+_MOST_CHANGES = 64
+
+
+class Friction(NamedTuple):
+    """Friction of one trial; the trial's factor is in mu_static and mu_kinetic."""
+
+    mu_static: float
+    mu_kinetic: float
+    stribeck_mm_s: float
+    jitter: float
+    roughness: float
+    stiffness_n_mm: float
+
+
+def travel(
+    friction: Friction, v_mm_s: Array, force_n: Array, step_s: float, line: Array, line_step_mm: float,
+    normals: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return deflection s and slip distance X in mm at the n + 1 ends of n steps, both (n + 1,) from 0.
+
+    Args:
+        friction: coefficients.
+        v_mm_s: (n,) speed during each step, never negative.
+        force_n: (n,) normal force during each step.
+        step_s: length of a step.
+        line: friction roughness along X, unit variance, periodic.
+        line_step_mm: distance of its points.
+        normals: (m,) standard normals; slip number i uses entry i mod m.
+    """
+    s, x = np.zeros(len(v_mm_s) + 1), np.zeros(len(v_mm_s) + 1)
+    _travel(*friction, v_mm_s, force_n, step_s, line, line_step_mm, normals, s, x)
+    return s, x
+
+
+@compiled()
+def _travel(  # type: ignore[no-untyped-def]
+    mu_s, mu_k, v_s, jitter, eta, stiffness, v, force, step, line, line_step, normals, s_out, x_out
+):
+    s, x = 0.0, 0.0
+    slipping, drop, threshold, n_slips = False, 0.0, mu_s, 0
+    for k in range(len(v)):
+        place = x / line_step
+        low = int(np.floor(place))
+        part = place - low
+        n = (1 - part) * line[low % len(line)] + part * line[(low + 1) % len(line)]
+        rough = max(0.0, 1 + eta * n)
+        fades = (mu_s - mu_k) * np.exp(-v[k] / v_s)
+        reach = force[k] * rough / stiffness
+        s_k = max(0.0, (mu_k - fades / 2) * reach)
+        left = step
+        for _ in range(_MOST_CHANGES):
+            if not slipping:
+                room = threshold * reach - s
+                if room >= v[k] * left:
+                    s += v[k] * left
+                    break
+                # At once where the threshold fell below s; v is 0 only there.
+                used = room / v[k] if room > 0 else 0.0
+                s += v[k] * used
+                left -= used
+                slipping, drop = True, s - s_k
+                if drop <= 0:  # nothing holds the skin
+                    slipping = False
+                    x += v[k] * left
+                    break
+                continue
+            over = s - s_k
+            ends = LEAVES_AT * drop
+            if over > ends:
+                used = RELAXATION_S * np.log(over / ends)
+                if used > left:
+                    s = s_k + over * np.exp(-left / RELAXATION_S)
+                    x += v[k] * left - (s - s_k - over)
+                    break
+                s = s_k + ends
+                x += v[k] * used - (s - s_k - over)
+                left -= used
+            slipping = False
+            threshold = mu_k + fades * np.exp(jitter * normals[n_slips % len(normals)]) + FLOOR
+            n_slips += 1
+        s_out[k + 1] = s
+        x_out[k + 1] = x

@@ -1,0 +1,301 @@
+"""Scene file -> `Scene`, or every fault in it at once.
+
+A shipped sensor or texture is named, or named with numbers that differ: `{preset: denim, rms_um: 60}`.
+An axis in place of a texture's or motion's number stands for one of them per value:
+`{kind: constant, speed_mm_s: {choice: [20, 40]}}` is two motions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import typing
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dse import registry
+from dse.config.axes import Axis
+from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.parts import read_fixed, read_or_axis
+from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_given
+from dse.config.yaml_lines import Document, override, parse
+from dse.config.yaml_lines import Path as Keys
+from dse.registry import param, rule_of
+from dse.scene import checks, presets
+from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Variation
+
+_PACKAGE = Path(__file__).parent.parent
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """The keys of a scene file."""
+
+    scene: str = param(doc="name of the scene", axis=False)
+    sensor: str | Mapping[str, Any] = param(
+        doc="a shipped sensor, `{preset: its name, ...}` with numbers that differ, or own numbers", axis=False
+    )
+    textures: tuple[str | Mapping[str, Any], ...] = param(
+        doc="shipped textures or sets of them, `{preset: name, ...}` with numbers that differ, or own "
+        "numbers; an axis in place of a number stands for one texture per value",
+        axis=False,
+    )
+    motions: tuple[Mapping[str, Any], ...] = param(
+        doc="velocity profiles; `kind` names a component, an axis stands for one motion per value", axis=False
+    )
+    forces_n: tuple[float, ...] = param((1.51,), doc="mean normal forces", unit="N", low=0)
+    trials: int = param(1, doc="trials of each texture, motion and force", low=1, axis=False)
+    duration_ms: float = param(1000.0, doc="length of a record", unit="ms", low=0, low_open=True, axis=False)
+    seed: int = param(0, doc="seed of everything random in it", low=0, axis=False)
+    camera: Mapping[str, Any] | None = param(
+        None, doc="numbers of the camera that differ from the sensor's", axis=False
+    )
+    variation: Mapping[str, Any] | None = param(
+        None, doc="numbers of the variation between trials that differ from the usual ones", axis=False
+    )
+    method: Mapping[str, Any] | None = param(
+        None, doc="steps of the simulation that differ from the usual ones", axis=False
+    )
+
+
+def load_scene(
+    path_or_name: str | Path, overrides: Mapping[str, str] | None = None, *, base: Path | None = None
+) -> Scene:
+    """Read and validate a scene.
+
+    Args:
+        path_or_name: a YAML file, or the name of a scene that comes with the package.
+        overrides: dotted key -> YAML text that replaces the file's value.
+        base: folder in which the file is looked up first.
+
+    Raises:
+        ConfigError: with every fault of the file and of the overrides.
+    """
+    source = find_scene(str(path_or_name), base)
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Fault(str(source), 0, f"cannot be read: {error.strerror}")]) from None
+    except UnicodeDecodeError:
+        raise ConfigError([Fault(str(source), 0, "cannot be read: not UTF-8 text")]) from None
+    document = override(parse(text, str(source)), overrides or {})
+    faults = list(document.faults)
+    scene = _scene(document, faults) if document.data or not faults else None
+    if scene is None or faults:
+        # Faults of the file by line, then those of the command line.
+        raise ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))
+    return scene
+
+
+def find_scene(path_or_name: str, base: Path | None = None) -> Path:
+    """Return the file of a scene given by path or by the name of a shipped one.
+
+    Raises:
+        ConfigError: there is neither.
+    """
+    for path in (*([base / path_or_name] if base else []), Path(path_or_name)):
+        if path.is_file():
+            return path
+    shipped = shipped_scenes()
+    if path_or_name in shipped:
+        return shipped[path_or_name]
+    message = f"no such file, nor a scene of this name; {known_names(Path(path_or_name).stem, shipped)}"
+    raise ConfigError([Fault(path_or_name, 0, message)])
+
+
+def shipped_scenes() -> dict[str, Path]:
+    """Return the scenes that come with the package (in a clone: `search_spaces/scenes/`), by name."""
+    folders = (_PACKAGE.parent / "search_spaces" / "scenes", _PACKAGE / "_search_spaces" / "scenes")
+    return {path.stem: path for folder in folders for path in sorted(folder.glob("*.yaml"))}
+
+
+def _scene(document: Document, faults: list[Fault]) -> Scene | None:
+    def report(path: Keys, message: str) -> None:
+        faults.append(document.fault(path, message))
+
+    if not isinstance(document.data, dict):
+        report((), f"a scene must be a mapping of keys to values, got {echo(document.data)}")
+        return None
+    keys = _keys(document.data, report)
+    sensor, of_camera = _sensor(keys.get("sensor", INVALID), report)
+    camera = _record(Camera, {**of_camera, **(keys.get("camera") or {})}, ("camera",), report)
+    variation = _record(Variation, keys.get("variation") or {}, ("variation",), report)
+    method = _record(Method, keys.get("method") or {}, ("method",), report)
+    textures = _textures(keys.get("textures", ()), report)
+    motions = _motions(keys.get("motions", ()), report)
+    forces = keys.get("forces_n", ())
+    forces = forces.values or () if isinstance(forces, Axis) else forces
+    _no_twins([(f"{force:g} N", ("forces_n", i)) for i, force in enumerate(forces)], report)
+    if variation is not None:
+        _tell(checks.variation_faults(variation), ("variation",), report)
+    if sensor is not None and method is not None:
+        for motion, _ in motions:
+            _tell(checks.step_faults(method, sensor, motion), ("method",), report)
+    if faults or sensor is None or camera is None or variation is None or method is None:
+        return None
+    return Scene(
+        name=keys["scene"], seed=keys["seed"], sensor=sensor, camera=camera,
+        textures=tuple(texture for texture, _ in textures), motions=tuple(motion for motion, _ in motions),
+        forces_n=tuple(float(force) for force in forces), trials=keys["trials"],
+        duration_ms=keys["duration_ms"], variation=variation, method=method,
+    )  # fmt: skip
+
+
+def _keys(data: Mapping[str, Any], report: Report) -> dict[str, Any]:
+    """Return the keys of the file that are right, each in its type; absent ones have their default."""
+    known = {field.name: field for field in dataclasses.fields(SceneFile)}
+    hints = typing.get_type_hints(SceneFile)
+    for key in data:
+        if key not in known:
+            report((key,), f"unknown key '{key}'; {known_names(key, known)}")
+    found = {}
+    for key, field in known.items():
+        rule = rule_of(field)
+        if key in data:
+            found[key] = read_or_axis(data[key], hints[key], rule, (key,), report)
+        elif field.default is not dataclasses.MISSING:
+            found[key] = field.default
+        else:
+            report((), f"key '{key}' is required: {rule.doc}")
+    for key in ("textures", "motions", "forces_n"):
+        if found.get(key) == ():
+            report((key,), f"{key} must name at least one, got []")
+        values = found.get(key)
+        if isinstance(values, Axis) and values.values is None:
+            report((key, "range"), f"{key} is a list, so its range must have a step")
+    return {key: value for key, value in found.items() if value is not INVALID}
+
+
+def _sensor(raw: Any, report: Report) -> tuple[Sensor | None, dict[str, Any]]:
+    """Return the sensor, and the numbers of its camera as far as a preset gives them."""
+    if raw is INVALID:
+        return None, {}
+    given = {"preset": raw} if isinstance(raw, str) else dict(raw)
+    known = presets.sensors()
+    name = given.pop("preset", None)
+    if name is not None and name not in known:
+        where = ("sensor",) if isinstance(raw, str) else ("sensor", "preset")
+        report(where, f"unknown sensor {echo(name)}; {known_names(str(name), known)}")
+        return None, {}
+    preset = {} if name is None else known[name].values()
+    camera = {} if name is None else known[name].camera_values()
+    sensor = _record(Sensor, {**preset, **given}, ("sensor",), report)
+    if sensor is not None:
+        _tell(checks.sensor_faults(sensor), ("sensor",), report)
+    return sensor, camera
+
+
+def _textures(raw: Iterable[Any], report: Report) -> list[tuple[Texture, Keys]]:
+    """Return the textures, each with the place in the file that it comes from."""
+    known, sets = presets.textures(), presets.texture_sets()
+    found: list[tuple[Texture, Keys]] = []
+    for index, one in enumerate(raw):
+        where: Keys = ("textures", index)
+        if isinstance(one, str) and one not in known and one not in sets:
+            report(where, f"unknown texture '{one}'; {known_names(one, [*known, *sets])}")
+            continue
+        named = [{"preset": name} for name in sets.get(one, (one,))] if isinstance(one, str) else [one]
+        for given in named:
+            for texture in _varied(given, where, report):
+                _tell(checks.texture_faults(texture), where, report)
+                found.append((texture, where))
+    _no_twins([(texture.name, where) for texture, where in found], report)
+    return found
+
+
+def _varied(given: Mapping[str, Any], where: Keys, report: Report) -> list[Texture]:
+    """Return the texture of one mapping, or one per value of its axes; none after a fault."""
+    known = presets.textures()
+    name = given.get("preset", given.get("name"))
+    if "preset" in given and name not in known:
+        report((*where, "preset"), f"unknown texture {echo(name)}; {known_names(str(name), known)}")
+        return []
+    own = {key: value for key, value in given.items() if key != "preset"}
+    if name not in known:
+        required = [f.name for f in dataclasses.fields(Texture) if f.default is dataclasses.MISSING]
+        if missing := [key for key in required if key not in own]:
+            called = f" '{name}'" if name is not None else ""
+            text = f"{dotted(where)}{called} is no shipped texture, so it must have {', '.join(missing)}"
+            report(where, f"{text}; {known_names(str(name or ''), known)}")
+            read_given(Texture, own, where, report, read_or_axis)
+            return []
+    values = {"name": name, **(known[name].values() if name in known else {}), **own}
+    fields, good = read_fields(Texture, values, where, report, read_or_axis)
+    return [Texture(**one) for one in _combinations(fields, where, report)] if good else []
+
+
+def _motions(raw: Iterable[Mapping[str, Any]], report: Report) -> list[tuple[Motion, Keys]]:
+    """Return the motions, each with the place in the file that it comes from."""
+    known = registry.known("scene.motions")
+    found: list[tuple[Motion, Keys]] = []
+    for index, given in enumerate(raw):
+        where: Keys = ("motions", index)
+        kind = given.get("kind")
+        if "kind" not in given:
+            report(where, f"{dotted(where)}.kind is required; {known_names('', known)}")
+            continue
+        if not isinstance(kind, str) or kind not in known:
+            report(
+                (*where, "kind"),
+                f"unknown {dotted(where)}.kind {echo(kind)}; {known_names(str(kind), known)}",
+            )
+            continue
+        keys = {key: value for key, value in given.items() if key != "kind"}
+        fields, good = read_fields(known[kind], keys, where, report, read_or_axis)
+        for one in _combinations(fields, where, report) if good else ():
+            try:
+                found.append((known[kind](**one), where))
+            except ValueError as error:
+                # A component's own sentence begins with the key that it is about.
+                report((*where, str(error).split(" ", 1)[0]), f"{dotted(where)}.{error}")
+    _no_twins([(motion.label, where) for motion, where in found], report)
+    return found
+
+
+def _combinations(fields: Mapping[str, Any], where: Keys, report: Report) -> list[dict[str, Any]]:
+    """Return one set of fields per combination of their axes; a given name gets the values appended."""
+    axes = {key: value for key, value in fields.items() if isinstance(value, Axis)}
+    for key, axis in axes.items():
+        if axis.values is None:
+            text = f"{dotted((*where, key))} stands for one per value, so its range must have a step"
+            report((*where, key, "range"), text)
+    found = []
+    for values in itertools.product(*(axis.values or () for axis in axes.values())):
+        name = "_".join([fields["name"], *map(_short, values)]) if fields["name"] else ""
+        found.append({**fields, **dict(zip(axes, values, strict=True)), "name": name})
+    return found
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _no_twins(named: list[tuple[str, Keys]], report: Report) -> None:
+    """Report names that two trials would share: what happens in a trial follows from them."""
+    first: dict[str, Keys] = {}
+    for name, where in named:
+        if name in first:
+            report(
+                where, f"{dotted(where)} is '{name}' as {dotted(first[name])} is; each must be another one"
+            )
+        first.setdefault(name, where)
+
+
+def _record(cls: Any, values: Mapping[str, Any], where: Keys, report: Report) -> Any:
+    """Return the record, or None where a number is missing or wrong; a key too many is only reported."""
+    fields, _ = read_fields(cls, dict(values), where, report, read_fixed)
+    if len(fields) < len(dataclasses.fields(cls)):
+        return None
+    try:
+        return cls(**fields)
+    except ValueError as error:
+        # A record's own sentence begins with the key that it is about.
+        report((*where, str(error).split(" ", 1)[0]), f"{dotted(where)}.{error}")
+        return None
+
+
+def _tell(sentences: Iterable[checks.Sentence], where: Keys, report: Report) -> None:
+    for key, text in sentences:
+        report((*where, key), f"{dotted((*where, key))} {text}")

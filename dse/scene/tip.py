@@ -1,0 +1,90 @@
+"""The tip: where its pins rest, and the filter of skin and gel between the texture and a pin.
+
+    u_i(t) = -g_i s(t) e_x + f_i(t) + u_rad,     df_i/dt = 2 pi f_s (q_i T(X(t) + x_0 + x_i, y_0 + y_i) - f_i)
+    u_rad  = 0.03 m delta_F (t / T) x_i exp(-(r_i / a)^2)     (the skin spreads as the force drifts)
+
+Every pin reads the same field at X + x_i, so pin j behind pin i by dx sees the same vibration dx / v later:
+the delay between pins carries velocity, the waveform carries texture.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from dse.native.compiled import compiled
+from dse.records import Array
+from dse.scene.scene import Sensor
+
+SPREAD = 0.03
+
+
+@functools.lru_cache(maxsize=8)
+def pins_mm(sensor: Sensor) -> Array:
+    """Return the rest positions (pin, 2) float64 in mm around the axis of the dome; read-only."""
+    found = _pins_mm(sensor)
+    found.flags.writeable = False
+    return found
+
+
+def _pins_mm(sensor: Sensor) -> Array:
+    pitch = sensor.pin_pitch_mm
+    if sensor.layout == "grid":
+        line = (np.arange(sensor.n_across) - (sensor.n_across - 1) / 2) * pitch
+        y, x = np.meshgrid(line, line, indexing="ij")
+        return np.stack([x.ravel(), y.ravel()], axis=1)
+    found = [np.zeros((1, 2))]
+    for ring in range(1, sensor.n_across + 1):
+        angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
+        found.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.concatenate(found)
+
+
+def image_px(sensor: Sensor, at_mm: Array) -> Array:
+    """Return where points (..., 2) of the tip lie in the image: pixels from the top left of the frame."""
+    r2 = (at_mm**2).sum(axis=-1, keepdims=True)
+    middle = np.array(sensor.frame_px) / 2
+    return np.asarray(middle + sensor.image_scale_px_mm * at_mm * (1 + sensor.lens_per_mm2 * r2))
+
+
+def skin_filter(corner_hz: float, step_s: float) -> tuple[float, float, float]:
+    """Return (e, c0, c1) of f[k+1] = e f[k] + c0 T[k] + c1 T[k+1], exact for a T that is linear between."""
+    angle = 2 * np.pi * corner_hz * step_s
+    e = float(np.exp(-angle))
+    mean = -float(np.expm1(-angle)) / angle
+    return e, mean - e, 1 - mean
+
+
+@compiled(_nrt=False)
+def lines(slope, grid_mm, y_mm, scale, n, out):  # type: ignore[no-untyped-def]
+    """Write what the first n pins read along the motion, for their rows stay the same; return the most of it.
+
+    Args:
+        slope: (points, points, 2) float32 of the surface, points a power of two.
+        grid_mm: distance of its points.
+        y_mm: (n,) rows of the pins on the patch.
+        scale: (n,) factor of each pin.
+        n: number of pins.
+        out: (n, points, 2) float32.
+
+    Returns:
+        Length of the longest vector written.
+    """
+    points = slope.shape[0]
+    most2 = np.float32(0)
+    for i in range(n):
+        place = y_mm[i] / grid_mm
+        low = np.floor(place)
+        b = np.float32(place - low)
+        j0 = int(low) & (points - 1)
+        j1 = (j0 + 1) & (points - 1)
+        factor = np.float32(scale[i])
+        for k in range(points):
+            length2 = np.float32(0)
+            for axis in range(2):
+                read = factor * (slope[j0, k, axis] + b * (slope[j1, k, axis] - slope[j0, k, axis]))
+                out[i, k, axis] = read
+                length2 += read * read
+            most2 = max(most2, length2)
+    return np.sqrt(most2)
