@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +16,8 @@ from dse.deploy.bundle import Bundle, BundleError, read, write
 from dse.measure import read_out
 from dse.metrics.accuracy import wilson_se
 from dse.metrics.confusion import confusion
+from dse.recordings import RecordingError, npz
+from dse.recordings.scene import COLUMNS
 from dse.records import Array
 from dse.study import Study
 
@@ -28,6 +31,7 @@ class Evaluation:
     label: (n,) answered class; time_ms: (n,) when; decided: (n,) whether theta was reached.
     target: (n,) true class, -1 where the file has no label.
     accuracy, accuracy_se, confusion: over the labelled recordings; None where there are none.
+    notes: what had to be repaired in the recordings.
     """
 
     classes: tuple[str, ...]
@@ -38,6 +42,7 @@ class Evaluation:
     accuracy: float | None
     accuracy_se: float | None
     confusion: Array | None
+    notes: tuple[str, ...] = ()
 
     @property
     def decision_latency_ms(self) -> float:
@@ -78,12 +83,13 @@ class Evaluation:
         }
 
 
-def evaluate(bundle: str | Path, data_file: str | Path) -> Evaluation:
+def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False) -> Evaluation:
     """Answer on new recordings with a bundle's own preprocessing, network and decision rule.
 
     Args:
         bundle: folder of a bundle.
         data_file: recordings of the kind that the bundle was trained on, labelled or not.
+        repair: whether to go on after faults in event files.
 
     Raises:
         BundleError: the bundle is damaged or of a newer schema.
@@ -93,8 +99,13 @@ def evaluate(bundle: str | Path, data_file: str | Path) -> Evaluation:
 
     found = read(bundle)
     path = Path(data_file).absolute()
-    sections = {**found.sections, "data": {**found.sections["data"], "file": str(path)}}
-    data = dataset.build_for(sections, path.parent, found.classes)
+    own = _at(path, found.sections["data"])
+    if repair and own["kind"] != "event_files":
+        raise RecordingError(
+            f"{path.name}: only event files can be repaired, got data of kind '{own['kind']}'"
+        )
+    sections = {**found.sections, "data": {**own, "repair": True} if repair else own}
+    data, notes = dataset.build_for(sections, path.parent, found.classes)
     if data.spikes.n_channels != found.network.n_channels:
         raise BundleError(
             f"{data_file}: must have {found.network.n_channels} input channels after preprocessing, "
@@ -118,7 +129,35 @@ def evaluate(bundle: str | Path, data_file: str | Path) -> Evaluation:
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
         confusion=confusion(label[known], target[known], len(found.classes)) if total else None,
+        notes=tuple(notes),
     )
+
+
+def _at(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return section `data` for new recordings at a path; what was trained on a scene may meet a sensor.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    if data["kind"] not in ("scene", "event_files"):
+        return {**data, "file": str(path)}
+    if data["kind"] == "scene" and path.suffix in (".yaml", ".yml"):
+        return {**data, "scene": str(path)}
+    if data["kind"] == "scene" and path.suffix == ".npz" and "offsets" in npz.headers(path):
+        # As `dse simulate` writes them: several recordings, the frame beside them.
+        frame = {name: int(value) for name, value in npz.load(path, ("width", "height")).items()}
+        fields = {name: name for name in ("x", "y", "polarity")}
+        return {
+            "kind": "events",
+            "file": str(path),
+            **frame,
+            **fields,
+            "columns": {name: name for name in COLUMNS},
+        }
+    own = {"kind": "event_files"} if data["kind"] == "scene" else dict(data)
+    if path.is_dir():
+        return {**own, "folder": str(path)}
+    return {**own, "folder": str(path.parent), "pattern": glob.escape(path.name)}
 
 
 def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle:

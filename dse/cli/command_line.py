@@ -9,12 +9,13 @@ from collections.abc import Sequence
 
 import dse
 from dse.cli.answer import Answer, show
-from dse.cli.commands import check, dashboard, describe, evaluate, pick, run, skyline
+from dse.cli.commands import check, dashboard, describe, evaluate, pick, run, simulate, skyline
 from dse.config import ConfigError
 
-COMMANDS = (check, run, skyline, pick, evaluate, dashboard, describe)
+COMMANDS = (check, run, skyline, pick, evaluate, dashboard, simulate, describe)
 _BAD_INPUT = 2
 _STOPPED = 130
+_GOES_ON = "stopped; what was finished is kept, and the same command goes on"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,8 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         answer: Answer = given.answer(given)
         show(answer, given.command, getattr(given, "format", None))
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        print("stopped; what was finished is kept, and the same command goes on", file=sys.stderr)
+    except KeyboardInterrupt as stopped:
+        print(*(stopped.args or (_GOES_ON,)), file=sys.stderr)
         return _STOPPED
     except BrokenPipeError:
         # The reader (`| head`) has gone; the interpreter must not try to flush into it again.

@@ -8,6 +8,7 @@ from typing import Any
 
 from dse.config import SearchSpace
 from dse.recordings.files import locate
+from dse.recordings.folders import locate_folder
 from dse.search.space import n_designs
 
 # Larger files are not read just to count their channels and classes.
@@ -25,7 +26,6 @@ def preview(space: SearchSpace) -> dict[str, Any]:
     n_trials = min(x for x in (space.search.n_trials, grid) if x is not None)
     settings = len(space.decision.phi) * len(space.decision.theta) + 1  # and the full read-out
     points = settings * max(1, len(space.hardware))
-    path = locate(space.fixed["data"]["file"], space.source.parent)
     row: dict[str, Any] = {
         "study": space.study,
         "task": space.fixed["task"]["name"],
@@ -35,33 +35,48 @@ def preview(space: SearchSpace) -> dict[str, Any]:
         "runs": n_trials * space.search.repeats,
         "sampler": space.search.sampler,
         "design_points": n_trials * points,
-        "data": str(path),
+        "data": space.fixed["data"].get("scene"),
     }
-    if path.stat().st_size <= _MOST_BYTES:
-        row |= _from_data(space)
-    return row
+    size = 0
+    for key, found in (("file", locate), ("folder", locate_folder)):
+        if key in space.fixed["data"]:
+            path = found(space.fixed["data"][key], space.source.parent)
+            row["data"] = str(path)
+            size = path.stat().st_size if path.is_file() else 0  # event files are read when they are needed
+    return row if size > _MOST_BYTES else row | _from_data(space)
 
 
 def _from_data(space: SearchSpace) -> dict[str, Any]:
     """Return recordings, classes and the range of the number of weights, as far as they are known early."""
+    from dse.dataset.parts import pooling_of
     from dse.dataset.sections import component, section
+    from dse.recordings import RecordingError, Repaired, Simulated
     from dse.recordings.splits import Split, split
     from dse.recordings.targets import target
-    from dse.records import Rasters, Signals
+    from dse.records import Events, Rasters, Signals
 
     first = space.resolve({name: axis.extremes()[0] for name, axis in space.axes.items()})
     recordings = component("recordings", first["data"]).read(space.source.parent)
     codes, classes = target(recordings.columns, first["task"]["target"])
     parts = split(recordings.columns, codes, classes, section(Split, first["split"]))
-    found: dict[str, Any] = dict(zip(("train", "validation", "test"), map(len, parts), strict=True))
+    if isinstance(recordings, Events):
+        for i in sorted(itertools.chain(*parts)):
+            if recordings.offsets[i] == recordings.offsets[i + 1]:
+                raise RecordingError(f"recording {i} must have events, got none")
+    found: dict[str, Any] = {"recordings": len(codes)}
+    found |= zip(("train", "validation", "test"), map(len, parts), strict=True)
     found["classes"] = list(classes)
+    if isinstance(recordings, Repaired) and (notes := recordings.notes()):
+        found["repairs"] = notes
     weights: set[int] = set()
     for resolved in _corners(space):
         if isinstance(recordings, Signals):
             n_channels = component("encoders", resolved["encoder"]).n_channels(recordings.n_channels)
         elif isinstance(recordings, Rasters):
             n_channels = recordings.spikes.n_channels
-        else:
+        elif resolved["preprocessing"]["crop"] != "pins" or isinstance(recordings, Simulated):
+            n_channels = pooling_of(recordings, resolved).n_channels
+        else:  # the crop follows from the events, which are not read just for this
             return found
         n_classes = len(target(recordings.columns, resolved["task"]["target"])[1])
         weights.add(component("models", resolved["model"]).n_weights(n_channels, n_classes))
@@ -70,7 +85,9 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
 
 def _corners(space: SearchSpace) -> Iterator[dict[str, Any]]:
     """Return the designs at the ends of the ranges and at every choice of the axes that decide the size."""
-    sizing = [name for name in space.axes if name.split(".")[0] in ("task", "encoder", "model")]
+    sizing = [
+        name for name in space.axes if name.split(".")[0] in ("task", "preprocessing", "encoder", "model")
+    ]
     rest = {name: axis.extremes()[0] for name, axis in space.axes.items() if name not in sizing}
     choices = itertools.product(*(space.axes[name].extremes() for name in sizing))
     for values in itertools.islice(choices, _MOST_COMBINATIONS):

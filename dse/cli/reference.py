@@ -1,11 +1,12 @@
-"""What a search space may hold, as rows: read from the components themselves, so it cannot be out of date."""
+"""What a search space and a scene may hold, as rows: read from the code, so it cannot be out of date."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
 import typing
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from dse import registry
 from dse.config.locate import hardware_names
@@ -13,16 +14,30 @@ from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, known_objective
 from dse.config.values import bounds, echo, wanted
 from dse.registry import Rule, rule_of
 
+if TYPE_CHECKING:
+    from dse.scene.presets import Preset
+
 Row = dict[str, Any]
 _LISTS = {
     "hardware": "profiles of chips, for energy and latency",
     "objectives": "columns to minimise or maximise",
 }
 _SAMPLERS = "search.samplers"
+_FORMATS = "recordings.formats"
+_MOTIONS = "scene.motions"
+_SCENE = {
+    "scene": "a scene file, named by data of kind scene",
+    "scene.sensor": "shipped sensors: their numbers and those of their cameras, each with its evidence",
+    "scene.textures": "shipped textures: their numbers, each with its evidence",
+    _MOTIONS: "velocity profiles; `kind` names a component",
+    "scene.camera": "pixels that send events",
+    "scene.variation": "how trials of one cell differ",
+    "scene.method": "steps of the simulation: speed against error",
+}
 
 
 def sections() -> list[Row]:
-    """Return the sections of a search space: name and meaning."""
+    """Return the sections of a search space, then those of a scene file: name and meaning."""
     docs = {
         "data": "the recordings; `kind` names a component",
         "test": "keys of data that differ for the recordings of a final test",
@@ -31,7 +46,9 @@ def sections() -> list[Row]:
         **_LISTS,
     }
     listed = [{"section": name, "doc": docs.get(name) or _doc(settings_class(name))} for name in SECTIONS]
-    return [*listed, {"section": _SAMPLERS, "doc": "how designs are proposed; named by search.sampler"}]
+    listed.append({"section": _SAMPLERS, "doc": "how designs are proposed; named by search.sampler"})
+    listed.append({"section": _FORMATS, "doc": "formats of event files; named by data.format, if at all"})
+    return [*listed, *({"section": name, "doc": doc} for name, doc in _SCENE.items())]
 
 
 def names(section: str) -> list[Row]:
@@ -50,8 +67,15 @@ def names(section: str) -> list[Row]:
         from dse.hardware.profile import load
 
         return [{"name": name, "doc": load(name).doc} for name in hardware_names()]
-    section = "data" if section == "test" else section
-    package = _SAMPLERS if section == _SAMPLERS else COMPONENTS.get(section)
+    if section == _FORMATS:
+        formats: Mapping[str, Any] = registry.known(section)
+        return [
+            {"name": name, "suffixes": " ".join(kind.suffixes), "doc": _doc(kind)}
+            for name, kind in formats.items()
+        ]
+    if presets := _presets(section):
+        return [{"name": name, "doc": preset.doc} for name, preset in presets.items()]
+    package = _package(section)
     return (
         [{"name": name, "doc": _doc(cls)} for name, cls in registry.known(package).items()] if package else []
     )
@@ -59,7 +83,6 @@ def names(section: str) -> list[Row]:
 
 def keys(section: str, name: str | None) -> list[Row]:
     """Return the keys of a section or of a component: type, bounds, unit, default, meaning."""
-    section = "data" if section == "test" else section
     if section == "hardware":
         from dse.hardware.profile import load
 
@@ -67,16 +90,63 @@ def keys(section: str, name: str | None) -> list[Row]:
             key: value for key, value in vars(load(str(name))).items() if dataclasses.is_dataclass(value)
         }
         return [{"key": key, **vars(number)} for key, number in numbers.items()]
-    if section in _LISTS:
+    if section in (*_LISTS, _FORMATS):
         return [row for row in names(section) if row["name"] == name]
-    package = _SAMPLERS if section == _SAMPLERS else COMPONENTS.get(section)
-    cls = registry.known(package)[str(name)] if package else settings_class(section)
+    if presets := _presets(section):
+        return _evidence(section, presets[str(name)])
+    package = _package(section)
+    cls = registry.known(package)[str(name)] if package else _class(section)
     hints = typing.get_type_hints(cls)
-    with_axes = section in WITH_AXES or section == "decision"
+    with_axes = section in (*WITH_AXES, "decision", "scene", _MOTIONS)
     return [
         _row(field, hints[field.name], rule_of(field), with_axes)
         for field in dataclasses.fields(cls)
         if field.init
+    ]
+
+
+def _package(section: str) -> str | None:
+    if section in (_SAMPLERS, _MOTIONS):
+        return section
+    return COMPONENTS.get("data" if section == "test" else section)
+
+
+def _class(section: str) -> type:
+    if section not in _SCENE:
+        return settings_class(section)
+    from dse.scene.load import SceneFile
+    from dse.scene.scene import Camera, Method, Variation
+
+    of_scene = {"scene.camera": Camera, "scene.variation": Variation, "scene.method": Method}
+    return of_scene.get(section, SceneFile)
+
+
+def _presets(section: str) -> Mapping[str, Preset]:
+    from dse.scene import presets
+
+    return {"scene.sensor": presets.sensors, "scene.textures": presets.textures}.get(section, dict)()
+
+
+def _evidence(section: str, preset: Preset) -> list[Row]:
+    """Return the numbers of a preset: value, unit, evidence and source."""
+    from dse.scene.scene import Camera, Sensor, Texture
+
+    numbers = {**preset.numbers, **{f"camera.{key}": number for key, number in preset.camera.items()}}
+    rules = {
+        prefix + field.name: rule_of(field)
+        for prefix, cls in (("", Texture if section == "scene.textures" else Sensor), ("camera.", Camera))
+        for field in dataclasses.fields(cls)
+    }
+    return [
+        {
+            "key": key,
+            "value": echo(number.value),
+            "unit": rules[key].unit,
+            "evidence": number.evidence,
+            "doc": rules[key].doc,
+            "source": number.source,
+        }
+        for key, number in numbers.items()
     ]
 
 

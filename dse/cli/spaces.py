@@ -1,4 +1,4 @@
-"""The argument SPACE and `--set`, which several commands share."""
+"""The argument SPACE, `--set` and `--repair`, which several commands share."""
 
 from __future__ import annotations
 
@@ -6,19 +6,27 @@ import argparse
 
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 
+REPAIR = "go on after faults in event files, with a warning for each"
+
 
 def add_space(parser: argparse.ArgumentParser) -> None:
-    """Add SPACE and `--set`."""
+    """Add SPACE, `--set` and `--repair`."""
     parser.add_argument(
         "space", metavar="SPACE", help="a YAML file, or the name of a search space of the package"
     )
+    add_set(parser, "data.file=touch.npz or 'model.hidden={choice: [50, 100]}'")
+    parser.add_argument("--repair", action="store_true", help=f"{REPAIR}; short for --set data.repair=true")
+
+
+def add_set(parser: argparse.ArgumentParser, example: str) -> None:
+    """Add `--set`."""
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="KEY=VALUE",
         dest="overrides",
-        help="replace a key, such as data.file=touch.npz or 'model.hidden={choice: [50, 100]}'; repeatable",
+        help=f"replace a key, such as {example}; repeatable",
     )
 
 
@@ -28,6 +36,18 @@ def load(arguments: argparse.Namespace) -> SearchSpace:
     Raises:
         ConfigError: with every fault.
     """
+    overrides = overrides_of(arguments)
+    if arguments.repair:
+        overrides["data.repair"] = "true"
+    return load_space(arguments.space, overrides, check_data=True)
+
+
+def overrides_of(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return key -> value of each `--set`.
+
+    Raises:
+        ConfigError: one of them is no KEY=VALUE.
+    """
     overrides, faults = {}, []
     for text in arguments.overrides:
         key, equals, value = text.partition("=")
@@ -36,4 +56,4 @@ def load(arguments: argparse.Namespace) -> SearchSpace:
         overrides[key.strip()] = value
     if faults:
         raise ConfigError(faults)
-    return load_space(arguments.space, overrides, check_data=True)
+    return overrides

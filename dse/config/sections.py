@@ -37,8 +37,6 @@ _ENERGY = ("energy_uj", "energy_uj_low", "energy_uj_high")
 OF_HARDWARE = (*_ENERGY, "hardware_latency_ms", "latency_ms", "n_cores", "fits")
 HELD_BACK = "accuracy_test"
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
-# What turns recordings into spikes, by the record that a component of `recordings` reads.
-_FRONT_END = {"Signals": "encoder", "Events": "preprocessing"}
 
 
 @dataclass(frozen=True)
@@ -125,5 +123,15 @@ def known_objectives() -> Mapping[str, Any]:
 
 def front_end(recordings: type[Any]) -> str | None:
     """Return the section that turns what a recordings component reads into spikes; None for spikes."""
-    record = typing.get_type_hints(recordings.read)["return"]
-    return _FRONT_END.get(record.__name__)
+    hint = typing.get_type_hints(recordings.read)["return"]
+    found = {_front_end(kind) for kind in typing.get_args(hint) or (hint,)}
+    if len(found) > 1:
+        raise TypeError(f"{recordings.__name__}.read must return recordings of one kind, got {hint}")
+    return found.pop()
+
+
+def _front_end(kind: type[Any]) -> str | None:
+    """Return the section for one kind of recordings; what yields `blocks` is a source of events."""
+    if hasattr(kind, "blocks"):
+        return "preprocessing"
+    return "encoder" if kind.__name__ == "Signals" else None

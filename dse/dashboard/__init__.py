@@ -1,10 +1,12 @@
-"""The page of a study: one HTML file that holds its data and its code, and opens without a server.
+"""Pages of a study and of a trial: one HTML file each, with its data and code; it opens offline.
 
-`gather` computes every number of the page, fronts included, on the full table; `write` fills the template
+`gather` computes every number of a study's page, fronts included, on the full table; `write` fills a template
 of `dashboards/`, whose script only shows what it is given. A figure is added in `dashboards/page.js`.
+`trial` writes two figures of `dse.figures`, and what its script needs to move the first one through time.
 """
 
 from dse.dashboard.gather import gather_page
+from dse.dashboard.trial import write_trial_page
 from dse.dashboard.write import write_page
 
-__all__ = ["gather_page", "write_page"]
+__all__ = ["gather_page", "write_page", "write_trial_page"]

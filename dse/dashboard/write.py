@@ -1,4 +1,4 @@
-"""Fill the page's template: one self-contained file that runs only its own two scripts."""
+"""Fill a page's template: one self-contained file that runs only its own two scripts."""
 
 from __future__ import annotations
 
@@ -44,12 +44,28 @@ def write_page(
     Raises:
         ValueError: a column name occurs twice, or a direction is neither 'max' nor 'min'.
     """
-    page = gather_page(frame, name=name, objectives=objectives, notes=notes)
+    return write_filled("page", gather_page(frame, name=name, objectives=objectives, notes=notes), path)
+
+
+def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Path:
+    """Fill a template of `dashboards/` and write it as one file, which appears complete or not at all.
+
+    Args:
+        template: name of its .html and .js.
+        page: what its script is given, as plain values that JSON can hold; `name` is the title.
+        path: file to write.
+
+    Returns:
+        The path written.
+    """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f".{target.name}.{os.getpid()}")
-    unfinished.write_text(_fill(page), encoding="utf-8", newline="\n")
-    unfinished.replace(target)
+    try:
+        unfinished.write_text(_fill(template, page), encoding="utf-8", newline="\n")
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)
     return target
 
 
@@ -60,17 +76,17 @@ def _sources() -> Path:
     return installed if installed.is_dir() else package.parent / "dashboards"
 
 
-def _fill(page: Mapping[str, Any]) -> str:
+def _fill(template: str, page: Mapping[str, Any]) -> str:
     """Return the page's HTML. Values are inserted in one pass, so none of them is read as a slot."""
     from plotly.offline import get_plotlyjs
 
     sources = _sources()
     scripts = {
         "plotly": get_plotlyjs().replace("\r\n", "\n"),
-        "script": (sources / "page.js").read_text(encoding="utf-8"),
+        "script": (sources / f"{template}.js").read_text(encoding="utf-8"),
     }
     # Only these two scripts may run and nothing may be fetched, whatever a name in the study contains.
-    # 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; page.js never evaluates.
+    # 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our scripts never evaluate.
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
         for text in scripts.values()
@@ -82,8 +98,8 @@ def _fill(page: Mapping[str, Any]) -> str:
         "style": (sources / "style.css").read_text(encoding="utf-8"),
         "data": _json(page),
     }
-    template = (sources / "page.html").read_text(encoding="utf-8")
-    return _SLOT.sub(lambda slot: slots[slot[1]], template)
+    text = (sources / f"{template}.html").read_text(encoding="utf-8")
+    return _SLOT.sub(lambda slot: slots[slot[1]], text)
 
 
 def _json(page: Mapping[str, Any]) -> str:

@@ -4,13 +4,17 @@ import dataclasses
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dse import registry
 from dse.config import ConfigError, SearchSpace, load_space, shipped_spaces
-from dse.config.sections import HELD_BACK, OF_HARDWARE, components, known_objectives
+from dse.config.sections import HELD_BACK, OF_HARDWARE, components, front_end, known_objectives
+from dse.recordings import EventSource
+from dse.recordings.scene import Trials
+from dse.records import Events, Rasters, Signals
 from dse.registry import param, register
 from tests.spaces import SPACE, write_space
 
@@ -247,6 +251,35 @@ def test_the_front_end_belongs_to_the_recordings(tmp_path: Path) -> None:
     faults = faults_of(path)
     assert "1: section 'encoder' is required for time_series recordings" in faults
     assert "13: section 'preprocessing' has no meaning for time_series recordings" in faults
+
+
+@pytest.mark.parametrize(
+    ("kinds", "section"),
+    [
+        (Signals, "encoder"),
+        (Rasters, None),
+        (Events, "preprocessing"),
+        (EventSource, "preprocessing"),
+        (Trials, "preprocessing"),
+        (Events | EventSource, "preprocessing"),
+        (Events | Trials, "preprocessing"),
+    ],
+)
+def test_the_front_end_follows_from_what_is_read(kinds: Any, section: str | None) -> None:
+    class Component:
+        def read(self, base: Path) -> Any: ...
+
+    Component.read.__annotations__["return"] = kinds
+    assert front_end(Component) == section
+
+
+def test_a_component_reads_recordings_of_one_kind() -> None:
+    class Component:
+        def read(self, base: Path) -> Any: ...
+
+    Component.read.__annotations__["return"] = Events | Signals
+    with pytest.raises(TypeError, match=r"Component\.read must return recordings of one kind"):
+        front_end(Component)
 
 
 def test_overrides(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`dse describe`: the sections of a search space, their components, keys, units and ranges."""
+"""`dse describe`: the sections of a search space and of a scene, their components, keys, units and ranges."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dse.cli.answer import Answer, add_format
 from dse.cli.reference import keys, names, sections
 from dse.config import ConfigError, Fault, known_names
 
-HELP = "print what a search space may hold: sections, components, keys, units, ranges"
+HELP = "print what a search space or a scene may hold: sections, components, keys, units, ranges"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

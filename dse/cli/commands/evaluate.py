@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, add_format
+from dse.cli.spaces import REPAIR
 
 if TYPE_CHECKING:
     from dse.bundles import Evaluation
@@ -17,11 +18,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bundle", metavar="BUNDLE", help="folder that `dse pick --export` wrote")
     parser.add_argument(
-        "--data", required=True, metavar="FILE", help="recordings in the format of the training data"
+        "--data",
+        required=True,
+        metavar="FILE",
+        help="recordings in the format of the training data; after "
+        "training on a scene also event files, one or a folder of them",
     )
     parser.add_argument(
         "--each", action="store_true", help="one row per recording: its answer and when, not the summary"
     )
+    parser.add_argument("--repair", action="store_true", help=REPAIR)
     add_format(parser, ("table", "json", "csv", "parquet"))
 
 
@@ -29,8 +35,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return what the classifier does on the recordings."""
     from dse import bundles
 
-    found = bundles.evaluate(arguments.bundle, arguments.data)
-    return Answer(found.answers if arguments.each else [found.columns], _by_class(found))
+    found = bundles.evaluate(arguments.bundle, arguments.data, repair=arguments.repair)
+    rows = found.answers if arguments.each else [found.columns]
+    return Answer(rows, [*_by_class(found), *(f"warning: {note}" for note in found.notes)])
 
 
 def _by_class(found: Evaluation) -> list[str]:

@@ -1,0 +1,195 @@
+"use strict";
+// The page's two figures were drawn in Python; this script gives them the reader's colours and moves the first
+// through time. Text only ever enters the page through textContent or as the figures carry it, escaped.
+(() => {
+  const page = JSON.parse(document.getElementById("data").textContent);
+  const byId = (id) => document.getElementById(id);
+  const ON = 1;
+
+  // ---- numbers
+
+  function unpacked(text, Kind) {
+    return new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+  }
+  const px = unpacked(page.px, Int16Array);
+  const nPins = px.length / 2 / page.n_moments;
+  const place = (moment, pin, axis) => px[(moment * nPins + pin) * 2 + axis] * page.px_unit;
+  const events = {
+    t: unpacked(page.t_us, Int32Array), x: unpacked(page.x, Int16Array), y: unpacked(page.y, Int16Array),
+    polarity: unpacked(page.polarity, Uint8Array),
+  };
+
+  // The first event after a time.
+  function after(t) {
+    let [low, high] = [0, events.t.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (events.t[middle] > t) high = middle; else low = middle + 1;
+    }
+    return low;
+  }
+
+  let state = { moment: page.moment, playing: false, slower: 10, exaggeration: 1 };
+
+  // ---- what is at a moment, as the traces of figures.draw_pins
+
+  function traces() {
+    const [discs, moves, off, on] = [0, 1, 2, 3].map(() => ({ x: [], y: [] }));
+    for (let pin = 0; pin < nPins; pin++) {
+      const [x0, y0] = [place(0, pin, 0), place(0, pin, 1)];
+      const x = x0 + state.exaggeration * (place(state.moment, pin, 0) - x0);
+      const y = y0 + state.exaggeration * (place(state.moment, pin, 1) - y0);
+      for (const [cos, sin] of page.outline) {
+        discs.x.push(x + page.radius_px * cos);
+        discs.y.push(y + page.radius_px * sin);
+      }
+      discs.x.push(null); discs.y.push(null);
+      moves.x.push(x0, x, null); moves.y.push(y0, y, null);
+    }
+    const now = state.moment * page.step_ms * 1000;
+    const end = after(now);
+    for (let i = after(now - 1000 * page.recent_ms); i < end; i++) {
+      const dots = events.polarity[i] === ON ? on : off;
+      dots.x.push(events.x[i] + 0.5);
+      dots.y.push(events.y[i] + 0.5);
+    }
+    return [discs, moves, off, on];
+  }
+
+  // ---- views
+
+  function look() {
+    const css = getComputedStyle(document.documentElement);
+    const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+    const colour = (name) => css.getPropertyValue(name).trim();
+    return { font: css.fontFamily, text: colour("--text"), page: colour("--page"), rule: colour("--rule"), dark };
+  }
+
+  // Colours of a light page, in the reader's scheme.
+  function recoloured(value, style) {
+    if (Array.isArray(value)) return value.map((inner) => recoloured(inner, style));
+    if (value && typeof value === "object") {
+      return Object.fromEntries(Object.entries(value).map(([key, inner]) => [key, recoloured(inner, style)]));
+    }
+    const index = style.dark ? page.palette.light.indexOf(value) : -1;
+    return index < 0 ? value : page.palette.dark[index];
+  }
+
+  function draw(id, figure, style, own) {
+    const layout = recoloured(figure.layout, style);
+    delete layout.title;
+    delete layout.template;
+    const axes = Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key));
+    for (const key of axes) {
+      Object.assign(layout[key], {
+        gridcolor: style.rule, linecolor: style.rule, color: style.text, zeroline: false, automargin: true,
+      });
+      layout[key].title = { ...layout[key].title, standoff: 4 };
+    }
+    const narrow = byId(id).clientWidth < 480;
+    Object.assign(layout, {
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: { family: style.font, size: narrow ? 11 : 12, color: style.text },
+      hovermode: "closest", hoverlabel: { bgcolor: style.page, bordercolor: style.text, font: { color: style.text } },
+      ...own(layout),
+    });
+    return Plotly.react(id, recoloured(figure.data, style), layout, {
+      responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    });
+  }
+
+  const seconds = () => (state.moment * page.step_ms) / 1000;
+
+  function cursor(style) {
+    return {
+      type: "line", xref: "x", yref: "paper", x0: seconds(), x1: seconds(), y0: 0, y1: 1,
+      line: { color: style.text, width: 1, dash: "dot" },
+    };
+  }
+
+  let busy = Promise.resolve();
+
+  function renderAll() {
+    const style = look();
+    const now = traces();
+    const pins = { ...page.pins, data: page.pins.data.map((trace, k) => ({ ...trace, ...now[k] })) };
+    busy = Promise.all([
+      draw("pins", pins, style, (layout) => ({ legend: { ...layout.legend, x: 0, y: 1, yanchor: "bottom" }, margin: { l: 48, r: 8, t: 32, b: 36 } })),
+      draw("course", page.course, style, () => ({ shapes: [cursor(style)], margin: { l: 48, r: 8, t: 32, b: 36 } })).then((plot) => {
+        plot.removeAllListeners("plotly_click");
+        plot.on("plotly_click", (event) => show({ moment: Math.round((1000 * event.points[0].x) / page.step_ms) }));
+      }),
+    ]);
+    renderWords();
+  }
+
+  function renderMoment() {
+    const now = traces();
+    busy = Promise.all([
+      Plotly.restyle("pins", { x: now.map((trace) => trace.x), y: now.map((trace) => trace.y) }, [0, 1, 2, 3]),
+      Plotly.relayout("course", { "shapes[0].x0": seconds(), "shapes[0].x1": seconds() }),
+    ]);
+    renderWords();
+  }
+
+  function renderWords() {
+    byId("moment").value = state.moment;
+    byId("now").textContent = `${seconds().toFixed(3)} s`;
+    byId("moment").setAttribute("aria-valuetext", byId("now").textContent);
+    byId("play").textContent = state.playing ? "Pause" : "Play";
+    byId("play").setAttribute("aria-pressed", String(state.playing));
+    const scale = state.exaggeration === 1
+      ? "Pins are where the camera sees them"
+      : `What pins have moved is drawn ${state.exaggeration} × larger than it is, events where they were sent`;
+    byId("caption").textContent =
+      `${scale}; thin lines lead from rest. Dots: events of the last ${Number(page.recent_ms.toPrecision(3))} ms.`;
+  }
+
+  function show(part) {
+    state = { ...state, ...part };
+    state.moment = Math.min(Math.max(state.moment, 0), page.n_moments - 1);
+    renderMoment();
+  }
+
+  // ---- time
+
+  let last = 0, elapsed = 0;
+  function tick(now) {
+    if (!state.playing) return;
+    elapsed += (now - last) / state.slower;
+    last = now;
+    const steps = Math.floor(elapsed / page.step_ms);
+    if (!steps) {
+      requestAnimationFrame(tick);
+      return;
+    }
+    elapsed -= steps * page.step_ms;
+    const next = state.moment + steps;
+    show(next < page.n_moments ? { moment: next } : { moment: page.n_moments - 1, playing: false });
+    busy.then(() => requestAnimationFrame(tick));
+  }
+
+  function play(playing) {
+    const fromStart = playing && state.moment === page.n_moments - 1;
+    show({ playing, ...(fromStart ? { moment: 0 } : {}) });
+    [last, elapsed] = [performance.now(), 0];
+    requestAnimationFrame(tick);
+  }
+
+  // ---- what a reader does
+
+  byId("counts").textContent = page.facts;
+  byId("notes").replaceChildren(...page.notes.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  byId("course-caption").textContent =
+    "From above: events, each counted for the pin nearest to it, pins in the order of their place along the motion; " +
+    "thousand ON and OFF events per second; speed v of the tip; shear s of its skin. Choose a point to see its moment.";
+  byId("pins").setAttribute("aria-label", `Image of ${nPins} pins with the events around them; the slider below sets the time.`);
+  byId("course").setAttribute("aria-label", "Events of each pin, event rate, speed and shear over time.");
+  byId("moment").max = page.n_moments - 1;
+  byId("controls").addEventListener("submit", (event) => event.preventDefault());
+  byId("moment").addEventListener("input", (event) => show({ moment: Number(event.target.value), playing: false }));
+  for (const id of ["slower", "exaggeration"]) byId(id).addEventListener("change", (e) => show({ [id]: Number(e.target.value) }));
+  byId("play").addEventListener("click", () => play(!state.playing));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", renderAll);
+  renderAll();
+})();

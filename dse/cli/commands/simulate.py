@@ -1,0 +1,245 @@
+"""`dse simulate`: the trials of a scene as a file of events, and one of them as a page to look at."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dse import progress
+from dse.cli.answer import Answer, add_format
+from dse.cli.commands.run import positive
+from dse.cli.spaces import add_set, overrides_of
+from dse.config import ConfigError, Fault
+
+if TYPE_CHECKING:
+    from dse.records import Block
+    from dse.scene.scene import Scene
+    from dse.scene.simulate import Flags
+
+HELP = "simulate the trials of a scene: a file of events, and a page that shows one of them"
+
+_WARM_UP_MS = 100.0
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What is kept of a simulated trial. cpu_s: time of the one core that made it."""
+
+    texture: str
+    n_events: int
+    cpu_s: float
+    flags: Flags
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("scene", metavar="SCENE", help="a YAML file, or the name of a scene of the package")
+    parser.add_argument("--out", type=Path, metavar="FILE.npz", help="write the events of the trials here")
+    parser.add_argument(
+        "--trials", metavar="FIRST:END", help="trials to simulate, END not among them (default: all)"
+    )
+    add_set(parser, "trials=2 or 'textures=[denim, wool]'")
+    parser.add_argument(
+        "--jobs", type=positive, metavar="N", help="trials simulated at a time (default: one per core)"
+    )
+    parser.add_argument("--figure", type=Path, metavar="PAGE.html", help="write a page that shows one trial")
+    parser.add_argument("--trial", metavar="K", help="which trial --figure shows (default: the first)")
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_format(parser)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Simulate, write what is asked for, and return one row per texture.
+
+    Raises:
+        ConfigError: with every fault of the scene, or of where to write what.
+    """
+    from dse.scene.checks import warnings
+    from dse.scene.load import load_scene
+
+    scene = load_scene(arguments.scene, overrides_of(arguments))
+    trials, shown = _wanted(arguments, scene.n_trials)
+    notes = warnings(scene)
+    try:
+        with progress.shown(not arguments.quiet) as told:
+            # Compiles what is not compiled yet, so that the speeds below are those of simulation alone.
+            _simulated(dataclasses.replace(scene, duration_ms=min(_WARM_UP_MS, scene.duration_ms)), shown)
+            if arguments.out is None:
+                made = [_simulated(scene, shown)[1]]
+            else:
+                made = _write(scene, trials, arguments.out, arguments.jobs or _cores(), told)
+                notes += _empty(trials, made)
+                notes.append(
+                    f"to train on it, put into a search space: {_data_section(scene, arguments.out)}"
+                )
+            if arguments.figure is not None:
+                notes.append(f"page of trial {shown}: {_draw(scene, shown, arguments.figure)}")
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; a file appears only when it is whole") from None
+    return Answer(_rows(scene, made), notes)
+
+
+def _wanted(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
+    """Return the trials to simulate and the one to show.
+
+    Raises:
+        ConfigError: with what is wrong with --out, --figure, --trials and --trial.
+    """
+    faults = []
+    if arguments.out is None and arguments.figure is None:
+        faults.append(Fault("dse simulate", 0, "needs --out FILE.npz, --figure PAGE.html, or both"))
+    for option, path, suffix in (("--out", arguments.out, ".npz"), ("--figure", arguments.figure, ".html")):
+        if path is not None:
+            faults += [Fault(f"{option} {path}", 0, fault) for fault in _place_faults(path, suffix)]
+    trials = _span(arguments.trials, n_trials)
+    if trials is None:
+        text = f"must be FIRST:END with 0 <= FIRST < END <= {n_trials}, the trials of the scene"
+        faults.append(Fault(f"--trials {arguments.trials}", 0, text))
+    first = trials[0] if trials else 0
+    shown = arguments.trial if arguments.trial is not None else str(first)
+    if arguments.trial is not None and arguments.figure is None:
+        faults.append(Fault(f"--trial {shown}", 0, "says which trial --figure shows, and needs it"))
+    elif not (shown.isascii() and shown.isdigit() and int(shown) < n_trials):
+        faults.append(Fault(f"--trial {shown}", 0, f"must be one of the trials 0 to {n_trials - 1}"))
+    if faults or trials is None:
+        raise ConfigError(faults)
+    return trials, int(shown)
+
+
+def _place_faults(path: Path, suffix: str) -> Iterator[str]:
+    """Yield why a file cannot be written at a path, before hours are spent on what belongs in it."""
+    if path.suffix != suffix:
+        yield f"must end in {suffix}"
+    elif path.is_dir():
+        yield "must be a file, got a folder"
+    elif not path.parent.is_dir():
+        yield f"must be in a folder that exists, got '{path.parent}'"
+    elif not os.access(path.parent, os.W_OK):
+        yield f"must be in a folder that may be written, got '{path.parent}'"
+
+
+def _span(text: str | None, n: int) -> range | None:
+    """Return the trials that FIRST:END names, either end left out or not; None if it names none."""
+    first, colon, end = (text if text is not None else ":").partition(":")
+    ends = (first.strip() or "0", end.strip() or str(n))
+    if not colon or not all(part.isascii() and part.isdigit() for part in ends):
+        return None
+    low, high = map(int, ends)
+    return range(low, high) if low < high <= n else None
+
+
+def _write(scene: Scene, trials: range, path: Path, jobs: int, told: progress.Progress) -> list[_Made]:
+    """Simulate the trials into a file, in order; memory holds a few of them."""
+    from dse.dataset.parts import in_order
+    from dse.recordings.archive import event_archive
+    from dse.recordings.scene import Trials
+
+    recordings = Trials(scene)
+    columns = {name: values[trials.start : trials.stop] for name, values in recordings.columns.items()}
+    told.expect(len(trials))
+    made = []
+    with (
+        event_archive(path, recordings.width, recordings.height, recordings.duration_us, columns) as append,
+        contextlib.closing(in_order(lambda k: _simulated(scene, k), trials, jobs)) as done,
+    ):
+        for k, (block, one) in zip(trials, done, strict=True):
+            append(block)
+            made.append(one)
+            told.advance(f"trial {k}: {one.texture}, {one.n_events} events")
+    return made
+
+
+def _simulated(scene: Scene, k: int) -> tuple[Block, _Made]:
+    from dse.scene import simulate
+
+    began = time.thread_time()
+    block, flags = simulate.simulated(scene, k)
+    texture = scene.textures[scene.cell(k)[0]].name
+    return block, _Made(texture, len(block.t_us), time.thread_time() - began, flags)
+
+
+def _rows(scene: Scene, made: Sequence[_Made]) -> list[dict[str, Any]]:
+    """Return one row per texture that was touched, in the order of the scene."""
+    rows = []
+    for name in dict.fromkeys(one.texture for one in made):
+        mine = [one for one in made if one.texture == name]
+        n_events, touched_s = sum(one.n_events for one in mine), len(mine) * scene.duration_ms / 1000
+        rows.append(
+            {
+                "texture": name,
+                "trials": len(mine),
+                "touch_s": touched_s,
+                "events": n_events,
+                "million_events_per_s": n_events / touched_s / 1e6,
+                "x_real_time": touched_s / max(sum(one.cpu_s for one in mine), 1e-9),
+                "refractory_drops": sum(one.flags.refractory_drops for one in mine),
+                "lost_looks": sum(one.flags.lost_looks for one in mine),
+                "contact_saturated": sum(one.flags.contact_saturated for one in mine),
+            }
+        )
+    return rows
+
+
+def _empty(trials: range, made: Sequence[_Made]) -> list[str]:
+    """Return what to know about trials without events."""
+    empty = [k for k, one in zip(trials, made, strict=True) if one.n_events == 0]
+    if not empty:
+        return []
+    return [
+        f"{len(empty)} of {len(made)} trials sent no event, the first is {empty[0]}; a search space "
+        "must leave them out of its split"
+    ]
+
+
+def _data_section(scene: Scene, path: Path) -> str:
+    """Return the line that reads the file in a search space."""
+    import yaml
+
+    from dse.recordings.scene import COLUMNS
+
+    width, height = scene.sensor.frame_px
+    keys = {
+        "kind": "events",
+        "file": str(path.resolve()),
+        "width": width,
+        "height": height,
+        **{name: name for name in ("x", "y", "polarity")},
+        "columns": {name: name for name in COLUMNS},
+    }
+    flow = yaml.safe_dump(keys, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6)
+    return f"data: {flow.strip()}"
+
+
+def _draw(scene: Scene, k: int, path: Path) -> Path:
+    """Write the page of a trial and return where.
+
+    Raises:
+        ConfigError: the disk refuses.
+    """
+    from dse import dashboard, figures
+    from dse.scene import simulate
+
+    texture, motion, force, repetition = scene.cell(k)
+    name = (
+        f"{scene.name}, trial {k}: {scene.textures[texture].name}, {scene.motions[motion].label}, "
+        f"{scene.forces_n[force]:g} N, repetition {repetition}"
+    )
+    # The physics' own step: a coarser one would put slips where the events have none.
+    paths = simulate.pin_paths(scene, k, scene.method.friction_step_ms)
+    view = figures.gather_trial(simulate.events(scene, k), paths, scene.sensor.frame_px, name)
+    try:
+        return dashboard.write_trial_page(view, path)
+    except OSError as error:
+        why = f"cannot be written: {error.strerror or error}"
+        raise ConfigError([Fault(f"--figure {path}", 0, why)]) from error
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,170 @@
+"""The page of a trial: what it carries, and what a browser makes of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dse.dashboard import write_trial_page
+from dse.dashboard.trial import trial_page
+from dse.figures.trial import draw_pins, gather_trial
+from dse.records import Block
+
+HOSTILE = '<img src=x onerror="window.hacked=1"></script><script>window.hacked=1</script>{{script}}'
+SIZES = ((1280, 720), (390, 844), (320, 568))
+
+
+def made_up(n_pins=12, n_events=2000, name="a trial", most_events=60_000):
+    """A trial of 0.2 s: pins in a row, which sway together by 5 px; events at random near them."""
+    rng = np.random.default_rng(5)
+    t_s = np.arange(401) * 5e-4
+    sway = 5 * np.sin(2 * np.pi * t_s / 0.2)
+    px = np.stack([np.linspace(20, 140, n_pins) + sway[:, None], np.full((401, n_pins), 50.0)], axis=2)
+    paths = SimpleNamespace(t_s=t_s, px=px, s_mm=sway / 10, v_mm_s=20 + sway, radius_px=4.0)
+    t_us = np.sort(rng.integers(0, 199_000, n_events))
+    x = rng.integers(15, 145, n_events).astype(np.int32)
+    y = rng.integers(44, 56, n_events).astype(np.int32)
+    block = Block(t_us, x, y, rng.integers(0, 2, n_events).astype(np.uint8))
+    return gather_trial(block, paths, (160, 100), name, most_events)
+
+
+def unpacked(text, kind):
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def test_what_a_page_carries_is_the_view():
+    view = made_up()
+    page = trial_page(view)
+    json.dumps(page, allow_nan=False)
+    places = unpacked(page["px"], "<i2").reshape(page["n_moments"], 12, 2) * page["px_unit"]
+    assert np.abs(places - view.px).max() <= page["px_unit"] / 2 < 0.01
+    for name, kind in (("t_us", "<i4"), ("x", "<i2"), ("y", "<i2"), ("polarity", "u1")):
+        assert unpacked(page[name], kind).tolist() == getattr(view.events, name).tolist()
+    assert page["facts"] == "12 pins · 160 × 100 px · 0.2 s · 2,000 events, 0.01 million per s"
+    assert page["notes"] == []
+
+
+def test_a_reader_is_told_what_is_left_out():
+    (note,) = trial_page(made_up(most_events=500))["notes"]
+    assert note.startswith("The image shows one event in 4")
+    assert trial_page(made_up(n_events=0))["notes"] == ["No pixel sent an event in this trial."]
+
+
+def test_the_largest_page_is_of_sane_size(tmp_path):
+    path = write_trial_page(made_up(n_pins=331, n_events=400_000), tmp_path / "page.html")
+    assert path.stat().st_size < 8e6
+
+
+def test_hostile_text_stays_data(tmp_path):
+    text = write_trial_page(made_up(name=HOSTILE), tmp_path / "page.html").read_text(encoding="utf-8")
+    held = text.split('<script type="application/json" id="data">')[1].split("</script>")[0]
+    assert json.loads(held)["name"] == HOSTILE
+    assert "window.hacked=1</script>" not in text
+    assert text.count("// The page's two figures were drawn in Python") == 1
+
+
+@pytest.fixture
+def opened(chromium, tmp_path):
+    """Return a function that writes a page of a trial and opens it; no page may complain or fetch."""
+    faults, contexts = [], []
+
+    def open_page(view):
+        path = write_trial_page(view, tmp_path / f"page{len(contexts)}.html")
+        contexts.append(chromium.new_context(viewport={"width": 1280, "height": 720}))
+        tab = contexts[-1].new_page()
+        tab.on("pageerror", lambda error: faults.append(str(error)))
+        tab.on(
+            "console", lambda line: faults.append(line.text) if line.type in ("error", "warning") else None
+        )
+        tab.on("request", lambda one: faults.append(one.url) if not one.url.startswith("file:") else None)
+        tab.goto(path.as_uri())
+        tab.wait_for_selector("#course .plot-container")
+        return tab
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert [fault for fault in faults if not fault.startswith(("data:", "blob:"))] == []
+
+
+MOVE = """(moment) => {
+  const slider = document.getElementById("moment");
+  slider.value = moment;
+  slider.dispatchEvent(new Event("input"));
+}"""
+FITS = """(at) => {
+  const place = document.querySelector(at);
+  return place.querySelector(".main-svg").clientWidth <= place.clientWidth;
+}"""
+SHOWN = """() => document.getElementById("pins").data.map((t) => ({ x: [...t.x], y: [...t.y] }))"""
+
+
+def test_the_page_moves_as_the_figure_in_python_would(opened):
+    view = made_up()
+    tab = opened(view)
+    for moment, exaggeration in ((view.busiest, 1), (100, 1), (100, 10)):
+        if moment != view.busiest:
+            tab.evaluate(MOVE, moment)
+        tab.select_option("#exaggeration", str(exaggeration))
+        for shown, drawn in zip(tab.evaluate(SHOWN), draw_pins(view, moment, exaggeration).data, strict=True):
+            for axis in "xy":
+                np.testing.assert_allclose(
+                    np.array(shown[axis], float), np.array(drawn[axis], float), atol=0.05, equal_nan=True
+                )
+    assert tab.inner_text("#now") == "0.050 s"
+    assert "10 × larger than it is" in tab.inner_text("#caption")
+    cursor = tab.evaluate("document.getElementById('course').layout.shapes[0].x0")
+    assert cursor == pytest.approx(0.05)
+
+
+def test_it_plays_to_the_end_and_goes_where_it_is_told(opened):
+    tab = opened(made_up())
+    tab.select_option("#slower", "1")
+    tab.evaluate(MOVE, 390)
+    tab.click("#play")
+    tab.wait_for_function("document.getElementById('moment').value === '400'")
+    assert tab.inner_text("#play") == "Play"
+    tab.select_option("#slower", "100")
+    tab.click("#play")
+    assert tab.inner_text("#play") == "Pause"
+    tab.wait_for_function("Number(document.getElementById('moment').value) > 0")
+    assert int(tab.input_value("#moment")) < 400
+    tab.click("#play")
+    assert tab.inner_text("#play") == "Play"
+    tab.evaluate("document.getElementById('course').emit('plotly_click', {points: [{x: 0.12}]})")
+    assert tab.inner_text("#now") == "0.120 s"
+    tab.focus("#moment")
+    tab.keyboard.press("ArrowRight")
+    assert tab.input_value("#moment") == "241"
+
+
+def test_readable_at_any_size_in_light_and_dark(opened):
+    tab = opened(made_up(name="a name that is much longer than any phone is wide, " * 3))
+    for width, height in SIZES:
+        tab.set_viewport_size({"width": width, "height": height})
+        assert tab.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        for plot in ("#pins", "#course"):
+            tab.wait_for_function(FITS, arg=plot)
+            assert tab.locator(plot).bounding_box()["height"] >= 320
+    for theme, ink, colour in (
+        ("light", "rgb(27, 30, 34)", "#0072B2"),
+        ("dark", "rgb(232, 234, 237)", "#56B4E9"),
+    ):
+        tab.emulate_media(color_scheme=theme)
+        tab.wait_for_function(
+            "(ink) => getComputedStyle(document.querySelector('#course .ytitle')).fill === ink", arg=ink
+        )
+        assert tab.evaluate("document.getElementById('pins').data[3].marker.color") == colour
+
+
+def test_a_hostile_name_never_runs_and_no_event_has_a_face(opened):
+    tab = opened(made_up(name=HOSTILE, n_events=0))
+    assert tab.evaluate("window.hacked") is None
+    assert tab.locator("img").count() == 0
+    assert tab.locator("h1").text_content() == HOSTILE
+    assert "No pixel sent an event" in tab.inner_text("#notes")
+    assert tab.is_visible("#pins .plot-container")
