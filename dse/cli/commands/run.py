@@ -53,5 +53,6 @@ def answer(arguments: argparse.Namespace) -> Answer:
     points = done.points()
     if points.empty:
         return Answer([], notes, code=_NOTHING_TRAINED)
-    result = front(points, done.objectives)
+    several = points["task"].nunique() > 1  # accuracies of different tasks do not compare
+    result = front(points, done.objectives, by="task" if several else None)
     return dataclasses.replace(result, notes=[*result.notes, *notes])
