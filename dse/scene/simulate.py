@@ -88,7 +88,6 @@ class _Tip(NamedTuple):
     middle_px: (2,) where the axis of the dome is, pixel centres at whole numbers. scale: px/mm. lens: 1/mm2.
     lines, grid_mm: (pin of the contact, column, 2) float32 what each reads along the motion, mm; distance of
         columns.
-    most_mm: length of the longest vector in `lines`.
     """
 
     pin: Array
@@ -102,7 +101,6 @@ class _Tip(NamedTuple):
     lens: float
     lines: Array
     grid_mm: float
-    most_mm: float
 
 
 class _Work(NamedTuple):
@@ -287,11 +285,11 @@ def _tip(scene: Scene, drawn: Trial) -> _Tip:
     felt = np.empty((len(reads), surface.slope.shape[1], 2), np.float32)
     y_mm = rest[: len(reads), 1] + drawn.start_mm[1]
     scale = -drawn.tilt_mm * contact.pressure[reads]
-    most_mm = lines(surface.slope, surface.step_mm, y_mm, scale, len(reads), felt)
+    lines(surface.slope, surface.step_mm, y_mm, scale, len(reads), felt)
     return _Tip(
         order, rest, contact.shear[order], spread, len(reads), drawn.start_mm,
         np.array(sensor.frame_px) / 2 + drawn.offset_px - 0.5, sensor.image_scale_px_mm, sensor.lens_per_mm2,
-        felt, surface.step_mm, most_mm,
+        felt, surface.step_mm,
     )  # fmt: skip
 
 
@@ -304,7 +302,9 @@ def _run(
     seen = _Events(background.t_us, background.x, background.y, background.polarity)
     friction_s = method.friction_step_ms / 1000
     s, x = path(scene, k, drawn, friction_s)
-    if drawn.contact.radius_mm == 0 or not (s.any() or x.any() or drawn.drift):
+    # The force's drift spreads the pins by at most its share of r exp(-(r / a)^2): 0.43 a.
+    spread_mm = SPREAD * abs(drawn.drift) * drawn.contact.radius_mm / np.sqrt(2 * np.e)
+    if not (s.any() or x.any()) and spread_mm * sensor.image_scale_px_mm <= method.skip_px:
         _flushed(sink, seen, raster, tally, 0, 0, 0, np.inf)
         return tally
     tip = _tip(scene, drawn)
@@ -335,13 +335,14 @@ def _reach_px(sensor: Sensor, drawn: Trial, tip: _Tip, s_mm: float) -> float:
     The texture moves each by what it reads at most; shear brings them together by no more than s, nor by more
     than their distance times the slope of its weight; the force's drift by a share of their distance.
     """
+    read_mm = drawn.tilt_mm * drawn.surface.steepest * drawn.contact.pressure.max(initial=0.0)
     disc_mm = sensor.pin_radius_mm + camera.DISC * sensor.edge_px / sensor.image_scale_px_mm
-    near_mm = (2 * disc_mm + 2 * tip.most_mm) / (1 - SPREAD * min(abs(drawn.drift), 1.0))
+    near_mm = (2 * disc_mm + 2 * read_mm) / (1 - min(0.9, SPREAD * abs(drawn.drift)))
     width_mm = sensor.rim_mm - drawn.contact.radius_mm
     reach_mm = near_mm + s_mm
     if s_mm < width_mm:
         reach_mm = min(reach_mm, near_mm / (1 - s_mm / width_mm))
-    furthest = np.hypot(*tip.rest_mm.T).max(initial=0.0) + tip.most_mm + s_mm
+    furthest = np.hypot(*tip.rest_mm.T).max(initial=0.0) + read_mm + s_mm
     bend = 1 + 3 * sensor.lens_per_mm2 * furthest**2
     return float(np.ceil(bend * reach_mm * sensor.image_scale_px_mm / _REACH_PX) * _REACH_PX)
 

@@ -37,12 +37,14 @@ class Surface:
     """What the tip meets.
 
     slope: (N, N, 2) float32, d/dx and d/dy of the felt height at [row y, column x].
+    steepest: the largest slope.
     step_mm: distance of grid points; the patch repeats after N of them.
     line: (n,) float64 friction roughness along the path, unit variance; it repeats.
     line_step_mm: distance of its points.
     """
 
     slope: Array
+    steepest: float
     step_mm: float
     line: Array
     line_step_mm: float
@@ -56,7 +58,8 @@ def surface(texture: Texture, sensor: Sensor, rng: np.random.Generator) -> Surfa
         h, step_mm = printed(texture.pin_radius_mm)
     line_step_mm = texture.wavelength_mm / 2 / _LINE_POINTS_PER_LENGTH
     slope = slope_of(h, step_mm, sensor.depth_mm, sensor.pin_average_mm)
-    return Surface(slope, step_mm, friction_line(rng), line_step_mm)
+    steepest = float(np.hypot(slope[..., 0], slope[..., 1]).max())
+    return Surface(slope, steepest, step_mm, friction_line(rng), line_step_mm)
 
 
 def rough(texture: Texture, rng: np.random.Generator) -> Array:

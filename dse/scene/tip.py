@@ -58,7 +58,7 @@ def skin_filter(corner_hz: float, step_s: float) -> tuple[float, float, float]:
 
 @compiled(_nrt=False)
 def lines(slope, grid_mm, y_mm, scale, n, out):  # type: ignore[no-untyped-def]
-    """Write what the first n pins read along the motion, for their rows stay the same; return the most of it.
+    """Write what the first n pins read along the motion, for their rows stay the same.
 
     Args:
         slope: (points, points, 2) float32 of the surface, points a power of two.
@@ -67,12 +67,8 @@ def lines(slope, grid_mm, y_mm, scale, n, out):  # type: ignore[no-untyped-def]
         scale: (n,) factor of each pin.
         n: number of pins.
         out: (n, points, 2) float32.
-
-    Returns:
-        Length of the longest vector written.
     """
     points = slope.shape[0]
-    most2 = np.float32(0)
     for i in range(n):
         place = y_mm[i] / grid_mm
         low = np.floor(place)
@@ -81,10 +77,7 @@ def lines(slope, grid_mm, y_mm, scale, n, out):  # type: ignore[no-untyped-def]
         j1 = (j0 + 1) & (points - 1)
         factor = np.float32(scale[i])
         for k in range(points):
-            length2 = np.float32(0)
             for axis in range(2):
-                read = factor * (slope[j0, k, axis] + b * (slope[j1, k, axis] - slope[j0, k, axis]))
-                out[i, k, axis] = read
-                length2 += read * read
-            most2 = max(most2, length2)
-    return np.sqrt(most2)
+                out[i, k, axis] = factor * (
+                    slope[j0, k, axis] + b * (slope[j1, k, axis] - slope[j0, k, axis])
+                )

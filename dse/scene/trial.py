@@ -119,7 +119,7 @@ def speed(scene: Scene, k: int, drawn: Trial, t_s: Array) -> Array:
 def path(scene: Scene, k: int, drawn: Trial, step_s: float) -> tuple[Array, Array]:
     """Return the skin's deflection s and slip distance X in mm, (n + 1,), at steps that cover the record."""
     n = int(np.ceil(scene.duration_ms / 1000 / step_s - 1e-9))
-    if drawn.contact.radius_mm == 0:
+    if drawn.contact.radius_mm == 0 or scene.motions[scene.cell(k)[1]].peak_mm_s == 0:
         return np.zeros(n + 1), np.zeros(n + 1)
     middle = (np.arange(n) + 0.5) * step_s
     v = speed(scene, k, drawn, middle)

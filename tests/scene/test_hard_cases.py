@@ -52,7 +52,9 @@ def test_standing_still_while_the_force_drifts_moves_pins_slowly_and_little() ->
 
 
 def test_without_force_there_is_background_alone() -> None:
+    # A drift of a force that is not there moves no pin either.
     scene = small.scene(force_n=0.0, camera=replace(small.CAMERA, noise_hz=1.0), variation=Variation())
+    assert trial(scene, 0).drift != 0
     found, flags = simulate.simulated(scene, 0)
     noise = simulate.noise(scene, 0)
     np.testing.assert_array_equal(found.t_us, noise.t_us)

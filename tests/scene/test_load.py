@@ -295,7 +295,7 @@ def test_what_is_shipped() -> None:
         "neurotac_davis": (11, 1, 3, 50, 5000),
         "neurotac_dvxplorer": (12, 12, 1, 100, 1000),
         "pin_arrays": (11, 1, 1, 100, 5000),
-        "quickstart": (4, 4, 1, 12, 1000),
+        "quickstart": (6, 4, 1, 20, 1000),
     }
 
 
