@@ -8,7 +8,6 @@ from typing import Any
 
 from dse.config import SearchSpace
 from dse.recordings.files import locate
-from dse.recordings.folders import locate_folder
 from dse.search.space import n_designs
 
 # Larger files are not read just to count their channels and classes.
@@ -38,9 +37,9 @@ def preview(space: SearchSpace) -> dict[str, Any]:
         "data": space.fixed["data"].get("scene"),
     }
     size = 0
-    for key, found in (("file", locate), ("folder", locate_folder)):
-        if key in space.fixed["data"]:
-            path = found(space.fixed["data"][key], space.source.parent)
+    for kind in ("file", "folder"):
+        if kind in space.fixed["data"]:
+            path = locate(space.fixed["data"][kind], space.source.parent, kind)
             row["data"] = str(path)
             size = path.stat().st_size if path.is_file() else 0  # event files are read when they are needed
     return row if size > _MOST_BYTES else row | _from_data(space)

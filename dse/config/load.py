@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from dse.config import goals, parts
-from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space
 from dse.config.parts import Part
 from dse.config.sections import SECTIONS, components, front_end
 from dse.config.space import SearchSpace
 from dse.config.values import INVALID, Report, echo, read
-from dse.config.yaml_lines import Document, override, parse
+from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import Rule
 
@@ -37,20 +37,13 @@ def load_space(
         ConfigError: with every fault of the file and of the overrides.
     """
     source = find_space(str(path_or_name))
-    try:
-        text = source.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError([Fault(str(source), 0, f"cannot be read: {error.strerror}")]) from None
-    except UnicodeDecodeError:
-        raise ConfigError([Fault(str(source), 0, "cannot be read: not UTF-8 text")]) from None
-    document = override(parse(text, str(source)), overrides or {})
+    document = read_document(source, overrides or {})
     faults = list(document.faults)
     space = None
     if document.data or not faults:
         space = _space(document, source, faults, check_data)
     if space is None or faults:
-        # Faults of the file by line, then those of the command line.
-        raise ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))
+        raise in_file_order(faults)
     return space
 
 

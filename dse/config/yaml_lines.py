@@ -6,14 +6,15 @@ Keys are always text. Source: yaml.org/spec/1.2.2, section 10.3.2.
 
 from __future__ import annotations
 
+import pathlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
 
-from dse.config.faults import Fault
+from dse.config.faults import ConfigError, Fault
 
 Path = tuple[str | int, ...]
 
@@ -62,6 +63,26 @@ def scalar(text: str) -> Any:
     if special := _SPECIAL.fullmatch(text):
         return float(f"{special[1] or ''}inf" if special[2] else "nan")
     return text
+
+
+def read_document(source: pathlib.Path, values: Mapping[str, str]) -> Document:
+    """Read a YAML file with values replaced on the command line.
+
+    Raises:
+        ConfigError: the file cannot be read, or is no UTF-8 text.
+    """
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Fault(str(source), 0, f"cannot be read: {error.strerror}")]) from None
+    except UnicodeDecodeError:
+        raise ConfigError([Fault(str(source), 0, "cannot be read: not UTF-8 text")]) from None
+    return override(parse(text, str(source)), values)
+
+
+def in_file_order(faults: Iterable[Fault]) -> ConfigError:
+    """Return the error of all faults: those of the file by line, then those of the command line."""
+    return ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))
 
 
 def parse(text: str, name: str) -> Document:

@@ -29,7 +29,7 @@ from dse.recordings.file_labels import (
 )
 from dse.recordings.files import content, locate
 from dse.recordings.folder_events import LEFT_OUT, FolderEvents, unusable
-from dse.recordings.folders import by_path, content_of, files_below, locate_folder
+from dse.recordings.folders import by_path, content_of, files_below
 from dse.recordings.formats import Format, detect, named
 from dse.recordings.formats.arrays import UNITS_US, USUAL
 from dse.recordings.labels import columns_key
@@ -169,7 +169,7 @@ class EventFiles:
         Raises:
             RecordingError: folder or table are not found.
         """
-        folder = locate_folder(self.folder, base)
+        folder = locate(self.folder, base, "folder")
         names = files_below(folder, self.pattern)
         if self.labels is None:
             return folder, None, names

@@ -6,28 +6,26 @@ import functools
 import hashlib
 import os
 from pathlib import Path
+from typing import Literal
 
 from dse.recordings import RecordingError
 
 
-def locate(file: str, base: Path) -> Path:
-    """Return where a data file is: absolute, beside the YAML (`base`), in $DSE_DATA, or here; first hit wins.
+def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> Path:
+    """Return where data are: absolute, beside the YAML (`base`), in $DSE_DATA, or here; first hit wins.
 
     Raises:
-        RecordingError: it is in none of these places; the sentence lists them.
+        RecordingError: they are in none of these places; the sentence lists them.
     """
-    folders = [base, *(Path(x) for x in [os.environ.get("DSE_DATA", "")] if x), Path.cwd()]
-    places = [Path(file)] if Path(file).is_absolute() else [folder / file for folder in folders]
+    roots = [base, *(Path(x) for x in [os.environ.get("DSE_DATA", "")] if x), Path.cwd()]
+    places = [Path(name)] if Path(name).is_absolute() else [root / name for root in roots]
     for place in places:
-        if place.is_file():
+        if place.is_file() if kind == "file" else place.is_dir():
             return place
-    looked = ", ".join(str(x.parent) for x in places)
-    hint = (
-        ""
-        if Path(file).is_absolute()
-        else " (DSE_DATA names another folder, --set data.file=FILE another file)"
-    )
-    raise RecordingError(f"data file '{file}' not found; looked in {looked}{hint}")
+    looked = ", ".join(str(place.parent) for place in places)
+    hint = f" (DSE_DATA names another folder, --set data.{kind}={kind.upper()} another {kind})"
+    told = "" if Path(name).is_absolute() else hint
+    raise RecordingError(f"data {kind} '{name}' not found; looked in {looked}{told}")
 
 
 def content(path: Path) -> str:

@@ -14,26 +14,6 @@ from dse.recordings.files import content
 _MOST_NAMED = 5
 
 
-def locate_folder(folder: str, base: Path) -> Path:
-    """Return where a folder is: absolute, beside the YAML (`base`), in $DSE_DATA, or here; first hit wins.
-
-    Raises:
-        RecordingError: it is in none of these places; the sentence lists them.
-    """
-    roots = [base, *(Path(x) for x in [os.environ.get("DSE_DATA", "")] if x), Path.cwd()]
-    places = [Path(folder)] if Path(folder).is_absolute() else [root / folder for root in roots]
-    for place in places:
-        if place.is_dir():
-            return place
-    looked = ", ".join(str(place.parent) for place in places)
-    hint = (
-        ""
-        if Path(folder).is_absolute()
-        else " (DSE_DATA names another place, --set data.folder=FOLDER a folder)"
-    )
-    raise RecordingError(f"data folder '{folder}' not found; looked in {looked}{hint}")
-
-
 def files_below(folder: Path, pattern: str) -> list[str]:
     """Return the paths below a folder that match a pattern, sorted, with / between their parts.
 

@@ -20,7 +20,7 @@ from dse.config.axes import Axis
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.parts import read_fixed, read_or_axis
 from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_given
-from dse.config.yaml_lines import Document, override, parse
+from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import param, rule_of
 from dse.scene import checks, presets
@@ -74,18 +74,11 @@ def load_scene(
         ConfigError: with every fault of the file and of the overrides.
     """
     source = find_scene(str(path_or_name), base)
-    try:
-        text = source.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError([Fault(str(source), 0, f"cannot be read: {error.strerror}")]) from None
-    except UnicodeDecodeError:
-        raise ConfigError([Fault(str(source), 0, "cannot be read: not UTF-8 text")]) from None
-    document = override(parse(text, str(source)), overrides or {})
+    document = read_document(source, overrides or {})
     faults = list(document.faults)
     scene = _scene(document, faults) if document.data or not faults else None
     if scene is None or faults:
-        # Faults of the file by line, then those of the command line.
-        raise ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))
+        raise in_file_order(faults)
     return scene
 
 

@@ -185,7 +185,7 @@ def test_all_faults_at_once(cloths):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"folder": "nowhere"}, "data folder 'nowhere' not found; looked in .*DSE_DATA names another place"),
+        ({"folder": "nowhere"}, "data folder 'nowhere' not found; looked in .*DSE_DATA names another folder"),
         ({"folder": "/nowhere"}, "data folder '/nowhere' not found; looked in /$"),
         ({"pattern": "*.bin"}, r"cloths: no file below it matches the pattern '\*\.bin'"),
         ({"labels": "none.csv"}, "data file 'none.csv' not found"),
