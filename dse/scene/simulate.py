@@ -246,16 +246,6 @@ def background_hz(scene: Scene) -> float:
     return min(rate, seen.readout_mev_s * 1e6 / (width * height))
 
 
-def pins_box(scene: Scene) -> tuple[int, int, int, int]:
-    """Return x, y, width, height of the pixels that see pins at rest: their discs, within the frame."""
-    at = image_px(scene.sensor, pins_mm(scene.sensor))
-    reach = _radius_px(scene) + camera.DISC * scene.sensor.edge_px
-    size = np.array(scene.sensor.frame_px)
-    low = np.clip(np.floor(at.min(axis=0) - reach), 0, size - 1).astype(int)
-    high = np.clip(np.ceil(at.max(axis=0) + reach), low + 1, size).astype(int)
-    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
-
-
 def _radius_px(scene: Scene) -> float:
     return scene.sensor.pin_radius_mm * scene.sensor.image_scale_px_mm
 

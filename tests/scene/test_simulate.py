@@ -56,6 +56,9 @@ def test_the_default_steps_keep_the_events(scene) -> None:
     assert small.likeness(slow, fast, scene, 10.0) > 0.995
 
 
+PINS = (4, 6, 78, 72)
+"""What `crop: pins` keeps here: x, y, width, height."""
+
 SETTINGS = {
     "pool 4": Preprocessing(1.0, pool=4),
     "one pool per pixel": Preprocessing(5.0),
@@ -74,7 +77,7 @@ SETTINGS = {
 @pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
 @pytest.mark.parametrize("scene", [DENIM, FOAM], ids=["denim", "foam"])
 def test_a_raster_is_the_pooled_event_list_bit_for_bit(scene, settings: Preprocessing) -> None:
-    found = pooling(settings, *scene.sensor.frame_px, pins=simulate.pins_box(scene))
+    found = pooling(settings, *scene.sensor.frame_px, pins=PINS)
     n_bins = found.n_bins(round(scene.duration_ms * 1000))
     counts, channels = simulate.raster(scene, 0, found, n_bins)
     expected = preprocessing.pool([simulate.events(scene, 0)], found, 0, 0, n_bins)
@@ -101,7 +104,7 @@ def test_a_raster_is_the_pooled_event_list_in_every_mode(
         bin_ms, pool=pool, stride=tuple(map(min, stride, pool)), polarity=polarity, pool_threshold=threshold,
         exceeds=exceeds, crop=crop, time_ms=time_ms,
     )  # fmt: skip
-    found = pooling(chosen, *scene.sensor.frame_px, pins=simulate.pins_box(scene))
+    found = pooling(chosen, *scene.sensor.frame_px, pins=PINS)
     n_bins = max(1, found.n_bins(80_000) + extra)
     counts, channels = simulate.raster(scene, 0, found, n_bins)
     expected = preprocessing.pool([simulate.events(scene, 0)], found, 0, 0, n_bins)
@@ -202,14 +205,6 @@ def test_background_events_are_uniform_and_part_of_the_trial() -> None:
         assert values.min() >= 0 and values.max() < end
         assert values.mean() == pytest.approx(end / 2, rel=0.03)
     assert same(simulate.events(scene, 0), reference.in_order([quiet, noise]))
-
-
-def test_pins_lie_within_the_box_that_sees_them() -> None:
-    x, y, width, height = simulate.pins_box(DENIM)
-    rest = simulate.pin_paths(small.scene(), 0, 10.0).px[0]
-    assert width < 88 and height < 88
-    for low, size, at in ((x, width, rest[:, 0]), (y, height, rest[:, 1])):
-        assert low < at.min() - 4.16 and at.max() + 4.16 < low + size
 
 
 def test_a_trial_that_is_not_there_is_refused() -> None:
