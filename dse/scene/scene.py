@@ -130,7 +130,7 @@ class Method:
     friction_step_ms: float = param(0.1, doc="step of stick, slip and travel", unit="ms", low=0.01, high=1)
     texture_step_ms: float = param(0.5, doc="step of the skin's texture filter", unit="ms", low=0.01, high=2)
     camera_step_ms: float = param(
-        2.0, doc="longest time between two looks at a pin", unit="ms", low=0.01, high=4
+        2.0, doc="time between two looks at a moving pin", unit="ms", low=0.01, high=4
     )
     skip_px: float = param(0.1, doc="a pin that moved less is not looked at again", unit="px", low=0, high=1)
     turn_px: float = param(
