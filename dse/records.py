@@ -1,7 +1,7 @@
 """The records that packages share: reading this file explains the pipeline.
 
     Signals | Events  -> encoder / preprocessing -> Spikes -> Dataset
-    Dataset -> model -> Network, Response -> decision, workload -> measurements
+    Dataset -> model -> Network, Response | Parameters, Answers -> decision, workload -> measurements
 
 Time series are (sample, step, channel) unless said otherwise; event stamps are integer
 microseconds; a *step* is one time step of the encoder (a sampling period or a time bin).
@@ -116,6 +116,20 @@ class Rasters:
 
 
 @dataclass(frozen=True)
+class Head:
+    """One part of a joint target, such as the texture of (texture, profile).
+
+    name: of its label column.
+    classes: names of its classes.
+    of_class: (joint class,) int64, its class in each joint class.
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    of_class: Array
+
+
+@dataclass(frozen=True)
 class Dataset:
     """Spikes with a target, a split, and the window that a classifier may see.
 
@@ -125,6 +139,8 @@ class Dataset:
         (both equal `start` without crops). Every window fits: start_high + n_steps <= spikes.n_steps.
     n_steps: window length in steps.
     train, validation, test: int64 sample indices, disjoint; test may be empty.
+    positions: (n_channels, 3) int32 x, y and plane (polarity or threshold) of every input channel.
+    heads: of a joint target, its parts; empty for a single target.
     """
 
     spikes: Spikes
@@ -137,6 +153,8 @@ class Dataset:
     train: Array
     validation: Array
     test: Array
+    positions: Array
+    heads: tuple[Head, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -203,6 +221,37 @@ class Response:
 
 
 @dataclass(frozen=True)
+class Parameters:
+    """A trained classifier that is no CUBA-LIF network: named arrays, which its family reads back.
+
+    arrays: numbers or strings; nothing that needs pickle.
+    n_channels: input channels that it was trained on.
+    """
+
+    arrays: Mapping[str, Array]
+    n_channels: int
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a classifier without output spikes answers to n samples, after each of k input lengths.
+
+    label: (n, k) int64 class; column j looks at the first time_ms[j] of the window only.
+    time_ms: (k,) rising; the last is the whole window.
+    n_weights: (k,) int64 stored numbers W_t that the answer after time_ms[j] needs, by the family's rule.
+    macs, additions: (k,) float64 mean multiply-accumulates and additions per inference until that answer.
+    input_spikes: (n, k) int64 input spikes until then.
+    """
+
+    label: Array
+    time_ms: Array
+    n_weights: Array
+    macs: Array
+    additions: Array
+    input_spikes: Array
+
+
+@dataclass(frozen=True)
 class Workload:
     """Mean activity per inference of a dense spiking network; arrays may carry leading axes (design points).
 
@@ -256,14 +305,15 @@ class Surface:
 class Outcome:
     """One training run of one design (one repeat): everything measured, nothing summarised over seeds.
 
-    validation, test: responses; test is None where no test set was named.
+    network: what was trained, for `respond` of its family.
+    validation, test: a spiking family gives responses, any other answers; test is None without a test set.
     history: epoch curves by name (loss, accuracy_train, seconds).
     health: dead and saturated units, non-finite gradients, overflow, initialisation notes.
     """
 
-    network: Network
-    validation: Response
-    test: Response | None
+    network: Network | Parameters
+    validation: Response | Answers
+    test: Response | Answers | None
     history: Mapping[str, Array]
     health: Mapping[str, Any] = field(default_factory=dict)
     train_s: float = 0.0
