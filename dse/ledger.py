@@ -87,7 +87,9 @@ class Ledger:
             template = create_trial(
                 state=TrialState.RUNNING,
                 params={name: _scalar(value) for name, value in design.items()},
-                distributions={name: _distribution(axis) for name, axis in self._axes.items()},
+                distributions={
+                    name: _distribution(axis) for name, axis in self._axes.items() if name in design
+                },
                 user_attrs={"batch": batch, "design": dict(design)},
             )
             with self._explained():

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from dse.config import SearchSpace
+from dse.config import SearchSpace, load_space
 from dse.ledger import Entry, Ledger
+from dse.search.space import design_at
+from dse.seeds import design_key
 from dse.store import StoreError
-from tests import tiny_study
+from tests import families, tiny_study
+from tests.spaces import write_space
 
 DESIGNS = [
     {"model.hidden": n, "model.true_rate": 0.2, "task.target": t} for n, t in ((4, "fabric"), (8, ["a", "b"]))
@@ -89,3 +92,20 @@ def test_damage_in_the_middle_is_named(ledger: Ledger, tmp_path: Path, space: Se
     path.write_bytes(b"\n".join(lines))
     with pytest.raises(StoreError, match=r"journal\.log: is damaged"):
         Ledger(path, space)
+
+
+def test_designs_of_several_kinds_have_their_own_axes(tmp_path: Path) -> None:
+    families.register()
+    try:
+        space = load_space(write_space(tmp_path, text=families.SPACE))
+    finally:
+        families.unregister()
+    designs = [design_at(space, index) for index in (0, 40, 117, 170)]
+    assert len({tuple(design) for design in designs}) == 4
+    ledger = Ledger(tmp_path / "journal.log", space)
+    ledger.ask(0, designs)
+    ledger.tell(1, (0.5, 10.0))
+    again = Ledger(tmp_path / "journal.log", space).entries
+    assert [space.resolve(entry.design) for entry in again] == [space.resolve(design) for design in designs]
+    assert [design_key(entry.design) for entry in again] == list(map(design_key, designs))
+    assert [entry.values for entry in again] == [None, (0.5, 10.0), None, None]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from typing import Any
 
 from dse.config import SearchSpace
 from dse.recordings.files import locate
-from dse.search.space import n_designs
+from dse.search.space import corners, n_designs, n_designs_of_each
 
 # Larger files are not read just to count their channels and classes.
 _MOST_BYTES = 200_000_000
 _MOST_COMBINATIONS = 10_000
+_SIZING = ("task", "preprocessing", "encoder", "model")
 
 
 def preview(space: SearchSpace) -> dict[str, Any]:
@@ -30,6 +30,7 @@ def preview(space: SearchSpace) -> dict[str, Any]:
         "task": space.fixed["task"]["name"],
         "axes": list(space.axes),
         "designs": grid,
+        **{f"{section}_designs": n_designs_of_each(space, section) for section in space.entries},
         "trained": n_trials,
         "runs": n_trials * space.search.repeats,
         "sampler": space.search.sampler,
@@ -50,13 +51,19 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
     from dse.dataset.parts import pooling_of
     from dse.dataset.sections import component, section
     from dse.recordings import RecordingError, Repaired, Simulated
+    from dse.recordings.cutting import cut
     from dse.recordings.splits import Split, split
-    from dse.recordings.targets import target
+    from dse.recordings.targets import heads, target
+    from dse.recordings.windows import Window
     from dse.records import Events, Rasters, Signals
 
-    first = space.resolve({name: axis.extremes()[0] for name, axis in space.axes.items()})
-    recordings = component("recordings", first["data"]).read(space.source.parent)
+    first = space.resolve(next(corners(space, (), 1)))
+    window = section(Window, first.get("window"))
+    read = component("recordings", first["data"]).read(space.source.parent)
+    recordings = cut(read, window.cut_steps, window.every_steps)
     codes, classes = target(recordings.columns, first["task"]["target"])
+    if first["task"]["joint"]:
+        heads(recordings.columns, first["task"]["target"], codes)
     parts = split(recordings.columns, codes, classes, section(Split, first["split"]))
     if isinstance(recordings, Events):
         for i in sorted(itertools.chain(*parts)):
@@ -68,26 +75,24 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
     if isinstance(recordings, Repaired) and (notes := recordings.notes()):
         found["repairs"] = notes
     weights: set[int] = set()
-    for resolved in _corners(space):
+    for design in corners(space, _SIZING, _MOST_COMBINATIONS):
+        resolved = space.resolve(design)
         if isinstance(recordings, Signals):
-            n_channels = component("encoders", resolved["encoder"]).n_channels(recordings.n_channels)
+            n_channels = recordings.n_channels
         elif isinstance(recordings, Rasters):
             n_channels = recordings.spikes.n_channels
         elif resolved["preprocessing"]["crop"] != "pins" or isinstance(recordings, Simulated):
             n_channels = pooling_of(recordings, resolved).n_channels
         else:  # the crop follows from the events, which are not read just for this
             return found
+        model = component("models", resolved["model"])
+        if resolved.get("encoder"):
+            try:
+                n_channels = component("encoders", resolved["encoder"]).n_channels(n_channels)
+            except ValueError:  # they follow from what it learns, and nothing is learnt just for this
+                return found
+        if not hasattr(model, "fit_cohort"):  # only networks know it before training
+            return found
         n_classes = len(target(recordings.columns, resolved["task"]["target"])[1])
-        weights.add(component("models", resolved["model"]).n_weights(n_channels, n_classes))
+        weights.add(model.n_weights(n_channels, n_classes))
     return found | {"n_weights_low": min(weights), "n_weights_high": max(weights)}
-
-
-def _corners(space: SearchSpace) -> Iterator[dict[str, Any]]:
-    """Return the designs at the ends of the ranges and at every choice of the axes that decide the size."""
-    sizing = [
-        name for name in space.axes if name.split(".")[0] in ("task", "preprocessing", "encoder", "model")
-    ]
-    rest = {name: axis.extremes()[0] for name, axis in space.axes.items() if name not in sizing}
-    choices = itertools.product(*(space.axes[name].extremes() for name in sizing))
-    for values in itertools.islice(choices, _MOST_COMBINATIONS):
-        yield space.resolve(rest | dict(zip(sizing, values, strict=True)))

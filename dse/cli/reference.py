@@ -41,8 +41,9 @@ def sections() -> list[Row]:
     docs = {
         "data": "the recordings; `kind` names a component",
         "test": "keys of data that differ for the recordings of a final test",
-        "encoder": "sampled signals -> spikes; `kind` names a component",
-        "model": "the classifier; `kind` names a component",
+        "encoder": "recordings -> input spikes, required for sampled signals; `kind` names a component, "
+        "`choice` lists several as an axis",
+        "model": "the classifier; `kind` names a component, `choice` lists several as an axis",
         **_LISTS,
     }
     listed = [{"section": name, "doc": docs.get(name) or _doc(settings_class(name))} for name in SECTIONS]

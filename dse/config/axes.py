@@ -4,12 +4,17 @@
 `{range: [lo, hi], step: s}`: lo, lo + s, ... up to hi.
 `{range: [lo, hi]}`: every number between; for an integer key every integer.
 `{range: [lo, hi], log: true}`: the same on a logarithmic scale, for samplers only.
+
+Where a section is a choice of components, their names are an axis (`model.kind`), and the axes of one of them
+are there only in designs of that kind (`model.elm.hidden`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from dse.config.faults import known_names
@@ -33,6 +38,7 @@ class Axis:
     log: samplers draw the logarithm uniformly.
     is_int: numbers are integers.
     is_list: the key holds a list; a single value stands for a list of one.
+    condition: (name of an axis, its value) of the designs that have this axis; None: all have it.
     """
 
     name: str
@@ -43,6 +49,7 @@ class Axis:
     log: bool = False
     is_int: bool = False
     is_list: bool = False
+    condition: tuple[str, str] | None = None
 
     def contains(self, value: Any) -> bool:
         """Return whether the value is on this axis."""
@@ -59,6 +66,12 @@ class Axis:
         """Return the value as its key holds it: a list of one where it stands for that."""
         return (value,) if self.is_list and not isinstance(value, tuple) else value
 
+    @property
+    def place(self) -> tuple[str, str]:
+        """Section and key of a resolved design that take the value."""
+        section, *_, key = self.name.split(".")
+        return section, key
+
     def to_plain(self) -> dict[str, Any]:
         """Return the axis as it is written in YAML."""
         if self.low is None:
@@ -67,6 +80,50 @@ class Axis:
         if self.step is not None:
             plain["step"] = self.step
         return plain | ({"log": True} if self.log else {})
+
+
+@dataclass(frozen=True)
+class Branching:
+    """An axis that every design has, with the axes that each of its values brings along.
+
+    below: value -> axes that only designs with this value have; values that bring none are absent.
+    """
+
+    axis: Axis
+    below: dict[Any, list[Axis]]
+
+    @cached_property
+    def sizes(self) -> dict[Any, int]:
+        """Value -> number of designs, for axes that all have values and a value that brings others along."""
+        return {
+            value: math.prod(len(inner.values or ()) for inner in self.below.get(value, ()))
+            for value in self.axis.values or ()
+        }
+
+    @cached_property
+    def size(self) -> int:
+        """Number of designs, for axes that all have values."""
+        return sum(self.sizes.values()) if self.below else len(self.axis.values or ())
+
+
+def branchings(axes: Iterable[Axis]) -> list[Branching]:
+    """Return the axes that every design has, in their order, each with those that depend on it."""
+    found: dict[str, Branching] = {}
+    for axis in axes:
+        if axis.condition is None:
+            found[axis.name] = Branching(axis, {})
+        else:
+            parent, value = axis.condition
+            found[parent].below.setdefault(value, []).append(axis)
+    return list(found.values())
+
+
+def n_combinations(axes: Iterable[Axis]) -> int | None:
+    """Return the number of designs over some axes, or None where one is a range without steps."""
+    known = list(axes)
+    if any(axis.values is None for axis in known):
+        return None
+    return math.prod(branching.size for branching in branchings(known))
 
 
 def is_axis(value: Any) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dse import registry
-from dse.config.axes import Axis
+from dse.config.axes import Axis, n_combinations
 from dse.config.device import missing
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names
@@ -91,8 +90,17 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
     return tuple(found.items())
 
 
-def search(raw: Any, axes: Mapping[str, Axis], report: Report) -> SearchSettings | None:
-    """Read the search settings together with the sampler's own keys; None after a fault."""
+def search(
+    raw: Any, axes: Mapping[str, Axis], report: Report, folds: int | None = None
+) -> SearchSettings | None:
+    """Read the search settings together with the sampler's own keys; None after a fault.
+
+    Args:
+        raw: the section as written.
+        axes: of the search space.
+        report: called with (path, sentence) for every mistake.
+        folds: of a cross-validation, of which every repeat is one; None without.
+    """
     known = registry.known("search.samplers")
     keys = raw if isinstance(raw, dict) else {}
     stepless = [axis for axis in axes.values() if axis.values is None]
@@ -110,16 +118,32 @@ def search(raw: Any, axes: Mapping[str, Axis], report: Report) -> SearchSettings
         for axis in stepless:
             text = f"{axis.name} needs a step or a choice for the grid sampler, got {axis.to_plain()}"
             report((*axis.name.split("."), "range"), text)
+    conditional = [axis.name for axis in axes.values() if axis.condition is not None]
+    if conditional and not _takes_conditions(cls):
+        others = ", ".join(other for other, found in known.items() if _takes_conditions(found))
+        text = f"search.sampler '{name}' cannot search axes that only some designs have, got {conditional[0]}"
+        report(("search", "sampler"), f"{text}; samplers that can: {others}")
     if not (good and good_options):
         return None
+    if values["repeats"] is None:
+        values["repeats"] = folds or 1
+    on_front = values["repeats_on_front"] > values["repeats"]
+    for key in ("repeats", *(["repeats_on_front"] if on_front else [])):
+        if folds and values[key] % folds:
+            text = f"must be a multiple of split.k_fold.k = {folds}, one run per fold, got {values[key]}"
+            report(("search", key), f"search.{key} {text}")
+            return None
     if name != "grid" and values["n_trials"] is None:
         report(("search",), f"search.n_trials is required for sampler '{name}'")
         return None
     # A grid learns nothing from its results: asked for at once, its designs share most passes of the events.
-    size = math.prod(len(axis.values or ()) for axis in axes.values()) if name == "grid" else _BATCH
-    return SearchSettings(
-        **values | {"sampler": name, "batch": values["batch"] or max(1, size)}, options=options
-    )
+    size = n_combinations(axes.values()) or 1 if name == "grid" else _BATCH
+    return SearchSettings(**values | {"sampler": name, "batch": values["batch"] or size}, options=options)
+
+
+def _takes_conditions(sampler: type[Any]) -> bool:
+    """Return whether a sampler searches axes that only some designs have; it says so where it does not."""
+    return bool(getattr(sampler, "conditional", True))
 
 
 def execution(raw: Any, report: Report, *, check_device: bool) -> ExecutionSettings | None:

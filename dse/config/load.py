@@ -11,7 +11,7 @@ from dse.config import goals, parts
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space
 from dse.config.parts import Part
-from dse.config.sections import SECTIONS, components, front_end
+from dse.config.sections import FAMILIES, SECTIONS, components, front_end
 from dse.config.space import SearchSpace
 from dse.config.values import INVALID, Report, echo, read
 from dse.config.yaml_lines import Document, in_file_order, read_document
@@ -71,12 +71,16 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     decision = goals.decision(data.get("decision"), report)
     hardware = goals.hardware(data.get("hardware"), report)
     objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
-    search = goals.search(data.get("search"), axes, report)
+    folds = (found["split"].values.get("k_fold") or {}).get("k") if "split" in found else None
+    search = goals.search(data.get("search"), axes, report, folds)
     execution = goals.execution(data.get("execution"), report, check_device=check_data)
     if faults or decision is None or search is None or execution is None:
         return None
-    fixed = {section: part.values for section, part in found.items()}
-    return SearchSpace(study, seed, source, fixed, axes, decision, hardware, objectives, search, execution)
+    fixed = {section: part.values for section, part in found.items() if not part.entries}
+    entries = {section: part.entries for section, part in found.items() if part.entries}
+    return SearchSpace(
+        study, seed, source, fixed, axes, decision, hardware, objectives, search, execution, entries
+    )
 
 
 def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
@@ -84,10 +88,10 @@ def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
     found: dict[str, Part] = {}
     recordings, kind = None, ""
     if "data" in data:
-        recordings = parts.component_class("data", data["data"], report)
+        recordings = parts.component_class(("data",), data["data"], report)
     if recordings is not None:
         kind = data["data"]["kind"]
-        found["data"] = parts.component("data", recordings, data["data"], report)
+        found["data"] = parts.component(("data",), recordings, data["data"], report)
     if "task" in data:
         found["task"] = parts.task(data["task"], report)
     found["window"] = parts.settings("window", data.get("window"), report)
@@ -96,17 +100,16 @@ def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
     if recordings is not None and "test" in data:
         found["test"] = parts.test_file(recordings, kind, data["test"], report)
     needed = None if recordings is None else front_end(recordings)
-    for section in ("preprocessing", "encoder"):
-        if recordings is not None and section != needed and section in data:
-            report((section,), f"section '{section}' has no meaning for {kind} recordings")
+    if recordings is not None and needed != "preprocessing" and "preprocessing" in data:
+        report(("preprocessing",), f"section 'preprocessing' has no meaning for {kind} recordings")
     if needed == "preprocessing" or (recordings is None and "preprocessing" in data):
         found["preprocessing"] = parts.settings("preprocessing", data.get("preprocessing"), report)
     if needed == "encoder" and "encoder" not in data:
         report((), f"section 'encoder' is required for {kind} recordings")
-    for section in ("encoder", "model"):
-        cls = parts.component_class(section, data[section], report) if section in data else None
-        if cls is not None:
-            found[section] = parts.component(section, cls, data[section], report)
+    for section in FAMILIES:
+        family = parts.family(section, data[section], report) if section in data else None
+        if family is not None:
+            found[section] = family
     found["training"] = parts.settings("training", data.get("training"), report)
     return found
 

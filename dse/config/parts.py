@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from dse.config.axes import Axis, is_axis, parse_axis
@@ -21,42 +22,113 @@ _MOST_COMBINATIONS = 1000
 class Part:
     """A section: key -> value, and dotted name -> axis for the keys that vary.
 
+    entries: kind -> key -> value where the section is a choice of several components; `values` is empty then.
     good: nothing in it was at fault; otherwise the keys at fault are missing.
     """
 
     values: dict[str, Any]
     axes: dict[str, Axis]
     good: bool
+    entries: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 def settings(section: str, raw: Any, report: Report) -> Part:
     """Read a section that is one dataclass."""
     cls = settings_class(section)
     one = read_or_axis if section in WITH_AXES else read_fixed
-    return _apart(section, cls, *read_fields(cls, raw, (section,), report, one), report)
+    return _apart((section,), cls, *read_fields(cls, raw, (section,), report, one), report)
 
 
-def component_class(section: str, raw: Any, report: Report) -> type | None:
-    """Return the class that `kind` of a section names; None after a fault."""
+def component_class(path: Path, raw: Any, report: Report) -> type | None:
+    """Return the class that `kind` of a section names; None after a fault.
+
+    Args:
+        path: the section, and the kind where it is one of a choice.
+        raw: the section or the entry of its choice, as written.
+        report: called with (path, sentence) for every mistake.
+    """
+    section = str(path[0])
     known = components(section)
     if not isinstance(raw, dict):
-        report((section,), f"{section} must be a mapping with a kind, got {echo(raw)}")
+        report(path, f"{section} must be a mapping with a kind, got {echo(raw)}")
     elif "kind" not in raw:
-        report((section,), f"{section}.kind is required; {known_names('', known)}")
+        report(path, f"{section}.kind is required; {known_names('', known)}")
     elif not isinstance(raw["kind"], str) or raw["kind"] not in known:
         kind = raw["kind"]
-        report((section, "kind"), f"unknown {section}.kind {echo(kind)}; {known_names(str(kind), known)}")
+        report((*path, "kind"), f"unknown {section}.kind {echo(kind)}; {known_names(str(kind), known)}")
     else:
         return known[raw["kind"]]
     return None
 
 
-def component(section: str, cls: type, raw: dict[str, Any], report: Report) -> Part:
-    """Read a section with a `kind`, whose class is known."""
+def component(path: Path, cls: type, raw: dict[str, Any], report: Report) -> Part:
+    """Read a component whose class is known.
+
+    Args:
+        path: its section, and its kind where the section is a choice of several.
+        cls: its class.
+        raw: its keys and `kind`, as written.
+        report: called with (path, sentence) for every mistake.
+    """
     keys = {key: value for key, value in raw.items() if key != "kind"}
-    one = read_or_axis if section in WITH_AXES else read_fixed
-    part = _apart(section, cls, *read_fields(cls, keys, (section,), report, one), report)
+    one = read_or_axis if path[0] in WITH_AXES else read_fixed
+    part = _apart(path, cls, *read_fields(cls, keys, path, report, one), report)
     return Part({"kind": raw["kind"]} | part.values, part.axes, part.good)
+
+
+def family(section: str, raw: Any, report: Report) -> Part | None:
+    """Read a section that holds one component or a choice of several; None where no kind is known.
+
+    A name alone is the component with its defaults, and a choice of one is that one. The names of several are
+    the axis `<section>.kind`; an axis of one of them is called `<section>.<kind>.<key>`.
+    """
+    if not (isinstance(raw, dict) and "choice" in raw):
+        return _one((section,), raw, report)
+    where, entries = (section, "choice"), raw["choice"]
+    if not isinstance(entries, list | tuple) or not entries:
+        report(where, f"{section}.choice must be a list of one or more components, got {echo(entries)}")
+        return None
+    parts: dict[str, Part] = {}
+    good = True
+    for index, entry in enumerate(entries):
+        part = _entry(section, entry, (*where, index), len(entries) > 1, report)
+        good &= part is not None and part.good
+        if part is not None and part.values["kind"] in parts:
+            good = False
+            report((*where, index), f"{section}.choice has '{part.values['kind']}' twice")
+        elif part is not None:
+            parts[part.values["kind"]] = part
+    for key in raw:
+        if key != "choice":
+            good = False
+            report((section, key), f"unknown key '{section}.{key}'; {known_names(key, ['choice', *parts])}")
+    if len(entries) == 1:
+        return next(iter(parts.values()), None)
+    kinds = Axis(f"{section}.kind", tuple(parts))
+    axes = {
+        name: dataclasses.replace(axis, condition=(kinds.name, kind))
+        for kind, part in parts.items()
+        for name, axis in part.axes.items()
+    }
+    return Part({}, {kinds.name: kinds} | axes, good, {kind: part.values for kind, part in parts.items()})
+
+
+def _entry(section: str, raw: Any, place: Path, of_several: bool, report: Report) -> Part | None:
+    """Read an entry of a choice, which stands at a place of its own; None where its kind is unknown."""
+    kind = raw.get("kind") if isinstance(raw, dict) else raw
+    if not isinstance(raw, str | dict):
+        text = f"{dotted(place)} must be the name of a component, or a mapping with a kind, got {echo(raw)}"
+        report(place, text)
+        return None
+    path: Path = (section, kind) if of_several and isinstance(kind, str) else (section,)
+    return _one(path, raw, lambda below, text: report((*place, *below[len(path) :]), text))
+
+
+def _one(path: Path, raw: Any, report: Report) -> Part | None:
+    """Read a component, or its name alone, whose keys are called after a path; None without a known kind."""
+    keys = {"kind": raw} if isinstance(raw, str) else raw
+    cls = component_class(path, keys, report)
+    return None if cls is None else component(path, cls, keys, report)
 
 
 def test_file(cls: type, kind: str, raw: Any, report: Report) -> Part:
@@ -76,7 +148,8 @@ def task(raw: Any, report: Report) -> Part:
         return part
     axis = part.axes.get("task.target")
     targets = (part.values["target"],) if axis is None else axis.values or ()
-    name = _columns(targets[0]) if len(targets) == 1 else "target"
+    sign = "+" if part.values.get("joint") else "|"
+    name = _columns(targets[0], sign) if len(targets) == 1 else "target"
     return Part(part.values | {"name": name}, part.axes, part.good)
 
 
@@ -95,17 +168,19 @@ def read_or_axis(value: Any, hint: Any, rule: Rule, path: Path, report: Report) 
     return parse_axis(value, hint, path, report, lambda inner, where: read(inner, hint, rule, where, report))
 
 
-def _apart(section: str, cls: type, values: dict[str, Any], good: bool, report: Report) -> Part:
+def _apart(path: Path, cls: type, values: dict[str, Any], good: bool, report: Report) -> Part:
     """Return values and axes apart, after asking the class whether it accepts them together."""
     varied = {key: value for key, value in values.items() if isinstance(value, Axis)}
     plain = {key: value for key, value in values.items() if key not in varied}
     # Task is a reading aid of this package: nothing constructs it, and its columns are plain mappings.
     messages = _refusals(cls, plain, varied) if good and cls is not Task else []
+    section, name = path[0], dotted(path)
     for message in messages:
         # A component's own sentence begins with the key that it is about.
         key = message.split(" ", 1)[0].removeprefix(f"{section}.")
-        prefix = "" if message.startswith(section) else f"{section}." if key in values else f"{section}: "
-        report((section, key) if key in values else (section,), prefix + message)
+        text = message.removeprefix(f"{section}.") if key in values else message
+        prefix = f"{name}." if key in values else "" if message.startswith(str(section)) else f"{name}: "
+        report((*path, key) if key in values else path, prefix + text)
     return Part(plain, {axis.name: axis for axis in varied.values()}, good and not messages)
 
 
@@ -121,6 +196,6 @@ def _refusals(cls: type, plain: dict[str, Any], varied: dict[str, Axis]) -> list
     return list(messages)
 
 
-def _columns(target: Any) -> str:
+def _columns(target: Any, sign: str) -> str:
     parts = target if isinstance(target, tuple) else (target,)
-    return "|".join(part["column"] if isinstance(part, dict) else part for part in parts)
+    return sign.join(part["column"] if isinstance(part, dict) else part for part in parts)

@@ -14,7 +14,15 @@ from typing import Any, Literal, Union, get_args, get_origin
 from dse import registry
 from dse.config.load import REQUIRED
 from dse.config.locate import hardware_names
-from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, Search, known_objectives, settings_class
+from dse.config.sections import (
+    COMPONENTS,
+    FAMILIES,
+    SECTIONS,
+    WITH_AXES,
+    Search,
+    known_objectives,
+    settings_class,
+)
 from dse.config.values import is_list
 from dse.registry import Rule, rule_of
 
@@ -28,6 +36,9 @@ def json_schema() -> Schema:
     objectives = [
         text for name, found in known_objectives().items() for text in (name, f"{name}:{found.direction}")
     ]
+    # A choice of components repeats what each may hold, so the schema says that once.
+    one = {name: sections[name] for name in FAMILIES}
+    sections |= {name: {"anyOf": [_reference(name), _families(name)]} for name in FAMILIES}
     sections["objectives"] = _names(objectives)
     sections["hardware"] = _names(hardware_names())
     sections["search"] = _search()
@@ -38,7 +49,18 @@ def json_schema() -> Schema:
         "properties": {"study": {"type": "string"}, "seed": {"type": "integer", "minimum": 0}, **sections},
         "required": list(REQUIRED),
         "additionalProperties": False,
+        "$defs": one,
     }
+
+
+def _reference(name: str) -> Schema:
+    return {"$ref": f"#/$defs/{name}"}
+
+
+def _families(name: str) -> Schema:
+    """Return the form of a section that is a choice of components."""
+    choice = {"choice": {"type": "array", "items": _reference(name), "minItems": 1}}
+    return {"type": "object", "properties": choice, "required": ["choice"], "additionalProperties": False}
 
 
 def _section(name: str) -> Schema:
@@ -51,7 +73,8 @@ def _section(name: str) -> Schema:
         schema["properties"] = {"kind": {"const": kind}, **schema["properties"]}
         schema["required"] = [] if name == "test" else ["kind", *schema.get("required", [])]
         options.append(schema)
-    return {"anyOf": options}
+    bare = [kind for kind, option in zip(known, options, strict=True) if option["required"] == ["kind"]]
+    return {"anyOf": [*options, {"enum": bare}] if name in FAMILIES else options}
 
 
 def _search() -> Schema:

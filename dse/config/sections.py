@@ -16,6 +16,8 @@ from dse import registry
 from dse.config.device import DEVICES
 from dse.registry import param
 
+# Sections whose component may be an axis.
+FAMILIES = ("encoder", "model")
 COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
 _SETTINGS = {
     "task": "dse.config.sections:Task",
@@ -54,6 +56,11 @@ class Task:
     target: str | Column | tuple[str | Column, ...] = param(  # noqa: RUF009
         doc="a label column, `{column: name, abs: true}`, or a list of these: their combination"
     )
+    joint: bool = param(
+        False,
+        doc="with a list of columns: also report each of them, and let models have a part for each",
+        axis=False,
+    )
     name: str = param("", doc="name of the task in tables; absent: the target's columns", axis=False)
 
 
@@ -79,8 +86,15 @@ class Search:
         low=1,
         axis=False,
     )
-    repeats: int = param(1, doc="trainings of every design, each with its own seed", low=1, axis=False)
-    repeats_on_front: int = param(1, doc="trainings of the designs on the front", low=1, axis=False)
+    repeats: int | None = param(
+        None,
+        doc="trainings of every design, each with its own seed; absent: 1, or one per fold of split.k_fold",
+        low=1,
+        axis=False,
+    )
+    repeats_on_front: int = param(
+        1, doc="trainings of the designs on the front of each task and family", low=1, axis=False
+    )
 
 
 @dataclass(frozen=True)
@@ -122,7 +136,11 @@ def known_objectives() -> Mapping[str, Any]:
 
 
 def front_end(recordings: type[Any]) -> str | None:
-    """Return the section that turns what a recordings component reads into spikes; None for spikes."""
+    """Return the section that what a recordings component reads cannot do without; None for spikes.
+
+    Signals need an encoder and events preprocessing; spikes, and events once they are counted, may have an
+    encoder as well.
+    """
     hint = typing.get_type_hints(recordings.read)["return"]
     found = {_front_end(kind) for kind in typing.get_args(hint) or (hint,)}
     if len(found) > 1:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dse.config.axes import Axis
+from dse.config.axes import Axis, Branching, branchings, n_combinations
 from dse.config.sections import SECTIONS, ExecutionSettings
 from dse.config.values import echo
 from dse.config.yaml_lines import dump
@@ -54,8 +55,9 @@ class SearchSpace:
 
     source: the file it was read from; data files are looked up beside it.
     fixed: section -> key -> value, without the keys that are axes.
-    axes: by dotted name, in the order of the sections.
+    axes: by dotted name, in the order of the sections; one with a condition follows the axis that it names.
     objectives: (column, 'max' or 'min').
+    entries: section -> kind -> key -> value, for the sections that are a choice of several components.
     """
 
     study: str
@@ -68,36 +70,61 @@ class SearchSpace:
     objectives: tuple[tuple[str, str], ...]
     search: SearchSettings
     execution: ExecutionSettings
+    entries: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+
+    @cached_property
+    def branchings(self) -> list[Branching]:
+        """Axes that every design has, each with those that only some of its values bring along."""
+        return branchings(self.axes.values())
+
+    @cached_property
+    def n_designs(self) -> int | None:
+        """Number of designs, or None where an axis is a range without steps."""
+        return n_combinations(self.axes.values())
+
+    def active(self, design: Mapping[str, Any]) -> dict[str, Axis]:
+        """Return the axes that a design has, which follow from its values on the axes of kinds."""
+        return {
+            name: axis
+            for name, axis in self.axes.items()
+            if axis.condition is None or design.get(axis.condition[0]) == axis.condition[1]
+        }
 
     def resolve(self, design: Mapping[str, Any]) -> dict[str, Any]:
         """Return the sections (data .. training) with a design's values in their places.
 
         Args:
-            design: axis name -> value, one for every axis; a list of one may be written as its element.
+            design: axis name -> value, one for every axis that its kinds have; a list of one may be written
+                as its element.
 
         Raises:
             ValueError: an axis is missing, unknown, or the value is not on it.
         """
-        if set(design) != set(self.axes):
-            raise ValueError(f"a design must have the axes {sorted(self.axes)}, got {sorted(design)}")
-        resolved: dict[str, Any] = copy.deepcopy(dict(self.fixed))
-        for name, axis in self.axes.items():
-            value = _frozen(design[name])
-            if not axis.contains(value):
-                raise ValueError(f"design: {name} must be on its axis {axis.to_plain()}, got {echo(value)}")
-            *parents, key = name.split(".")
-            inner = resolved
-            for parent in parents:
-                inner = inner.setdefault(parent, {})
-            inner[key] = axis.wrapped(value)
+        axes = self.active(design)
+        if set(design) != set(axes):
+            raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")
+        values = {name: _frozen(design[name]) for name in axes}
+        for name, axis in axes.items():
+            if not axis.contains(values[name]):
+                text = f"must be on its axis {axis.to_plain()}, got {echo(values[name])}"
+                raise ValueError(f"design: {name} {text}")
+        chosen = {section: kinds[values[f"{section}.kind"]] for section, kinds in self.entries.items()}
+        resolved = _sections(self.fixed, chosen)
+        for name, axis in axes.items():
+            section, key = axis.place
+            resolved.setdefault(section, {})[key] = axis.wrapped(values[name])
         return resolved
 
     def to_plain(self) -> dict[str, Any]:
         """Return the whole search space as plain data, as a file with every default written would hold it."""
-        sections: dict[str, Any] = copy.deepcopy(dict(self.fixed))
+        sections = _sections(self.fixed, self.entries)
         for name, axis in self.axes.items():
-            section, key = name.split(".", 1)
-            sections.setdefault(section, {})[key] = axis.to_plain()
+            section, key = axis.place
+            if axis.condition is not None:
+                sections[section][axis.condition[1]][key] = axis.to_plain()
+            elif name != f"{section}.kind":
+                sections.setdefault(section, {})[key] = axis.to_plain()
+        sections |= {section: {"choice": list(sections[section].values())} for section in self.entries}
         sections["decision"] = {"phi": self.decision.phi.tolist(), "theta": self.decision.theta.tolist()}
         sections["hardware"] = list(self.hardware)
         sections["objectives"] = [f"{name}:{direction}" for name, direction in self.objectives]
@@ -110,6 +137,12 @@ class SearchSpace:
     def to_yaml(self) -> str:
         """Return the fully resolved file; reading it gives the same search space."""
         return dump(self.to_plain())
+
+
+def _sections(*parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return copies of the sections of several mappings, in the order of a file."""
+    found = {section: keys for part in parts for section, keys in part.items()}
+    return {section: copy.deepcopy(found[section]) for section in SECTIONS if section in found}
 
 
 def _frozen(value: Any) -> Any:

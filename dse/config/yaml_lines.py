@@ -44,9 +44,21 @@ class Document:
 
     def fault(self, path: Path, message: str) -> Fault:
         """Return a fault at a path, or at the nearest enclosing path that stands in the text."""
+        path = located(self.data, path)
         while path not in self.places:
             path = path[:-1]
         return Fault(*self.places[path], message)
+
+
+def located(data: Any, path: Path) -> Path:
+    """Return where a key stands: `model.elm.hidden` in the entry of kind elm where `model` is a choice."""
+    section = data.get(path[0]) if path and isinstance(data, dict) else None
+    entries = section.get("choice") if isinstance(section, dict) else None
+    for index, entry in enumerate(entries if isinstance(entries, list) and len(path) > 1 else ()):
+        kind = entry.get("kind") if isinstance(entry, dict) else entry
+        if isinstance(kind, str) and kind == path[1]:
+            return (path[0], "choice", index, *path[2:])
+    return path
 
 
 def scalar(text: str) -> Any:
@@ -108,12 +120,16 @@ def parse(text: str, name: str) -> Document:
 
 
 def override(document: Document, values: Mapping[str, str]) -> Document:
-    """Replace dotted keys by values written as YAML (`model.hidden={choice: [50, 100]}`)."""
+    """Replace dotted keys by values written as YAML (`model.hidden={choice: [50, 100]}`).
+
+    A section that is a name alone is a mapping of that kind, so that keys can be added to it; where it is a
+    choice, `model.elm.hidden` is a key of the entry of kind elm.
+    """
     data, places, faults = document.data, dict(document.places), list(document.faults)
     if values and not isinstance(data, dict):
         data = {}
     for key, text in values.items():
-        path = tuple(key.split("."))
+        path: Path = tuple(key.split("."))
         source = f"--set {key}"
         if not all(path):
             faults.append(Fault(source, 0, f"must be a dotted key such as data.file, got '{key}'"))
@@ -122,6 +138,7 @@ def override(document: Document, values: Mapping[str, str]) -> Document:
         if given.faults:
             faults += [Fault(source, 0, fault.message) for fault in given.faults]
             continue
+        path = located(data, path)
         places = {known: place for known, place in places.items() if known[: len(path)] != path}
         places |= {path + sub: (source, 0) for sub in given.places}
         for length in range(1, len(path)):  # a section that only the command line names
@@ -130,11 +147,14 @@ def override(document: Document, values: Mapping[str, str]) -> Document:
     return Document(data, places, faults)
 
 
-def _replaced(data: Any, path: Path, value: Any) -> Any:
+def _replaced(data: Any, path: Path, value: Any, depth: int = 0) -> Any:
     if not path:
         return value
-    inner = data if isinstance(data, dict) else {}
-    return {**inner, path[0]: _replaced(inner.get(path[0]), path[1:], value)}
+    key, rest = path[0], path[1:]
+    if isinstance(key, int):  # an entry of the choice of a section
+        return [*data[:key], _replaced(data[key], rest, value, 1), *data[key + 1 :]]
+    inner = data if isinstance(data, dict) else {"kind": data} if depth == 1 and isinstance(data, str) else {}
+    return {**inner, key: _replaced(inner.get(key), rest, value, depth + 1)}
 
 
 def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:

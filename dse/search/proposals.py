@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import optuna
 
 Values = Sequence[float] | None
+# Where a space has no grid, the rest of it is looked for by this many random draws.
+_DRAWS = 1000
 # A sampler that proposes only known designs this often in a row gets them from the rest of the grid.
 _TRIES = 20
 
@@ -47,7 +49,8 @@ class OptunaSampler:
 
     make: seed -> Optuna sampler.
     replay: batch size with which the history is asked and told again, for samplers that note
-        something at every ask (generations); None where values alone carry the history.
+        something at every ask (generations); None where values alone carry the history. Samplers that
+        are replayed cross designs: they see a value on every axis, also on one that a design does not have.
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class OptunaSampler:
         self._directions = directions
         self._make = make
         self._replay = replay
+        self._distributions = {name: _distribution(axis) for name, axis in space.axes.items()}
         self._asked: dict[str, Design] = {}
         self._told: dict[str, tuple[Design, Values]] = {}
 
@@ -69,13 +73,12 @@ class OptunaSampler:
         import optuna
 
         rng = seeds.generator(self._space.seed, {}, "sampler", len(self._asked))
-        distributions = {axis.name: _distribution(axis) for axis in self._space.axes.values()}
         found: list[Design] = []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            study = self._study(distributions, int(rng.integers(2**31)))
+            study = self._study(int(rng.integers(2**31)))
             for _ in range(n):
-                design = self._new(study, distributions) or self._untried(rng)
+                design = self._new(study) or self._untried(rng)
                 if design is None:
                     break
                 self._asked[seeds.design_key(design)] = design
@@ -90,7 +93,7 @@ class OptunaSampler:
             failed = value is None or not all(map(math.isfinite, value))
             self._told[key] = (dict(design), None if failed else value)
 
-    def _study(self, distributions: dict[str, Any], seed: int) -> optuna.Study:
+    def _study(self, seed: int) -> optuna.Study:
         """Return a study that knows the history and a sampler with a fresh generator."""
         import optuna
 
@@ -103,16 +106,16 @@ class OptunaSampler:
             )
         finally:
             optuna.logging.set_verbosity(verbosity)
-        history = [
-            ({name: _to_optuna(axis, design[name]) for name, axis in self._space.axes.items()}, value)
-            for design, value in self._told.values()
-        ]
+        history = [(self._parameters(design), value) for design, value in self._told.values()]
         if self._replay is None:
             for parameters, value in history:
                 state = optuna.trial.TrialState.FAIL if value is None else optuna.trial.TrialState.COMPLETE
                 study.add_trial(
                     optuna.trial.create_trial(
-                        state=state, values=value, params=parameters, distributions=distributions
+                        state=state,
+                        values=value,
+                        params=parameters,
+                        distributions={name: self._distributions[name] for name in parameters},
                     )
                 )
             return study
@@ -120,7 +123,7 @@ class OptunaSampler:
             batch = history[first : first + self._replay]
             for parameters, _ in batch:
                 study.enqueue_trial(parameters)
-            trials = [study.ask(distributions) for _ in batch]
+            trials = [study.ask(self._distributions) for _ in batch]
             for trial in trials:
                 _ = trial.relative_params  # Optuna lets the sampler note the generation on this access
             for trial, (_, value) in zip(trials, batch, strict=True):
@@ -129,23 +132,71 @@ class OptunaSampler:
         study.sampler = self._make(seed)
         return study
 
-    def _new(self, study: optuna.Study, distributions: dict[str, Any]) -> Design | None:
+    def _parameters(self, design: Design) -> dict[str, Any]:
+        """Return a design as Optuna knows it.
+
+        On an axis that the design does not have, a sampler that crosses designs sees a value drawn for the
+        design: so a child of two kinds inherits what it can of either.
+        """
+        found = dict(design)
+        if self._replay is not None:
+            rng = seeds.generator(self._space.seed, design, "sampler")
+            found |= {
+                name: _drawn(axis, rng) for name, axis in self._space.axes.items() if name not in design
+            }
+        return {
+            name: _to_optuna(axis, found[name]) for name, axis in self._space.axes.items() if name in found
+        }
+
+    def _asked_of(self, study: optuna.Study) -> tuple[optuna.Trial, Design]:
+        """Return a new trial and its design."""
+        always = {axis.name for axis in self._space.axes.values() if axis.condition is None}
+        if self._replay is not None:
+            always |= self._distributions.keys()
+        trial = study.ask({name: dist for name, dist in self._distributions.items() if name in always})
+        shared = {
+            name: _to_value(axis, trial.params[name])
+            for name, axis in self._space.axes.items()
+            if axis.condition is None
+        }
+        design = {
+            name: _to_value(axis, trial.params[name] if name in always else self._suggested(trial, name))
+            for name, axis in self._space.active(shared).items()
+        }
+        return trial, design
+
+    def _suggested(self, trial: optuna.Trial, name: str) -> Any:
+        """Return what the sampler proposes on one more axis of a trial."""
+        from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+        one = self._distributions[name]
+        if isinstance(one, FloatDistribution):
+            return trial.suggest_float(name, one.low, one.high, log=one.log)
+        if isinstance(one, IntDistribution):
+            return trial.suggest_int(name, one.low, one.high, log=one.log)
+        assert isinstance(one, CategoricalDistribution)  # there are no others
+        return trial.suggest_categorical(name, one.choices)
+
+    def _new(self, study: optuna.Study) -> Design | None:
         """Return a design that was never asked before, or None if the sampler finds none."""
         import optuna
 
         for _ in range(_TRIES):
-            trial = study.ask(distributions)
-            design = {name: _to_value(axis, trial.params[name]) for name, axis in self._space.axes.items()}
+            trial, design = self._asked_of(study)
             if seeds.design_key(design) not in self._asked:
                 return design
             study.tell(trial, state=optuna.trial.TrialState.FAIL)
         return None
 
     def _untried(self, rng: np.random.Generator) -> Design | None:
-        """Return the first design not asked before, from a random place of the grid on; None without one."""
+        """Return a design not asked before; None where there is none.
+
+        On a grid it is the first one from a random place on, else one drawn at random.
+        """
         total = n_designs(self._space)
         if total is None:
-            return None
+            drawn = (self._drawn_design(rng) for _ in range(_DRAWS))
+            return next((design for design in drawn if seeds.design_key(design) not in self._asked), None)
         tried = {index_of(self._space, design) for design in self._asked.values()}
         if len(tried) >= total:
             return None
@@ -153,6 +204,29 @@ class OptunaSampler:
         while index in tried:
             index = (index + 1) % total
         return design_at(self._space, index)
+
+    def _drawn_design(self, rng: np.random.Generator) -> Design:
+        """Return a design drawn uniformly: its kinds first, then on every axis that they have."""
+        axes = self._space.axes.items()
+        design = {name: _drawn(axis, rng) for name, axis in axes if axis.condition is None}
+        return {
+            name: design[name] if name in design else _drawn(axis, rng)
+            for name, axis in self._space.active(design).items()
+        }
+
+
+def _drawn(axis: Axis, rng: np.random.Generator) -> Any:
+    """Return a value drawn uniformly from an axis, on a logarithmic scale where it has one."""
+    if axis.values is not None:
+        return axis.values[int(rng.integers(len(axis.values)))]
+    assert axis.low is not None and axis.high is not None  # a range has ends
+    # An integer has what is rounded to it: half a step on either side.
+    margin = 0.5 if axis.is_int else 0.0
+    low, high = axis.low - margin, axis.high + margin
+    value = (
+        math.exp(rng.uniform(math.log(low), math.log(high))) if axis.log else float(rng.uniform(low, high))
+    )
+    return min(max(round(value) if axis.is_int else value, axis.low), axis.high)
 
 
 def _is_ordered(axis: Axis) -> bool:

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-import math
+import itertools
+from collections.abc import Collection, Iterator
+from typing import Any
 
-from dse.config.axes import Axis
+from dse.config.axes import Axis, n_combinations
 from dse.config.space import Design, SearchSpace
 
 
 def n_designs(space: SearchSpace) -> int | None:
     """Return the number of designs, or None where an axis is a range without steps."""
-    sizes = [None if axis.values is None else len(axis.values) for axis in space.axes.values()]
-    return None if None in sizes else math.prod(size for size in sizes if size is not None)
+    return space.n_designs
+
+
+def n_designs_of_each(space: SearchSpace, section: str) -> dict[str, int | None]:
+    """Return kind -> number of designs, for a section that is a choice of several components."""
+    found: dict[str, int | None] = {}
+    name = f"{section}.kind"
+    for kind in space.entries[section]:
+        others = [(name, other) for other in space.entries[section] if other != kind]
+        found[kind] = n_combinations(
+            Axis(name, (kind,)) if axis.name == name else axis
+            for axis in space.axes.values()
+            if axis.condition not in others
+        )
+    return found
 
 
 def design_at(space: SearchSpace, index: int) -> Design:
@@ -28,11 +43,27 @@ def design_at(space: SearchSpace, index: int) -> Design:
     if total is None or not 0 <= index < total:
         raise ValueError(f"index must be in [0, {total}) of a grid whose axes all have values, got {index}")
     design: Design = {}
-    for axis in reversed(list(space.axes.values())):
-        values = axis.values or ()
-        index, position = divmod(index, len(values))
-        design[axis.name] = values[position]
-    return {name: design[name] for name in space.axes}
+    for branching in reversed(space.branchings):
+        axis, values = branching.axis, branching.axis.values or ()
+        index, place = divmod(index, branching.size)
+        if branching.below:
+            value, place = _branch(branching.sizes, place)
+            design[axis.name] = value
+            for inner in reversed(branching.below.get(value, [])):
+                place, step = divmod(place, len(inner.values or ()))
+                design[inner.name] = (inner.values or ())[step]
+        else:
+            design[axis.name] = values[place]
+    return {name: design[name] for name in space.axes if name in design}
+
+
+def _branch(sizes: dict[Any, int], place: int) -> tuple[Any, int]:
+    """Return the value that has a place among the designs of all values, and the place among its own."""
+    for value, size in sizes.items():
+        if place < size:
+            return value, place
+        place -= size
+    raise AssertionError("a place is below the sum of the sizes")
 
 
 def index_of(space: SearchSpace, design: Design) -> int:
@@ -41,10 +72,44 @@ def index_of(space: SearchSpace, design: Design) -> int:
     Raises:
         ValueError: the design is not in the grid.
     """
+    axes = space.active(design)
+    if set(design) != set(axes):
+        raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")
     index = 0
-    for axis in space.axes.values():
-        index = index * len(axis.values or ()) + position(axis, design[axis.name])
+    for branching in space.branchings:
+        place = position(branching.axis, design[branching.axis.name])
+        if branching.below:
+            value = (branching.axis.values or ())[place]
+            sizes = list(branching.sizes.values())
+            inside = 0
+            for inner in branching.below.get(value, []):
+                inside = inside * len(inner.values or ()) + position(inner, design[inner.name])
+            place = sum(sizes[:place]) + inside
+        index = index * branching.size + place
     return index
+
+
+def corners(space: SearchSpace, sections: Collection[str], most: int) -> Iterator[Design]:
+    """Yield designs at every choice and at the ends of every range of some sections' axes.
+
+    Other axes have their first value. Every combination of kinds has an equal share of `most`.
+
+    Args:
+        space: search space.
+        sections: whose axes vary.
+        most: designs at most, and one per combination of kinds at least.
+    """
+    parents = {f"{section}.kind": tuple(kinds) for section, kinds in space.entries.items()}
+    kinds = list(itertools.product(*parents.values()))
+    for combination in kinds:
+        own = dict(zip(parents, combination, strict=True))
+        axes = space.active(own)
+        ends = [
+            (own[name],) if name in own else axis.extremes()[: None if axis.place[0] in sections else 1]
+            for name, axis in axes.items()
+        ]
+        for values in itertools.islice(itertools.product(*ends), max(1, most // len(kinds))):
+            yield dict(zip(axes, values, strict=True))
 
 
 def position(axis: Axis, value: object) -> int:

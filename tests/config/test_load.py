@@ -40,7 +40,7 @@ def test_a_file_without_faults(tmp_path: Path) -> None:
     assert space.hardware == ("loihi1_silicon",)
     assert (space.search.sampler, space.search.n_trials, space.search.batch) == ("grid", None, 2)
     assert space.execution.jobs == 1
-    assert space.fixed["task"] == {"target": "fabric", "name": "fabric"}
+    assert space.fixed["task"] == {"target": "fabric", "joint": False, "name": "fabric"}
     assert "hidden" not in space.fixed["model"]
     assert space.fixed["training"]["epochs"] == 1
     assert set(space.fixed["training"]) > {"epochs", "learning_rate"}  # defaults are written out

@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 from dse.config.schema import json_schema
-from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, components, settings_class
+from dse.config.sections import COMPONENTS, FAMILIES, SECTIONS, WITH_AXES, components, settings_class
 
 
 def test_it_is_json_and_has_every_section() -> None:
@@ -14,10 +14,17 @@ def test_it_is_json_and_has_every_section() -> None:
     assert schema["additionalProperties"] is False
 
 
+def one_of(section: str) -> list[dict[str, Any]]:
+    """Return the schemas of the components of a section."""
+    schema = json_schema()
+    return schema["$defs" if section in FAMILIES else "properties"][section]["anyOf"]  # type: ignore[no-any-return]
+
+
 def test_it_has_every_key_of_every_component() -> None:
     properties = json_schema()["properties"]
     for section in COMPONENTS:
-        by_kind = {option["properties"]["kind"]["const"]: option for option in properties[section]["anyOf"]}
+        options = [option for option in one_of(section) if "properties" in option]
+        by_kind = {option["properties"]["kind"]["const"]: option for option in options}
         assert by_kind.keys() == components(section).keys()
         for kind, option in by_kind.items():
             names = {field.name for field in dataclasses.fields(components(section)[kind])}
@@ -30,8 +37,7 @@ def test_it_has_every_key_of_every_component() -> None:
 
 def test_axes_are_allowed_where_the_reader_allows_them() -> None:
     def forms(section: str, key: str) -> list[dict[str, Any]]:
-        found = json_schema()["properties"][section]
-        found = found["anyOf"][0] if section in COMPONENTS else found
+        found = one_of(section)[0] if section in COMPONENTS else json_schema()["properties"][section]
         return found["properties"][key].get("anyOf", [])  # type: ignore[no-any-return]
 
     assert "training" in WITH_AXES

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from dse import registry, seeds
 from dse.config import Design, SearchSpace, load_space
 from dse.search import proposals
 from dse.search.proposals import Sampler, Values
-from dse.search.space import grid
+from dse.search.space import design_at, grid, index_of, n_designs
+from tests import families
 from tests.spaces import write_space
 
 NAMES = sorted(registry.known("search.samplers"))
@@ -222,3 +225,188 @@ def test_failed_designs_are_not_asked_again(small_space: SearchSpace) -> None:
     first = sampler.ask(BATCH)
     sampler.tell(first, [None] * BATCH)
     assert all(design not in first for design in sampler.ask(2))
+
+
+# What this space was asked for before a section could be a choice of components.
+BEFORE = {
+    "random": [68, 203, 26, 167, 146, 236, 74, 234, 86, 3, 154, 60, 63, 83, 30, 204],
+    "tpe": [68, 203, 26, 167, 146, 236, 74, 234, 80, 119, 53, 216, 217, 36, 173, 56],
+    "nsga2": [68, 203, 26, 167, 146, 236, 74, 234, 148, 34, 105, 24, 114, 188, 154, 201],
+    "grid": list(range(16)),
+}
+
+
+@pytest.mark.parametrize("name", sorted(BEFORE))
+def test_spaces_without_conditions_are_searched_as_before(name: str, tmp_path: Path) -> None:
+    rate, epochs = "true_rate: {choice: [0.5, 0.6, 0.7, 0.8, 0.9]}", "epochs: {range: [1, 8]}"
+    space = space_of(tmp_path, ("true_rate: 0.8", rate), ("epochs: 1", epochs))
+    assert [index_of(space, design) for design in played(start(name, space), 4)] == BEFORE[name]
+
+
+@pytest.fixture
+def known() -> Iterator[None]:
+    families.register()
+    yield
+    families.unregister()
+
+
+def families_of(folder: Path, *changes: tuple[str, str], seed: int = 3) -> SearchSpace:
+    search = ("sampler: grid, batch: 4", f"sampler: tpe, n_trials: 99, batch: {BATCH}")
+    return load_space(write_space(folder, search, *changes, text=families.SPACE), {"seed": str(seed)})
+
+
+@pytest.fixture
+def mixed(tmp_path: Path, known: None) -> SearchSpace:
+    """A space in which one kind has open ranges, another one has no axis, and the encoder is a choice too."""
+    open_ranges = "width: {range: [2, 90], log: true}\n      gain: {range: [0.5, 2.0]}"
+    return families_of(
+        tmp_path,
+        ("width: {choice: [4, 8, 12]}\n      gain: {range: [0.5, 2.0], step: 0.5}", open_ranges),
+    )
+
+
+def scored(designs: Sequence[Design]) -> list[Values]:
+    """Return two objectives that pull apart; one value of one kind fails."""
+    values: list[Values] = []
+    for design in designs:
+        size = design.get("model.wide_of_a_test.width", 10 * design.get("model.near_of_a_test.k", 1))
+        loud = design["encoder.kind"] == "loud_of_a_test"
+        values.append(None if size == 30 else (size * (1 + loud) * design["training.epochs"], float(size)))
+    return values
+
+
+def searched(sampler: Sampler, batches: int) -> list[Design]:
+    history: list[Design] = []
+    for _ in range(batches):
+        designs = sampler.ask(BATCH)
+        history += designs
+        sampler.tell(designs, scored(designs))
+    return history
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_a_design_has_the_axes_of_its_kinds(name: str, mixed: SearchSpace) -> None:
+    designs = searched(start(name, mixed), 5)
+    assert len(set(map(seeds.design_key, designs))) == len(designs) == 5 * BATCH
+    for design in designs:
+        assert list(design) == list(mixed.active(design))
+        mixed.resolve(design)
+    assert {design["model.kind"] for design in designs} == set(mixed.entries["model"])
+    assert {design["encoder.kind"] for design in designs} == set(mixed.entries["encoder"])
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_a_resumed_study_of_several_kinds_asks_the_same(name: str, mixed: SearchSpace) -> None:
+    whole = searched(start(name, mixed), 4)
+    for known in (0, 2 * BATCH, 3 * BATCH):
+        resumed = start(name, mixed)
+        for first in range(0, known, BATCH):
+            batch = whole[first : first + BATCH]
+            resumed.tell(batch, scored(batch))
+        assert resumed.ask(2) == whole[known : known + 2]
+
+
+@pytest.mark.parametrize("name", ["grid", *OPEN])
+def test_a_finite_space_of_several_kinds_is_asked_to_its_end(name: str, tmp_path: Path, known: None) -> None:
+    space = families_of(
+        tmp_path,
+        ("gain: {range: [0.5, 2.0], step: 0.5}", "gain: 1.0"),
+        ("name: {choice: [near, far]}", "name: near"),
+        ("epochs: {choice: [1, 2]}", "epochs: 1"),
+        ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1]"),
+    )
+    sampler = start(name, space)
+    designs: list[Design] = []
+    while batch := sampler.ask(BATCH):
+        sampler.tell(batch, [None if d["model.kind"] == "snn" else (1.0, 2.0) for d in batch])
+        designs += batch
+    assert n_designs(space) == len(designs) == 2 * (1 + 3 + 5)
+    assert sorted(map(seeds.design_key, designs)) == sorted(map(seeds.design_key, grid(space)))
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_a_kind_without_axes_does_not_end_an_open_search(name: str, tmp_path: Path, known: None) -> None:
+    """What a sampler likes best may be used up long before the space is."""
+    space = families_of(
+        tmp_path,
+        ("gain: {range: [0.5, 2.0], step: 0.5}", "gain: {range: [0.5, 2.0]}"),
+        ("epochs: {choice: [1, 2]}", "epochs: 1"),
+        ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1]"),
+    )
+    sampler = start(name, space)
+    keys = set()
+    for _ in range(4):
+        designs = sampler.ask(BATCH)
+        assert len(designs) == BATCH
+        keys |= set(map(seeds.design_key, designs))
+        sampler.tell(designs, [(float(d["model.kind"] == "snn"), 1.0) for d in designs])
+    assert len(keys) == 4 * BATCH
+
+
+@pytest.mark.parametrize("name", ["tpe", "nsga2"])
+def test_the_search_learns_kind_and_its_axes(name: str, mixed: SearchSpace) -> None:
+    """Where one kind is best and rises along an axis of its own, later designs are of it and higher."""
+    sampler = registry.known("search.samplers")[name](**OPTIONS[name]).start(mixed, ("max",))
+    gains: list[float] = []
+    for _ in range(10):
+        designs = sampler.ask(BATCH)
+        gains += [design.get("model.wide_of_a_test.gain", 0.0) for design in designs]
+        sampler.tell(designs, [(gain,) for gain in gains[-len(designs) :]])
+    assert sum(gains[-16:]) / 16 > sum(gains[:16]) / 16 + 0.5
+    assert sum(gain >= 0.5 for gain in gains[-16:]) >= 13  # of that kind
+
+
+def test_a_gene_of_another_kind_belongs_to_the_design(mixed: SearchSpace) -> None:
+    """What evolution sees on an axis that a design lacks does not depend on when it looks."""
+    one, other = (
+        proposals.OptunaSampler(mixed, DIRECTIONS, lambda seed: None, replay=BATCH)  # type: ignore[arg-type, return-value]
+        for _ in range(2)
+    )
+    design = {"encoder.kind": "loud_of_a_test", "model.kind": "snn", "training.epochs": 1}
+    found = one._parameters(design)
+    assert found == other._parameters(design)
+    assert list(found) == list(mixed.axes)
+    assert found != one._parameters({**design, "training.epochs": 2}) | {"training.epochs": 0}
+    assert 2 <= found["model.wide_of_a_test.width"] <= 90
+    assert 0.5 <= found["model.wide_of_a_test.gain"] <= 2
+
+
+def test_draws_reach_both_ends_of_an_integer_axis(mixed: SearchSpace) -> None:
+    rng = seeds.generator(0, {}, "test")
+    width = dataclasses.replace(mixed.axes["model.wide_of_a_test.width"], low=2, high=4)
+    drawn = [proposals._drawn(width, rng) for _ in range(3000)]
+    assert all(type(value) is int for value in drawn)
+    # On a logarithmic scale a number has the share of [n - 1/2, n + 1/2]: log(5/3), log(7/5), log(9/7).
+    shares = [drawn.count(value) / 3000 for value in (2, 3, 4)]
+    assert shares == pytest.approx([0.465, 0.306, 0.229], abs=0.03)
+
+
+@settings(max_examples=8)
+@given(
+    st.lists(st.integers(1, 3), min_size=2, max_size=3),
+    st.integers(1, 2),
+    st.sampled_from(["random", "tpe", "nsga2"]),
+    st.integers(0, 99),
+)
+def test_any_small_space_is_asked_to_its_end_without_repeats(
+    tmp_path_factory: pytest.TempPathFactory, sizes: list[int], shared: int, name: str, seed: int
+) -> None:
+    families.register()
+    try:
+        space = families_of(tmp_path_factory.mktemp("any"), seed=seed)
+    finally:
+        families.unregister()
+    kinds = [f"k{i}" for i in range(len(sizes))]
+    axes = {"model.kind": proposals.Axis("model.kind", tuple(kinds))}
+    for kind, size in zip(kinds, sizes, strict=True):
+        axis = proposals.Axis(f"model.{kind}.n", tuple(range(size)), condition=("model.kind", kind))
+        axes[axis.name] = axis
+    axes["training.epochs"] = proposals.Axis("training.epochs", tuple(range(1, shared + 1)))
+    space = dataclasses.replace(space, axes=axes)
+    sampler = start(name, space)
+    indices: list[int] = []
+    while batch := sampler.ask(3):
+        indices += [index_of(space, design) for design in batch]
+        sampler.tell(batch, [(float(index_of(space, d)), 1.0) for d in batch])
+    assert sorted(indices) == list(range(sum(sizes) * shared))
+    assert all(design_at(space, index) in grid(space) for index in indices)

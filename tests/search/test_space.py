@@ -1,14 +1,20 @@
 from __future__ import annotations
 
+import dataclasses
 import itertools
+import math
+import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.config import SearchSpace, load_space
-from dse.search.space import design_at, grid, index_of, n_designs
+from dse.config import Axis, Design, SearchSpace, load_space
+from dse.search.space import corners, design_at, grid, index_of, n_designs, n_designs_of_each
+from tests import families
 from tests.spaces import write_space
 
 
@@ -55,3 +61,122 @@ def test_a_range_without_steps_has_no_grid(tmp_path: Path) -> None:
 def test_a_space_without_axes_is_one_design(tmp_path: Path) -> None:
     space = load_space(write_space(tmp_path), {"encoder.thresholds": "[1]", "model.hidden": "4"})
     assert grid(space) == [{}]
+
+
+# Sizes of a plain axis, or for every kind of a section the sizes of the axes that only this kind has.
+branching = st.one_of(
+    st.integers(1, 4), st.lists(st.lists(st.integers(1, 3), max_size=3), min_size=2, max_size=4)
+)
+FAMILIES = ("encoder", "model")
+
+
+def conditional(space: SearchSpace, shape: list[Any]) -> SearchSpace:
+    """Return a space with an axis for each number of a shape, and a choice of kinds for each list."""
+    axes: dict[str, Axis] = {}
+    entries: dict[str, dict[str, dict[str, Any]]] = {}
+    sections = iter(FAMILIES)
+    for number, below in enumerate(shape):
+        section = None if isinstance(below, int) else next(sections, None)
+        if section is None:
+            size = below if isinstance(below, int) else len(below)
+            axes[f"training.a{number}"] = Axis(f"training.a{number}", tuple(range(size)))
+            continue
+        kind = Axis(f"{section}.kind", tuple(f"k{i}" for i in range(len(below))))
+        axes[kind.name] = kind
+        entries[section] = {name: {"kind": name, "still": 1} for name in kind.values or ()}
+        for name, sizes in zip(kind.values or (), below, strict=True):
+            for i, size in enumerate(sizes):
+                axis = Axis(f"{section}.{name}.b{i}", tuple(range(size)), condition=(kind.name, name))
+                axes[axis.name] = axis
+    fixed = {"task": {"name": "any"}, "training": {"still": 2}}
+    return dataclasses.replace(space, axes=axes, entries=entries, fixed=fixed)
+
+
+def enumerated(space: SearchSpace) -> Iterator[Design]:
+    """Yield every design by plain recursion: the last axis changes fastest."""
+
+    def go(design: Design, names: list[str]) -> Iterator[Design]:
+        if not names:
+            yield design
+            return
+        axis = space.axes[names[0]]
+        if axis.condition is not None and design[axis.condition[0]] != axis.condition[1]:
+            yield from go(design, names[1:])
+            return
+        for value in axis.values or ():
+            yield from go({**design, axis.name: value}, names[1:])
+
+    return go({}, list(space.axes))
+
+
+@given(st.lists(branching, max_size=4), st.data())
+def test_a_conditional_grid_is_that_of_plain_recursion(
+    space: SearchSpace, shape: list[Any], data: st.DataObject
+) -> None:
+    found = conditional(space, shape)
+    total = n_designs(found)
+    assert total is not None
+    for index in {0, total - 1, data.draw(st.integers(0, total - 1))}:
+        assert index_of(found, design_at(found, index)) == index
+        resolved = found.resolve(design_at(found, index))
+        for section in found.entries:
+            assert resolved[section]["kind"] == design_at(found, index)[f"{section}.kind"]
+    if total < 2000:
+        assert grid(found) == list(enumerated(found))
+        assert all(list(design) == list(found.active(design)) for design in grid(found))
+    for section in found.entries:
+        each = n_designs_of_each(found, section)
+        assert list(each) == list(found.entries[section])
+        assert sum(n or 0 for n in each.values()) == total
+
+
+@given(st.lists(branching, max_size=4))
+def test_corners_are_designs_of_every_kind(space: SearchSpace, shape: list[Any]) -> None:
+    found = conditional(space, shape)
+    designs = list(corners(found, FAMILIES, 50))
+    kinds = [tuple(design.get(f"{section}.kind") for section in FAMILIES) for design in designs]
+    assert len(set(kinds)) == math.prod(len(entries) for entries in found.entries.values())
+    assert len({index_of(found, design) for design in designs}) == len(designs) <= max(50, len(set(kinds)))
+    plain = [name for name in found.axes if name.startswith("training.")]
+    assert all(design[name] == 0 for design in designs for name in plain)
+
+
+def test_a_million_designs_are_found_without_counting_them(space: SearchSpace) -> None:
+    found = conditional(space, [[[3, 3, 3], [3, 3]], 4, [[3, 3, 3], [3], []], *[4] * 5])
+    found = dataclasses.replace(found, axes={**found.axes, "x.y": Axis("x.y", tuple(range(8)))})
+    total = n_designs(found)
+    assert total == 36 * 4 * 31 * 4**5 * 8 > 30e6
+    began = time.process_time()
+    for index in range(0, total, total // 1000):
+        assert index_of(found, design_at(found, index)) == index
+    assert time.process_time() - began < 2  # it takes 0.1
+
+
+def test_a_range_without_steps_in_one_kind_leaves_the_others_countable(space: SearchSpace) -> None:
+    found = conditional(space, [[[2, 2], [1]], 3])
+    open_range = Axis("encoder.k1.b0", None, 0.5, 2.0, condition=("encoder.kind", "k1"))
+    found = dataclasses.replace(found, axes={**found.axes, open_range.name: open_range})
+    assert n_designs(found) is None
+    assert n_designs_of_each(found, "encoder") == {"k0": 12, "k1": None}
+    ends = [design.get("encoder.k1.b0") for design in corners(found, ("encoder",), 10)]
+    assert ends == [None, None, None, None, 0.5, 2.0]
+
+
+def test_a_design_of_another_kind_is_not_in_the_grid(space: SearchSpace) -> None:
+    found = conditional(space, [[[2], [2]]])
+    for design in ({"encoder.kind": "k0", "encoder.k1.b0": 0}, {"encoder.kind": "k0"}, {}):
+        with pytest.raises(ValueError, match="a design must have the axes"):
+            index_of(found, design)
+
+
+def test_the_number_of_designs_is_a_sum_over_kinds(tmp_path: Path) -> None:
+    families.register()
+    try:
+        space = load_space(write_space(tmp_path, text=families.SPACE))
+    finally:
+        families.unregister()
+    assert n_designs(space) == families.N_DESIGNS == 180
+    assert n_designs_of_each(space, "model") == {
+        "snn": 6, "wide_of_a_test": 144, "near_of_a_test": 30
+    }  # fmt: skip
+    assert n_designs_of_each(space, "encoder") == {"send_on_delta": 120, "loud_of_a_test": 60}

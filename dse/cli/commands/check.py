@@ -40,4 +40,6 @@ def answer(arguments: argparse.Namespace) -> Answer:
 def _words(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value)) or "none"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_words(inner)}" for name, inner in value.items())
     return "unlimited" if value is None else str(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from dse.config.space import SearchSpace
 from dse.registry import param, register
@@ -14,6 +15,9 @@ from dse.search.proposals import OptunaSampler, Sampler
 @dataclass(frozen=True)
 class Gp:
     """Gaussian process; for few, expensive designs on smooth axes, at about a second per design."""
+
+    # Its kernel compares designs on all axes, so a design that lacks one has no place.
+    conditional: ClassVar[bool] = False
 
     startup: int = param(10, doc="random designs before the model is used", low=1, axis=False)
 

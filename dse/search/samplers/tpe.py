@@ -18,10 +18,21 @@ class Tpe:
     startup: int = param(10, doc="random designs before the model is used", low=1, axis=False)
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
-        """Return the sampler; designs of one batch are spread by counting those asked as bad ones."""
+        """Return the sampler; designs of one batch are spread by counting those asked as bad ones.
+
+        With axes that only some designs have, each group of axes that occur together has a joint density.
+        """
         import optuna
 
+        conditional = any(axis.condition is not None for axis in space.axes.values())
+
         def make(seed: int) -> optuna.samplers.BaseSampler:
-            return optuna.samplers.TPESampler(n_startup_trials=self.startup, constant_liar=True, seed=seed)
+            return optuna.samplers.TPESampler(
+                n_startup_trials=self.startup,
+                constant_liar=True,
+                seed=seed,
+                multivariate=True if conditional else None,
+                group=conditional,
+            )
 
         return OptunaSampler(space, directions, make)

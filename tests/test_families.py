@@ -1,0 +1,97 @@
+"""A study of several kinds, from its search space to tables, front and page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse import skyline, study, tables
+from dse.config import SearchSpace
+from dse.dashboard.gather import gather_page
+from dse.figures.front import draw_front, gather_front
+from tests import tiny_study
+
+MODEL = {
+    "choice": [
+        {"kind": "fake", "hidden": {"choice": [[4], [16]]}, "mood": {"choice": ["fine", "raise"]}},
+        {"kind": "together", "true_rate": {"choice": [0.2, 0.8]}, "megabytes": 2},
+    ]
+}
+OWN = ["model.fake.hidden", "model.fake.mood", "model.together.true_rate"]
+
+
+@pytest.fixture(scope="module")
+def space(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SearchSpace]:
+    folder = tmp_path_factory.mktemp("families")
+    yield tiny_study.make_space(folder, model=MODEL, execution={"jobs": 1})
+    tiny_study.unregister()
+
+
+@pytest.fixture(scope="module")
+def done(space: SearchSpace) -> study.Study:
+    return study.run(space, space.source.parent / "results", progress=False)
+
+
+def test_every_kind_is_trained_and_failures_are_rows(done: study.Study) -> None:
+    trials = done.trials
+    assert trials["model.kind"].tolist() == ["fake"] * 4 + ["together"] * 2
+    assert trials["status"].tolist() == ["finished", "failed"] * 2 + ["finished"] * 2
+    assert done.runs(4)[0]["sections"]["model"]["kind"] == "together"
+    assert done.runs(4)[0]["design"] == {"model.kind": "together", "model.together.true_rate": 0.2}
+
+
+@pytest.mark.parametrize("name", ["trials", "points"])
+def test_an_axis_of_another_kind_is_missing(done: study.Study, name: str) -> None:
+    frame = done.trials if name == "trials" else done.points()
+    fake = frame["model.kind"] == "fake"
+    for column in OWN:
+        assert (frame[column].notna() == (fake == column.startswith("model.fake"))).all()
+    assert frame["family"].tolist() == frame["model.kind"].tolist()
+    assert set(frame["model.fake.hidden"].dropna()) == {4, 16}
+    assert frame["model.together.true_rate"].dtype == np.float64
+    assert set(frame["model.together.true_rate"].dropna()) == {0.2, 0.8}
+
+
+def test_a_front_goes_across_kinds(done: study.Study) -> None:
+    found = done.skyline([("accuracy", "max"), ("n_weights", "min")])
+    assert len(found.rows)
+    only = done.skyline(where="model.kind == 'together'")
+    assert set(only.rows["model.kind"]) == {"together"}
+    few = skyline.skyline(done.points(), [("accuracy", "max")], "model.together.true_rate < 0.5")
+    assert set(few.rows["model.together.true_rate"]) == {0.2}
+
+
+def test_the_page_and_the_figure_take_missing_cells(done: study.Study) -> None:
+    frame = pd.concat([done.points(), done.trials[done.trials["status"] == "failed"]], ignore_index=True)
+    page = gather_page(frame, name="families", objectives=done.objectives)
+    assert [column for column in page["design"] if column in OWN] == OWN
+    values = page["columns"]["model.together.true_rate"]["values"]
+    assert {None, 0.2, 0.8} == set(values)
+    assert {failure["design"]["model.together.true_rate"] for failure in page["failures"]} == {None}
+    front = gather_front(done.points(), ["n_weights", "accuracy"], dict(done.objectives))
+    assert not any(word in "".join(front.hover) for word in ("nan", "None"))
+    draw_front(front)
+
+
+def test_the_same_command_finds_everything_done(space: SearchSpace, done: study.Study) -> None:
+    again = study.run(space, done.folder.parent, progress=False)
+    pd.testing.assert_frame_equal(again.trials, done.trials)
+
+
+def test_a_missing_cell_has_the_type_of_its_axis(space: SearchSpace) -> None:
+    assert tables._missing(space.axes["model.fake.mood"]) is None
+    assert np.isnan(tables._missing(space.axes["model.together.true_rate"]) or 0.0)
+
+
+def test_a_table_of_one_kind_alone_can_be_written(space: SearchSpace, tmp_path: Path) -> None:
+    record = {
+        **{"trial": 0, "repeat": 0, "status": "failed", "reason": "no memory"},
+        "design": {"model.kind": "together", "model.together.true_rate": 0.8},
+    }
+    frame = tables.trials_table(space, {0: [record]})
+    frame.to_parquet(tmp_path / "x.parquet")
+    assert pd.read_parquet(tmp_path / "x.parquet")["model.fake.mood"].isna().all()
