@@ -2,7 +2,8 @@
 
 A run is (trial, repeat). It is finished when its folder exists and is undamaged; a failed run is finished
 too, its record says why. Data sets are prepared once per distinct data sections, in a cache that all studies
-share (dse.cache), and read as memory maps.
+share (dse.cache), and read as memory maps. In a cross-validation each repeat is a fold: repeat r validates
+on fold r modulo k.
 Runs that can share batches train in cohorts (dse.search.cohorts); no result depends on which.
 """
 
@@ -188,10 +189,11 @@ class Runs:
 
     def _prepared(self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack) -> list[trial.Run]:
         """Prepare and hold the data sets that the wanted runs need; return the runs that can be trained."""
-        sections = {entry.trial: self._space.resolve(entry.design) for entry, _ in wanted}
+        designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in wanted}
+        sections = {member: self._resolved(design, member[1]) for member, design in designs.items()}
         base = self._space.source.parent
-        keys = {number: dataset.dataset_key(resolved, base) for number, resolved in sections.items()}
-        needed = {key: sections[number] for number, key in keys.items()}
+        keys = {member: dataset.dataset_key(resolved, base) for member, resolved in sections.items()}
+        needed = {key: sections[member] for member, key in keys.items()}
         failures = self._prepare(needed, held)
         first = next(iter(failures.values()), None)
         if first is not None and not self._records and len(failures) == len(needed):
@@ -200,16 +202,29 @@ class Runs:
         self._warn(needed.keys() - failures.keys())
         runs = []
         for entry, repeat in wanted:
-            key = keys[entry.trial]
+            member = entry.trial, self._fold(repeat)
+            key = keys[member]
             why = failures.get(key)
             if why is None:
                 try:
-                    runs.append(self._run(entry, repeat, sections[entry.trial], self._cache / key))
+                    runs.append(self._run(entry, repeat, sections[member], self._cache / key))
                 except ValueError as error:  # keys that are legal one by one and not together
                     why = Failure(type(error).__name__, str(error))
             if why is not None:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
+
+    def _fold(self, repeat: int) -> int | None:
+        """Return the fold that a repeat validates on; None without cross-validation."""
+        k_fold = self._space.fixed["split"].get("k_fold")
+        return None if k_fold is None else repeat % int(k_fold["k"])
+
+    def _resolved(self, design: Mapping[str, Any], fold: int | None) -> dict[str, Any]:
+        """Return the sections of a design, with its fold."""
+        resolved = self._space.resolve(design)
+        if fold is not None:
+            resolved["split"]["k_fold"]["fold"] = fold
+        return resolved
 
     def _prepare(
         self, needed: Mapping[str, Mapping[str, Any]], held: contextlib.ExitStack
@@ -294,7 +309,8 @@ class Runs:
     def _check_data(self, entry: Entry, record: Record) -> None:
         if "data" not in record:
             return
-        key = dataset.dataset_key(self._space.resolve(entry.design), self._space.source.parent)
+        resolved = self._resolved(entry.design, self._fold(record["repeat"]))
+        key = dataset.dataset_key(resolved, self._space.source.parent)
         if key != record["data"]:
             text = (
                 f"data: the recordings differ from those that trial {entry.trial} was trained on; "

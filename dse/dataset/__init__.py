@@ -4,7 +4,7 @@ It joins the packages that turn data into spikes; models see a `Dataset` and not
 Spikes are kept apart from targets: tasks that differ in labels alone share them (`dse.cache`).
 """
 
-from dse.dataset.assemble import as_prepared, build, build_for, hold, prepare, warnings
+from dse.dataset.assemble import as_prepared, build, build_for, hold, prepare, transductive, warnings
 from dse.dataset.files import load
 from dse.dataset.keys import dataset_key, same_spikes
 
@@ -17,5 +17,6 @@ __all__ = [
     "load",
     "prepare",
     "same_spikes",
+    "transductive",
     "warnings",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import tempfile
 from collections.abc import Generator, Sequence
 from pathlib import Path
@@ -11,14 +12,35 @@ from typing import Any
 import numpy as np
 
 from dse import cache
-from dse.dataset.files import joined, load, read_meta, read_spikes, write_dataset, write_spikes
+from dse.dataset import encoding
+from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key
-from dse.dataset.parts import Part, Result, Telling, count, fitted, placed
+from dse.dataset.parts import Part, Result, Telling, count, cropped, place_signals, placed, seen_by_encoder
 from dse.dataset.sections import Resolved, component, section
-from dse.recordings import RecordingError, Recordings, Source, leakage
-from dse.recordings.splits import Split, split
-from dse.recordings.targets import target, target_columns
-from dse.records import Array, Dataset
+from dse.recordings import Placed, RecordingError, Recordings, Source, leakage
+from dse.recordings.cutting import cut
+from dse.recordings.splits import Split, leak, split
+from dse.recordings.targets import heads, target, target_columns
+from dse.recordings.windows import Window
+from dse.records import Array, Dataset, Signals
+
+
+@dataclasses.dataclass(frozen=True)
+class _Read:
+    """Recordings of one file: what they are, where their channels lie, and which are in use, (n,) bool."""
+
+    recordings: Recordings
+    positions: Array | None
+    used: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class _Labels:
+    """What an encoder may learn from: codes (n,) of the data's recordings, training indices into them."""
+
+    codes: Array
+    n_classes: int
+    train: Array
 
 
 def prepare(resolved: Resolved, base: Path, root: Path, threads: int = 1) -> Telling[cache.Hold]:
@@ -46,42 +68,111 @@ def _filled(
     folder: Path, resolved: Resolved, base: Path, root: Path, threads: int
 ) -> Generator[str, None, None]:
     """Write a data set to a folder of the cache, after its spikes."""
-    recordings = _read(resolved["data"], base)
-    settings = resolved["task"]["target"]
-    rule = section(Split, resolved["split"])
-    leakage.guard(target_columns(settings), rule.columns())
-    codes, classes = target(recordings.columns, settings)
+    recordings, positions = _read(component("recordings", resolved["data"]), base, resolved)
+    task, rule = resolved["task"], section(Split, resolved["split"])
+    leakage.guard(target_columns(task["target"]), rule.columns())
+    codes, classes = target(recordings.columns, task["target"])
     train, validation, test = split(recordings.columns, codes, classes, rule)
+    window = section(Window, resolved.get("window"))
+    reasons = [leak(recordings.columns, rule, train, validation, test, window)]
     used = np.zeros(len(codes), dtype=bool)
     used[np.concatenate([train, validation, test])] = True
     codes, classes = _in_use(codes, classes, used)
-    design = yield from fitted(recordings, resolved, train)
-    sources, targets = [(recordings, used)], [codes]
+    joint = heads(recordings.columns, task["target"], codes) if task.get("joint") else ()
+    design = yield from cropped(recordings, resolved, train)
+    sources, targets = [_Read(recordings, positions, used)], [codes]
     if resolved.get("test"):
         if len(test):
             raise RecordingError(
                 "test recordings must come from split.test or from the test file, not from both"
             )
-        other = _read({**resolved["data"], **resolved["test"]}, base)
-        sources.append((other, np.ones(count(other), dtype=bool)))
-        targets.append(_codes_of(other, settings, classes, "the test file"))
+        other, places = _read(
+            component("recordings", {**resolved["data"], **resolved["test"]}), base, resolved
+        )
+        sources.append(_Read(other, places, np.ones(count(other), dtype=bool)))
+        targets.append(_codes_of(other, task["target"], classes, "the test file"))
         test = len(codes) + np.arange(len(targets[1]))
+    labels = _Labels(codes, len(classes), train)
+    name, design, spikes = yield from _spikes(sources, design, labels, base, root, threads)
+    with spikes:
+        stored = read_spikes(spikes.folder)
+    seen = {head.name: head.of_class[codes] for head in joint}
+    seen = seen or {" and ".join(target_columns(task["target"])): codes}
+    traps = [
+        trap
+        for what, own in seen.items()
+        for trap in leakage.warnings(stored.lengths, stored.levels, own, train, validation, what)
+    ]
+    if encoding.transductive(design.get("encoder")):
+        reasons.append(f"encoder {design['encoder']['kind']} reads the labels of the recordings it encodes")
+    write_dataset(
+        folder, name, np.concatenate(targets), classes, (train, validation, test),
+        _fitted(resolved, design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
+    )  # fmt: skip
+
+
+def _spikes(
+    sources: Sequence[_Read], design: Resolved, labels: _Labels, base: Path, root: Path, threads: int
+) -> Telling[tuple[str, dict[str, Any], cache.Hold]]:
+    """Return the key of the spikes, the design with its encoder fitted, and a hold of the spikes.
+
+    Recordings of events and rasters that pass an encoder have an entry without it too: designs that differ
+    in the encoder share it.
+    """
+    used, first = [source.used for source in sources], sources[0].recordings
+    design, keys = dict(design), design.get("encoder")
 
     def fill(place: Path) -> Generator[str, None, None]:
         parts = []
-        for recorded, mask in sources:
-            parts.append((yield from placed(recorded, design, mask, threads)))
+        for source in sources:
+            parts.append(
+                (yield from placed(source.recordings, design, source.used, threads, source.positions))
+            )
         _check_alike(parts)
         yield from write_spikes(parts, place, threads)
 
-    name = spikes_key(design, base, [mask for _, mask in sources])
-    with (yield from cache.made(root, name, fill)) as spikes:
-        stored = read_spikes(spikes.folder)
-    what = " and ".join(target_columns(settings))
-    traps = leakage.warnings(stored.lengths, stored.levels, targets[0], train, validation, what)
-    notes = [*stored.notes, *traps]
-    crop = None if design == dict(resolved) else design["preprocessing"]["crop"]
-    write_dataset(folder, name, np.concatenate(targets), classes, (train, validation, test), crop, notes)
+    if keys and isinstance(first, Signals):
+        design["encoder"] = _learnt_from_signals(first, design, used[0], labels)
+    if not keys or isinstance(first, Signals):
+        name = spikes_key(design, base, used)
+        return name, design, (yield from cache.made(root, name, fill))
+
+    bare = spikes_key({**design, "encoder": None}, base, used)
+    if encoding.learns(keys):
+        with (yield from cache.made(root, bare, fill)) as held:
+            design["encoder"] = encoding.learnt_from_spikes(
+                keys, read_spikes(held.folder), used[0], labels.codes, labels.n_classes, labels.train
+            )
+
+    def fill_encoded(place: Path) -> Generator[str, None, None]:
+        with (yield from cache.made(root, bare, fill)) as held:
+            part = encoding.encoded(read_spikes(held.folder), design["encoder"], np.concatenate(used))
+            yield from write_spikes([part], place)
+
+    name = spikes_key(design, base, used)
+    return name, design, (yield from cache.made(root, name, fill_encoded))
+
+
+def _learnt_from_signals(signals: Signals, design: Resolved, used: Array, labels: _Labels) -> dict[str, Any]:
+    if not encoding.learns(design["encoder"]):
+        return dict(design["encoder"])
+    window = section(Window, design.get("window"))
+    (start, _, _, n_steps), levels = place_signals(signals, window, used)
+    return encoding.learnt(
+        design["encoder"], seen_by_encoder(signals, window, levels), start, n_steps,
+        labels.codes, labels.n_classes, labels.train,
+    )  # fmt: skip
+
+
+def _fitted(before: Resolved, after: Resolved) -> dict[str, dict[str, Any]]:
+    """Return the keys of each section that were fitted to the recordings."""
+    found = {}
+    for name in ("preprocessing", "encoder"):
+        old, new = before.get(name) or {}, after.get(name) or {}
+        changed = {key: value for key, value in new.items() if key not in old or old[key] != value}
+        if changed:
+            found[name] = changed
+    return found
 
 
 def hold(root: Path, key: str) -> contextlib.ExitStack | None:
@@ -115,12 +206,15 @@ def warnings(folder: Path) -> list[str]:
     return list(read_meta(folder)["warnings"])
 
 
+def transductive(folder: Path) -> str:
+    """Return why what is evaluated on a prepared data set has seen its own answers; '' where it has not."""
+    return str(read_meta(folder)["transductive"])
+
+
 def as_prepared(resolved: Resolved, folder: Path) -> dict[str, Any]:
     """Return a design with what its prepared data set has fitted to the recordings in place of how."""
-    crop = read_meta(folder)["crop"]
-    if crop is None:
-        return dict(resolved)
-    return {**resolved, "preprocessing": {**resolved["preprocessing"], "crop": crop}}
+    found = read_meta(folder)["fitted"]
+    return {**resolved, **{name: {**resolved[name], **keys} for name, keys in found.items()}}
 
 
 def build(resolved: Resolved, base: Path, threads: int = 1) -> tuple[Dataset, list[str]]:
@@ -137,10 +231,11 @@ def build(resolved: Resolved, base: Path, threads: int = 1) -> tuple[Dataset, li
 def build_for(resolved: Resolved, base: Path, classes: Sequence[str]) -> tuple[Dataset, list[str]]:
     """Return a data set of new recordings, all of them in `test`, and what had to be repaired in them.
 
-    They are prepared as `prepare` would.
+    They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
 
     Args:
-        resolved: as for `prepare`, with section `data` naming the new file; split and test are not read.
+        resolved: as `as_prepared` returns it, with section `data` naming the new file; split and test are
+            not read.
         base: folder that the file is looked up beside.
         classes: those of the data that was trained on.
 
@@ -149,18 +244,25 @@ def build_for(resolved: Resolved, base: Path, classes: Sequence[str]) -> tuple[D
             that lacks a column of the target is no fault: its targets are -1.
     """
     source: Source = component("recordings", resolved["data"])
-    recordings = source.with_columns_found(base).read(base)
+    recordings, positions = _read(source.with_columns_found(base), base, resolved)
     n = count(recordings)
     settings = resolved["task"]["target"]
     codes = np.full(n, -1, dtype=np.int64)
     if set(target_columns(settings)) <= set(recordings.columns):
         codes = _codes_of(recordings, settings, tuple(classes), "the new recordings")
-    with tempfile.TemporaryDirectory() as folder:
-        part = _result(placed(recordings, resolved, np.ones(n, dtype=bool)))
-        _result(write_spikes([part], Path(folder)))
-        found = read_spikes(Path(folder))
+    every = np.ones(n, dtype=bool)
+    found = _kept_nowhere(_result(placed(recordings, resolved, every, positions=positions)))
+    if resolved.get("encoder") and not isinstance(recordings, Signals):
+        found = _kept_nowhere(encoding.encoded(found, resolved["encoder"], every))
     none = np.zeros(0, dtype=np.int64)
     return joined(found, tuple(classes), codes, none, none, np.arange(n)), found.notes
+
+
+def _kept_nowhere(part: Part) -> Stored:
+    """Return the spikes of a source; what is mapped stays when its file is gone."""
+    with tempfile.TemporaryDirectory() as folder:
+        _result(write_spikes([part], Path(folder)))
+        return read_spikes(Path(folder))
 
 
 def _result(telling: Telling[Result]) -> Result:
@@ -173,9 +275,11 @@ def _result(telling: Telling[Result]) -> Result:
             return result
 
 
-def _read(keys: Any, base: Path) -> Recordings:
-    source: Source = component("recordings", keys)
-    return source.read(base)
+def _read(source: Source, base: Path, resolved: Resolved) -> tuple[Recordings, Array | None]:
+    """Return recordings, cut into pieces where that is asked for, and where their channels lie."""
+    window = section(Window, resolved.get("window"))
+    recordings = cut(source.read(base), window.cut_steps, window.every_steps)
+    return recordings, source.channel_positions(base) if isinstance(source, Placed) else None
 
 
 def _check_alike(parts: Sequence[Part]) -> None:
@@ -187,6 +291,8 @@ def _check_alike(parts: Sequence[Part]) -> None:
         ):
             if a != b:
                 raise RecordingError(f"the test file must have {a} {name} as the data file has, got {b}")
+        if not np.array_equal(parts[0].positions, other.positions):
+            raise RecordingError("the test file must have the channel positions of the data file, got others")
 
 
 def _in_use(codes: Array, classes: tuple[str, ...], used: Array) -> tuple[Array, tuple[str, ...]]:

@@ -1,6 +1,7 @@
 """Spikes and data sets on disk: written piece by piece, read as memory maps.
 
-    spikes      row_offsets, channel; start, low, high of the windows; lengths, levels (may be absent)
+    spikes      row_offsets, channel; start, low, high of the windows; positions of the channels; lengths,
+                levels (may be absent)
     data set    target, train, validation, test; `meta.json` names the spikes, which lie in the folder beside
 
 Spikes alone are mapped: a map keeps a file open, and a study may have hundreds of data sets.
@@ -20,11 +21,12 @@ from numpy.lib import format as npy
 
 from dse.dataset.parts import Part
 from dse.recordings import RecordingError
-from dse.records import Array, Dataset, Spikes
+from dse.records import Array, Dataset, Head, Spikes
 
 _META = "meta.json"
 _OF_SPIKES = ("row_offsets", "channel")
 _OF_WINDOWS = ("start", "low", "high")
+_OF_META = ("spikes", "classes", "fitted", "warnings", "heads", "transductive")
 _OF_DATASET = ("target", "train", "validation", "test")
 
 
@@ -57,13 +59,14 @@ def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1) -> Gener
                 yield f"preparing data: {done} of {n} recordings"
     for name in _OF_WINDOWS:
         np.save(folder / f"{name}.npy", np.concatenate([getattr(part, name) for part in parts]))
+    np.save(folder / "positions.npy", parts[0].positions.astype(np.int32))
     np.save(folder / "lengths.npy", parts[0].lengths)
     if parts[0].levels is not None:
         np.save(folder / "levels.npy", parts[0].levels)
     _write_meta(
         folder,
         {
-            "schema": "dse/spikes/1",
+            "schema": "dse/spikes/2",
             "n_steps": parts[0].n_steps,
             "notes": [note for part in parts for note in part.notes()],
             "spikes": {
@@ -80,6 +83,7 @@ class Stored:
     """Spikes with their windows.
 
     start, low, high: (n,) as in Dataset. n_steps: length of a window.
+    positions: (n_channels, 3) int32 as in Dataset.
     lengths, levels: as in Part, of the data without the test file.
     notes: what had to be repaired.
     """
@@ -89,6 +93,7 @@ class Stored:
     low: Array
     high: Array
     n_steps: int
+    positions: Array
     lengths: Array
     levels: Array | None
     notes: list[str]
@@ -104,7 +109,7 @@ def read_spikes(folder: Path) -> Stored:
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
         rows, channel = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in _OF_SPIKES)
         spikes = Spikes(rows, channel, **meta["spikes"])
-        arrays = {name: np.load(folder / f"{name}.npy") for name in (*_OF_WINDOWS, "lengths")}
+        arrays = {name: np.load(folder / f"{name}.npy") for name in (*_OF_WINDOWS, "positions", "lengths")}
         levels = np.load(path) if (path := folder / "levels.npy").is_file() else None
         return Stored(spikes, **arrays, n_steps=meta["n_steps"], levels=levels, notes=meta["notes"])
 
@@ -115,8 +120,10 @@ def write_dataset(
     target: Array,
     classes: Sequence[str],
     split: tuple[Array, Array, Array],
-    crop: Sequence[int] | None,
+    fitted: Mapping[str, Mapping[str, Any]],
     warnings: Sequence[str],
+    heads: Sequence[Head] = (),
+    transductive: str = "",
 ) -> None:
     """Write what a data set has beside its spikes.
 
@@ -126,32 +133,38 @@ def write_dataset(
         target: (n,) codes.
         classes: names of the codes.
         split: train, validation and test indices.
-        crop: rectangle that was fitted to the recordings, if any.
+        fitted: section -> its keys that were fitted to the recordings, as plain data.
         warnings: what is suspicious about the recordings.
+        heads: parts of a joint target.
+        transductive: why an evaluation of these spikes has seen its own answers; '' where it has not.
     """
     for name, array in zip(_OF_DATASET, (target, *split), strict=True):
         np.save(folder / f"{name}.npy", array.astype(np.int64))
     _write_meta(
         folder,
         {
-            "schema": "dse/dataset/2",
+            "schema": "dse/dataset/3",
             "spikes": spikes,
             "classes": list(classes),
-            "crop": None if crop is None else [int(x) for x in crop],
+            "fitted": {section: dict(keys) for section, keys in fitted.items()},
             "warnings": list(warnings),
+            "heads": [
+                {"name": x.name, "classes": list(x.classes), "of_class": x.of_class.tolist()} for x in heads
+            ],
+            "transductive": transductive,
         },
     )
 
 
 def read_meta(folder: Path) -> dict[str, Any]:
-    """Return what a data set's `meta.json` holds: spikes, classes, crop, warnings.
+    """Return what a data set's `meta.json` holds, as `write_dataset` was given it.
 
     Raises:
         RecordingError: there is none, or a damaged one.
     """
     with _readable(folder, "data set"):
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
-        return {name: meta[name] for name in ("spikes", "classes", "crop", "warnings")}
+        return {name: meta[name] for name in _OF_META}
 
 
 def load(folder: Path) -> Dataset:
@@ -164,17 +177,29 @@ def load(folder: Path) -> Dataset:
     meta = read_meta(folder)
     with _readable(folder, "data set"):
         arrays = {name: np.load(folder / f"{name}.npy") for name in _OF_DATASET}
-    return joined(read_spikes(folder.parent / meta["spikes"]), tuple(meta["classes"]), **arrays)
+        heads = tuple(
+            Head(x["name"], tuple(x["classes"]), np.array(x["of_class"], dtype=np.int64))
+            for x in meta["heads"]
+        )
+    spikes = read_spikes(folder.parent / meta["spikes"])
+    return joined(spikes, tuple(meta["classes"]), **arrays, heads=heads)
 
 
 def joined(
-    stored: Stored, classes: tuple[str, ...], target: Array, train: Array, validation: Array, test: Array
+    stored: Stored,
+    classes: tuple[str, ...],
+    target: Array,
+    train: Array,
+    validation: Array,
+    test: Array,
+    heads: tuple[Head, ...] = (),
 ) -> Dataset:
     """Return a data set of spikes with their windows, and all that follows from labels."""
     start, low, high = (x.astype(np.int32) for x in (stored.start, stored.low, stored.high))
     return Dataset(
         spikes=stored.spikes, target=target, classes=classes, start=start, start_low=low, start_high=high,
         n_steps=stored.n_steps, train=train, validation=validation, test=test,
+        positions=stored.positions, heads=heads,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from dse.recordings import PLACES
 from dse.records import Array
 
 # Raised when the same sections and recordings give another data set than before.
-_VERSION = 1
+_VERSION = 2
 _OF_SPIKES = ("window", "preprocessing", "encoder")
 _LABELS = ("columns", "class_names")
 
@@ -28,14 +28,15 @@ def dataset_key(resolved: Resolved, base: Path) -> str:
     """
     parts: dict[str, Any] = {name: dict(resolved.get(name) or {}) for name in ("split", *_OF_SPIKES)}
     parts |= sources(resolved, base)
-    return _hash([_VERSION, resolved["task"]["target"], parts])
+    task = resolved["task"]
+    return _hash([_VERSION, task["target"], bool(task.get("joint")), parts])
 
 
 def spikes_key(resolved: Resolved, base: Path, used: Sequence[Array]) -> str:
     """Return a hash of all that the spikes of a data set follow from: no label, no target, no split.
 
     Args:
-        resolved: sections, in which `preprocessing.crop` is no longer fitted to training recordings.
+        resolved: sections, in which nothing is left to be fitted to training recordings.
         base: folder that recordings are looked up beside.
         used: which recordings of the data, and of the test file if there is one, have spikes.
     """
@@ -46,10 +47,12 @@ def spikes_key(resolved: Resolved, base: Path, used: Sequence[Array]) -> str:
 
 
 def same_spikes(resolved: Resolved) -> str:
-    """Return a text that designs share if their spikes may well be the same: then one waits for the other."""
-    return json.dumps(
-        [resolved.get(name) for name in ("data", "test", *_OF_SPIKES)], sort_keys=True, default=str
-    )
+    """Return a text that designs share if most of the work on their spikes may well be the same.
+
+    Then one waits for the other. An encoder's part is small where events have to be pooled first.
+    """
+    names = [name for name in _OF_SPIKES if name != "encoder" or not resolved.get("preprocessing")]
+    return json.dumps([resolved.get(name) for name in ("data", "test", *names)], sort_keys=True, default=str)
 
 
 def sources(resolved: Resolved, base: Path) -> dict[str, dict[str, Any]]:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dse import preprocessing
-from dse.dataset.sections import Resolved, component, section
+from dse.dataset.sections import Resolved, component, refusals, section
 from dse.preprocessing import Pooling, Preprocessing, PreprocessingError
 from dse.recordings import EventSource, RecordingError, Recordings, Repaired, Simulated
 from dse.recordings.windows import Window, mean_levels, place, signal_onset, without_mean
@@ -36,6 +36,7 @@ class Part:
     n_steps: window length. n_stored: steps that are stored of a recording, at most.
     lengths, levels: steps and, where there is such a thing, mean of every channel over the window, of whole
         recordings: what may give labels away.
+    positions: (n_channels, 3) int32 x, y and plane of every channel.
     rows: called with a number of threads; yields the spikes of every recording, in order.
     notes: called after that; what had to be repaired.
     """
@@ -45,12 +46,16 @@ class Part:
     high: Array
     n_steps: int
     n_stored: int
-    n_channels: int
+    positions: Array
     step_ms: float
     lengths: Array
     levels: Array | None
     rows: Callable[[int], Iterator[Rows]]
     notes: Callable[[], list[str]] = list
+
+    @property
+    def n_channels(self) -> int:
+        return len(self.positions)
 
 
 def count(recordings: Recordings) -> int:
@@ -58,14 +63,23 @@ def count(recordings: Recordings) -> int:
     return recordings.spikes.n_samples if isinstance(recordings, Rasters) else recordings.n_recordings
 
 
-def placed(recordings: Recordings, resolved: Resolved, used: Array, threads: int = 1) -> Telling[Part]:
+def placed(
+    recordings: Recordings,
+    resolved: Resolved,
+    used: Array,
+    threads: int = 1,
+    positions: Array | None = None,
+) -> Telling[Part]:
     """Return where the windows of a source lie; recorded events are read once for it, spikes are not made.
+
+    Signals pass the encoder on their way; what the encoder of other recordings makes is `encoding.encoded`.
 
     Args:
         recordings: as read.
-        resolved: the design, its crop fitted.
+        resolved: the design, its crop and its encoder fitted.
         used: (n,) bool, recordings that are in some part of the split; the others get no spikes.
         threads: for trials that are simulated.
+        positions: (n_channels, 3) of signals and rasters; events have theirs from their addresses.
 
     Raises:
         RecordingError: a window does not fit, or a section is absent or out of place.
@@ -74,10 +88,12 @@ def placed(recordings: Recordings, resolved: Resolved, used: Array, threads: int
     _check_sections(recordings, resolved)
     if window.remove_mean and not isinstance(recordings, Signals):
         raise RecordingError("window.remove_mean must be false for recordings of events or spikes, got true")
-    if isinstance(recordings, Rasters):
-        return _of_rasters(recordings.spikes, window, used)
-    if isinstance(recordings, Signals):
-        return _of_signals(recordings, window, component("encoders", resolved["encoder"]), used)
+    if isinstance(recordings, Signals | Rasters):
+        if positions is None:
+            raise ValueError("placed needs the positions of the channels of signals and rasters, got None")
+        if isinstance(recordings, Rasters):
+            return _of_rasters(recordings.spikes, window, used, positions)
+        return _of_signals(recordings, window, resolved["encoder"], used, positions)
     return (yield from _of_events(recordings, window, pooling_of(recordings, resolved), used, threads))
 
 
@@ -100,7 +116,7 @@ def pooling_of(source: EventSource, resolved: Resolved) -> Pooling:
         raise RecordingError(str(error)) from None
 
 
-def fitted(source: Recordings, resolved: Resolved, train: Array) -> Telling[dict[str, Any]]:
+def cropped(source: Recordings, resolved: Resolved, train: Array) -> Telling[dict[str, Any]]:
     """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone.
 
     Args:
@@ -126,14 +142,13 @@ def fitted(source: Recordings, resolved: Resolved, train: Array) -> Telling[dict
 def _check_sections(recordings: Recordings, resolved: Resolved) -> None:
     kind = resolved["data"]["kind"]
     needed = {Signals: "encoder", Rasters: None}.get(type(recordings), "preprocessing")
-    for name in ("encoder", "preprocessing"):
-        if name == needed and not resolved.get(name):
-            raise RecordingError(f"{name} must be given: data of kind '{kind}' becomes spikes by it")
-        if name != needed and resolved.get(name):
-            raise RecordingError(f"{name} must be absent: data of kind '{kind}' has no use for it")
+    if needed is not None and not resolved.get(needed):
+        raise RecordingError(f"{needed} must be given: data of kind '{kind}' becomes spikes by it")
+    if needed != "preprocessing" and resolved.get("preprocessing"):
+        raise RecordingError(f"preprocessing must be absent: data of kind '{kind}' has no use for it")
 
 
-def _of_rasters(spikes: Spikes, window: Window, used: Array) -> Part:
+def _of_rasters(spikes: Spikes, window: Window, used: Array, positions: Array) -> Part:
     lengths = np.full(spikes.n_samples, spikes.n_steps)
     onset = None
     if window.at == "contact_onset":
@@ -141,29 +156,44 @@ def _of_rasters(spikes: Spikes, window: Window, used: Array) -> Part:
         onset = np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
     start, low, high, n_steps = place(window, lengths, used, onset)
     return Part(
-        start, low, high, n_steps, spikes.n_steps, spikes.n_channels, spikes.step_ms, lengths, None,
-        lambda threads: _rows_of(spikes),
+        start, low, high, n_steps, spikes.n_steps, positions, spikes.step_ms, lengths, None,
+        lambda threads: rows_of(spikes),
     )  # fmt: skip
 
 
-def _of_signals(signals: Signals, window: Window, encoder: Any, used: Array) -> Part:
-    lengths = np.diff(signals.offsets)
+def place_signals(
+    signals: Signals, window: Window, used: Array
+) -> tuple[tuple[Array, Array, Array, int], Array]:
+    """Return what `place` finds for sampled recordings, and the mean (n, channel) of each over its window."""
     onset = signal_onset(signals, window.onset_threshold) if window.at == "contact_onset" else None
-    start, low, high, n_steps = place(window, lengths, used, onset)
-    levels = mean_levels(signals, start, n_steps)
+    found = place(window, np.diff(signals.offsets), used, onset)
+    return found, mean_levels(signals, found[0], found[3])
+
+
+def seen_by_encoder(signals: Signals, window: Window, levels: Array) -> Signals:
+    """Return signals as they are encoded; levels: (n, channel) means over their windows."""
+    return without_mean(signals, levels) if window.remove_mean else signals
+
+
+def _of_signals(signals: Signals, window: Window, encoding: Resolved, used: Array, positions: Array) -> Part:
+    encoder = component("encoders", encoding)
+    (start, low, high, n_steps), levels = place_signals(signals, window, used)
     kept = np.where(used, high - low + n_steps, 0)
 
     def rows(threads: int) -> Iterator[Rows]:
-        moved = without_mean(signals, levels) if window.remove_mean else signals
-        return _rows_of(encoder.encode_all(moved, low, kept))
+        with refusals():
+            return rows_of(encoder.encode_all(seen_by_encoder(signals, window, levels), low, kept))
 
+    with refusals():
+        places = encoder.positions(positions)
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
-        encoder.n_channels(signals.n_channels), signals.step_ms, lengths, levels, rows,
+        places, signals.step_ms, np.diff(signals.offsets), levels, rows,
     )  # fmt: skip
 
 
-def _rows_of(spikes: Spikes) -> Iterator[Rows]:
+def rows_of(spikes: Spikes) -> Iterator[Rows]:
+    """Yield the spikes of every sample."""
     for i in range(spikes.n_samples):
         borders = spikes.row_offsets[i * spikes.n_steps : (i + 1) * spikes.n_steps + 1]
         yield np.diff(borders), spikes.channel[borders[0] : borders[-1]]
@@ -210,9 +240,15 @@ def _of_events(
 
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
-        pooling.n_channels, pooling.bin_us / 1000, lengths, None, rows,
+        _of_pools(pooling), pooling.bin_us / 1000, lengths, None, rows,
         source.notes if isinstance(source, Repaired) else list,
     )  # fmt: skip
+
+
+def _of_pools(pooling: Pooling) -> Array:
+    """Return column, row and polarity of every channel of the pooled frame, (n_channels, 3) int32."""
+    plane, row, column = np.indices((pooling.poles, pooling.height, pooling.width), dtype=np.int32)
+    return np.stack([column.ravel(), row.ravel(), plane.ravel()], axis=1)
 
 
 def in_order(

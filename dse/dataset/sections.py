@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from dse import registry
@@ -28,6 +29,17 @@ def component(name: str, keys: Mapping[str, Any]) -> Any:
     return section(known[kind], {key: value for key, value in keys.items() if key != "kind"})
 
 
+@contextlib.contextmanager
+def refusals() -> Iterator[None]:
+    """Turn what an encoder refuses into a fault of the recordings."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except ValueError as error:
+        raise RecordingError(str(error)) from None
+
+
 def section(cls: type[T], keys: Mapping[str, Any] | None) -> T:
     """Return a dataclass made of plain values: lists become tuples, mappings the dataclasses of their fields.
 
@@ -44,7 +56,7 @@ def section(cls: type[T], keys: Mapping[str, Any] | None) -> T:
 
 def _value(hint: Any, value: Any) -> Any:
     if isinstance(value, list | tuple):
-        return tuple(value)
+        return tuple(_value(None, element) for element in value)
     if isinstance(value, Mapping):
         options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
         for option in options:

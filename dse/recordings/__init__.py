@@ -105,3 +105,15 @@ class Source(Protocol):
         Raises:
             RecordingError: anything wrong with the file.
         """
+
+
+@runtime_checkable
+class Placed(Protocol):
+    """A component of sampled signals or of spikes; where events lie follows from their addresses."""
+
+    def channel_positions(self, base: Path) -> Array:
+        """Return x, y and plane of every channel, (n_channels, 3) int32.
+
+        Raises:
+            RecordingError: the file cannot be read, or positions are given for another number of taxels.
+        """

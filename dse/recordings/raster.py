@@ -13,6 +13,7 @@ import numpy as np
 from dse.recordings import RecordingError, npz
 from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
+from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
 from dse.records import Array, Rasters, Spikes
 from dse.registry import param, register
 
@@ -22,7 +23,8 @@ from dse.registry import param, register
 class RasterFile:
     """Spikes of an .npz file, 0 or 1, in any order of axes.
 
-    Axes other than `sample` and `step` are flattened, in the file's order, into the input channels.
+    Axes other than `sample` and `step` are flattened, in the file's order, into the input channels. An axis
+    `polarity` counts planes; the others, flattened, count taxels.
     """
 
     file: str = param(doc="the .npz file: absolute, beside the YAML or in $DSE_DATA", axis=False)
@@ -38,8 +40,10 @@ class RasterFile:
     shape: str | None = param(None, doc="array of the unpacked shape, in place of n_steps", axis=False)
     columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
+    positions: tuple[tuple[int, int], ...] | None = positions_key()
 
     def __post_init__(self) -> None:
+        check_positions(self.positions)
         names = self.axes.split()
         if len(set(names)) < len(names) or not {"sample", "step"} <= set(names):
             raise RecordingError(
@@ -57,9 +61,30 @@ class RasterFile:
         found = shapes.get(self.array, ())
         return found[names.index("sample")] if len(found) == len(names) else None
 
+    def _channels(self, shapes: npz.Shapes) -> tuple[Array, Array]:
+        """Return number of the taxel and plane of every channel; both empty where the shape does not fit."""
+        names, shape = self.axes.split(), shapes.get(self.array, ())
+        if len(shape) != len(names):
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        sizes = {name: n for name, n in zip(names, shape, strict=True) if name not in ("sample", "step")}
+        channel = np.arange(math.prod(sizes.values()))
+        taxel, plane, stride = np.zeros_like(channel), np.zeros_like(channel), channel.size
+        for name, size in sizes.items() if channel.size else ():
+            stride //= size
+            number = channel // stride % size
+            if name == "polarity":
+                plane = number
+            else:
+                taxel = taxel * size + number
+        return taxel, plane
+
     def check(self, base: Path) -> list[str]:
         """Return what the file's headers show to be wrong."""
-        return npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        found = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        if self.positions is None or found:
+            return found
+        taxel, _ = self._channels(npz.headers(locate(self.file, base)))
+        return position_faults(self.positions, int(taxel.max()) + 1) if taxel.size else []
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
@@ -103,6 +128,18 @@ class RasterFile:
             raster.reshape(*raster.shape[:2], math.prod(raster.shape[2:])), float(self.step_ms), where
         )
         return Rasters(spikes, label_columns(arrays, self.columns, self.class_names, len(raster), path.name))
+
+    def channel_positions(self, base: Path) -> Array:
+        """Return x, y and plane of every channel.
+
+        Raises:
+            RecordingError: the file cannot be read, or positions are given for another number of taxels.
+        """
+        path = locate(self.file, base)
+        taxel, plane = self._channels(npz.headers(path))
+        if not taxel.size:
+            raise RecordingError(f"{path.name}: '{self.array}' must have the axes '{self.axes}', none empty")
+        return taxel_positions(self.positions, taxel, plane)
 
 
 def sparse(raster: Array, step_ms: float, where: str) -> Spikes:

@@ -1,8 +1,9 @@
-"""Which recordings train, select, and test: by column, by stratified draw, or one group left out."""
+"""Which recordings train, select, and test: by column, by draw, fold by fold, or one group left out."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +12,12 @@ import numpy as np
 from dse import seeds
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
+from dse.recordings.windows import Window
 from dse.records import Array
 from dse.registry import param
+
+ORIGINAL, NUMBER = "recording", "window"
+"""Columns of windows that were cut: the number of the recording that each is from, and its own within it."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,38 @@ class Stratified:
     )
     test: float = param(0.0, doc="fraction of every class", low=0, high=1, high_open=True, axis=False)
     seed: int = param(0, doc="seed of the draw", low=0, axis=False)
+    group: str | None = param(
+        None,
+        doc="label column; recordings of one value stay together, fractions as near as that allows",
+        axis=False,
+    )
+
+
+@dataclass(frozen=True)
+class KFold:
+    """Every recording outside the test set validates in one of k folds and trains in the others.
+
+    The test set is the same in all folds.
+    """
+
+    k: int = param(10, doc="number of folds", low=2, axis=False)
+    group: str | None = param(None, doc="label column; recordings of one value are in one part", axis=False)
+    test: float | Mapping[str, Any] | None = param(
+        None,
+        doc="fraction of every class, or column -> value or values, of a separate test set",
+        low=0,
+        low_open=True,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
+    seed: int = param(1, doc="seed of the draw", low=0, axis=False)
+    fold: int = param(0, doc="fold that validates; run r of a study takes r modulo k", low=0, axis=False)
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        if self.fold >= self.k:
+            raise RecordingError(f"split.k_fold.fold must be below k = {self.k}, got {self.fold}")
 
 
 @dataclass(frozen=True)
@@ -36,7 +73,7 @@ class LeaveOut:
 
 @dataclass(frozen=True)
 class Split:
-    """One of three: `train` and `validation` (and `test`) by column values, `stratified`, or `leave_out`."""
+    """One of four: `train` and `validation` (and `test`) by column values, or one of the other keys."""
 
     train: Mapping[str, Any] | None = param(
         None, doc="column -> value or values of training recordings", axis=False
@@ -48,25 +85,38 @@ class Split:
         None, doc="column -> value or values of test recordings", axis=False
     )
     stratified: Stratified | None = param(  # noqa: RUF009
-        None, doc="the same fraction of every class, drawn", axis=False
+        None, doc="drawn, the same fraction of every class; keys validation, test, seed, group", axis=False
+    )
+    k_fold: KFold | None = param(  # noqa: RUF009
+        None,
+        doc="cross-validation, one fold validates and the others train; keys k, group, test, seed",
+        axis=False,
     )
     leave_out: LeaveOut | None = param(  # noqa: RUF009
-        None, doc="one group validates, the rest trains", axis=False
+        None, doc="one group validates, the rest trains; keys column, value", axis=False
     )
 
     def __post_init__(self) -> None:
+        """Check that there is one rule, and a whole one."""
         by_column = self.train is not None or self.validation is not None or self.test is not None
-        if by_column + (self.stratified is not None) + (self.leave_out is not None) != 1:
+        others = (self.stratified, self.k_fold, self.leave_out)
+        if by_column + sum(rule is not None for rule in others) != 1:
             raise RecordingError(
-                "split must be one of: train and validation by column, stratified, leave_out"
+                "split must be one of: train and validation by column, stratified, k_fold, leave_out"
             )
         if by_column and not (self.train and self.validation):
             raise RecordingError("split must name columns for both train and validation")
 
     def columns(self) -> tuple[str, ...]:
         """Return the label columns that the split reads."""
-        named = [*(self.train or {}), *(self.validation or {}), *(self.test or {})]
-        return tuple(dict.fromkeys(named + ([] if self.leave_out is None else [self.leave_out.column])))
+        named: list[str | None] = [*(self.train or {}), *(self.validation or {}), *(self.test or {})]
+        if self.stratified is not None:
+            named.append(self.stratified.group)
+        if self.k_fold is not None:
+            named += [self.k_fold.group, *(self.k_fold.test if isinstance(self.k_fold.test, Mapping) else ())]
+        if self.leave_out is not None:
+            named.append(self.leave_out.column)
+        return tuple(dict.fromkeys(name for name in named if name is not None))
 
 
 def split(
@@ -82,7 +132,7 @@ def split(
 
     Raises:
         RecordingError: unknown column or value, parts that overlap or are empty, a class that is too
-            small to divide or is missing from train.
+            small to divide or is missing from train, a group in two parts.
     """
     masks = dict(zip(("train", "validation", "test"), _masks(columns, codes, classes, settings), strict=True))
     several = sum(mask.astype(int) for mask in masks.values()) > 1
@@ -103,8 +153,10 @@ def _masks(
     columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: Split
 ) -> Iterator[Array]:
     if settings.stratified is not None:
-        part = _drawn(codes, classes, settings.stratified)
+        part = _drawn(columns, codes, classes, settings.stratified)
         yield from (part == 0, part == 1, part == 2)
+    elif settings.k_fold is not None:
+        yield from _folded(columns, codes, classes, settings.k_fold)
     elif settings.leave_out is not None:
         out = settings.leave_out
         held = _chosen(columns, {out.column: out.value}, "leave_out")
@@ -140,8 +192,20 @@ def _some(values: list[Any]) -> str:
     return ", ".join(map(str, values[:10])) + (", ..." if len(values) > 10 else "")
 
 
-def _drawn(codes: Array, classes: tuple[str, ...], settings: Stratified) -> Array:
+def _drawn(
+    columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: Stratified
+) -> Array:
     """Return 0 (train), 1 (validation) or 2 (test) for every recording."""
+    shares = [1 - settings.validation - settings.test, settings.validation, settings.test]
+    wanted = f"validation {settings.validation:g} and test {settings.test:g}"
+    if settings.group is not None:
+        where = "split.stratified"
+        if shares[0] <= 0:
+            raise RecordingError(f"{where} must leave recordings to train, got {wanted}")
+        groups = _groups(columns, settings.group, where)
+        shares = [share for share in shares if share > 0]
+        _check_enough(codes, groups, classes, len(shares), where, settings.group, wanted)
+        return dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "split"))
     part = np.zeros(len(codes), dtype=np.int64)
     for code in np.unique(codes):
         # A generator per class: adding recordings of one class leaves the draw of the others as it was.
@@ -152,8 +216,144 @@ def _drawn(codes: Array, classes: tuple[str, ...], settings: Stratified) -> Arra
         if not n_validation or (settings.test and not n_test) or n_validation + n_test >= len(members):
             raise RecordingError(
                 f"split.stratified: class '{classes[code]}' has {len(members)} recordings, too few for "
-                f"validation {settings.validation:g} and test {settings.test:g}"
+                f"{wanted}"
             )
         part[members[:n_validation]] = 1
         part[members[n_validation : n_validation + n_test]] = 2
     return part
+
+
+def _folded(
+    columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: KFold
+) -> tuple[Array, Array, Array]:
+    """Return the masks of train, validation and test of one fold."""
+    where, k = "split.k_fold", settings.k
+    groups = np.arange(len(codes)) if settings.group is None else _groups(columns, settings.group, where)
+    test = np.zeros(len(codes), dtype=bool)
+    if isinstance(settings.test, Mapping):
+        test = _chosen(columns, settings.test, "k_fold.test")
+        torn = np.intersect1d(groups[test], groups[~test])
+        if len(torn):
+            value = columns[str(settings.group)][groups == torn[0]][0]
+            raise RecordingError(f"{where}: group '{value}' is in the test set and in the folds")
+    elif settings.test is not None:
+        wanted = f"test {settings.test:g}"
+        _check_enough(codes, groups, classes, 2, where, settings.group, wanted)
+        shares = [1 - settings.test, settings.test]
+        test = dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "test")) == 1
+        for code in np.setdiff1d(codes, codes[test]):
+            raise RecordingError(f"{where}: class '{classes[code]}' is too small for {wanted}")
+    rest = np.flatnonzero(~test)
+    _check_enough(codes[rest], groups[rest], classes, k, where, settings.group, f"k = {k}")
+    part = np.full(len(codes), -1, dtype=np.int64)
+    part[rest] = dealt(codes[rest], groups[rest], [1 / k] * k, seeds.generator(settings.seed, {}, "folds"))
+    validation = part == settings.fold
+    train = ~test & ~validation
+    for code in np.setdiff1d(codes[rest], codes[train]):
+        raise RecordingError(
+            f"{where}: class '{classes[code]}' is missing from train in fold {settings.fold} of {k}: "
+            f"all its recordings validate there"
+        )
+    return train, validation, test
+
+
+def _groups(columns: Mapping[str, Array], column: str, where: str) -> Array:
+    """Return the number of every recording's group."""
+    if column not in columns:
+        raise RecordingError(
+            f"{where}.group: no column '{column}' among data.columns; {known_names(column, columns)}"
+        )
+    return np.unique(columns[column], return_inverse=True)[1]
+
+
+def _check_enough(
+    codes: Array,
+    groups: Array,
+    classes: tuple[str, ...],
+    n_parts: int,
+    where: str,
+    column: str | None,
+    wanted: str,
+) -> None:
+    """Refuse to divide a class that has not a group (or recording) for every part."""
+    what = "recordings" if column is None else f"groups of column '{column}'"
+    for code in np.unique(codes):
+        n = len(np.unique(groups[codes == code]))
+        if n < n_parts:
+            raise RecordingError(f"{where}: class '{classes[code]}' has {n} {what}, too few for {wanted}")
+
+
+def dealt(codes: Array, groups: Array, shares: Sequence[float], rng: np.random.Generator) -> Array:
+    """Return the part of every recording (n,): groups whole, classes divided by shares as evenly as they go.
+
+    Groups go one by one, the largest first, equal ones in drawn order, to the part where they leave the
+    smallest sum over parts p and classes c of (n_pc / N_c - share_p)^2, n_pc of the N_c recordings of a
+    class lying in p; that is where they find most of their classes lacking. Equal parts: the one with fewest
+    recordings for its share, then the first. Greedy: near the best division, not always the best.
+
+    Args:
+        codes: (n,) class of every recording.
+        groups: (n,) its group.
+        shares: of the parts, > 0, sum 1.
+        rng: draws the order of groups of one size.
+    """
+    _, group = np.unique(groups, return_inverse=True)
+    _, label = np.unique(codes, return_inverse=True)
+    members = np.zeros((group.max(initial=-1) + 1, label.max(initial=-1) + 1))
+    np.add.at(members, (group, label), 1)
+    sizes = members.sum(axis=1)
+    fractions = members / members.sum(axis=0)
+    wanted = np.asarray(shares, dtype=np.float64)
+    filled = np.zeros((len(wanted), members.shape[1]))
+    load = np.zeros(len(wanted))
+    part = np.zeros(len(members), dtype=np.int64)
+    order = rng.permutation(len(members))
+    for number in order[np.argsort(-sizes[order], kind="stable")]:
+        # Rounded: parts that are equal but for the last bits of a sum are equal.
+        surplus = np.round((filled - wanted[:, None]) @ fractions[number], 12)
+        best = int(np.lexsort((load / wanted, surplus))[0])
+        part[number] = best
+        filled[best] += fractions[number]
+        load[best] += sizes[number]
+    return part[group]
+
+
+def leak(
+    columns: Mapping[str, Array],
+    settings: Split,
+    train: Array,
+    validation: Array,
+    test: Array,
+    window: Window,
+) -> str:
+    """Return a sentence if windows in two parts share steps of one recording, else nothing.
+
+    What is the same in two parts is answered from memory. Windows of one recording that share no step are
+    samples of their own.
+
+    Args:
+        columns: label columns; `recording` and `window` say what a window was cut from (`cutting.cut`).
+        settings: how it was split.
+        train: indices of one part.
+        validation: indices of another.
+        test: indices of the third.
+        window: how recordings were cut.
+    """
+    if window.cut_steps is None:
+        return ""
+    reach = (window.cut_steps - 1) // (window.every_steps or window.cut_steps)
+    # One number per window, so that windows share steps where numbers are at most `reach` apart.
+    number = columns[ORIGINAL] * (columns[NUMBER].max(initial=0) + reach + 1) + columns[NUMBER]
+    parts = {"train": train, "validation": validation, "test": test}
+    for one, other in itertools.combinations(parts, 2):
+        known, asked = np.sort(number[parts[one]]), number[parts[other]]
+        at = np.searchsorted(known, asked - reach)
+        near = np.append(known, np.iinfo(np.int64).max)[at] <= asked + reach
+        if reach and near.any():
+            drawn = next((name for name in ("stratified", "k_fold") if getattr(settings, name)), "")
+            remedy = f"split.{drawn}.group: {ORIGINAL}" if drawn else f"a split by column '{ORIGINAL}'"
+            return (
+                f"windows that share steps of one recording are in {one} and in {other} ({near.sum()} of the "
+                f"{len(asked)} in {other}), where they are answered from memory; {remedy} keeps them together"
+            )
+    return ""

@@ -14,6 +14,7 @@ from dse.config.faults import known_names
 from dse.recordings import RecordingError
 from dse.recordings.files import content, locate
 from dse.recordings.labels import columns_key, label_columns
+from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
 from dse.recordings.time_series import end_to_end
 from dse.records import Array, Signals
 from dse.registry import param, register
@@ -39,10 +40,14 @@ class Table:
     time_ms: str | None = param(None, doc="column of the sample's time, to be checked", unit="ms", axis=False)
     labels: str | None = param(None, doc="table of labels with one row per recording", axis=False)
     columns: Mapping[str, str] = columns_key()
+    positions: tuple[tuple[int, int], ...] | None = positions_key()
 
     def __post_init__(self) -> None:
         if not self.channels:
             raise RecordingError("data.channels must name at least one column, got none")
+        check_positions(self.positions)
+        for fault in position_faults(self.positions, len(self.channels)):
+            raise RecordingError(fault)
         if self.columns and self.labels is None:
             raise RecordingError("data.labels must name the table that holds data.columns, got none")
         for name in self.channels:
@@ -116,6 +121,11 @@ class Table:
         values = np.stack([_numbers(samples, name, path)[rows] for name in self.channels], axis=1)
         flat, borders = end_to_end(values, offsets, path.name)
         return Signals(flat, borders, float(self.step_ms), columns)
+
+    def channel_positions(self, base: Path) -> Array:
+        """Return x, y and plane 0 of every channel, which is a taxel; no file is read."""
+        n = len(self.channels)
+        return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
 
     def _labels(self, path: Path) -> tuple[list[str], dict[str, Array]]:
         table = read_table(path, [self.recording, *self.columns.values()])

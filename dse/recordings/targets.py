@@ -10,7 +10,7 @@ import numpy as np
 
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
-from dse.records import Array
+from dse.records import Array, Head
 
 
 def target(columns: Mapping[str, Array], settings: Any) -> tuple[Array, tuple[str, ...]]:
@@ -33,6 +33,35 @@ def target(columns: Mapping[str, Array], settings: Any) -> tuple[Array, tuple[st
         twice = next(x for x in classes if classes.count(x) > 1)
         raise RecordingError(f"task.target: two combinations of labels are both named '{twice}'")
     return codes.astype(np.int64), classes
+
+
+def heads(columns: Mapping[str, Array], settings: Any, codes: Array) -> tuple[Head, ...]:
+    """Return the parts of a joint target, each with its classes in the order that `target` gives them.
+
+    Args:
+        columns: label columns, each (n,).
+        settings: as for `target`: a list of two columns or more.
+        codes: (n,) joint classes, which are 0 .. and all in use; -1 for recordings that are not.
+
+    Raises:
+        RecordingError: a single column, or one column twice.
+    """
+    names = target_columns(settings)
+    if len(names) < 2:
+        raise RecordingError(
+            f"task.joint needs a task.target of two columns or more, got {', '.join(map(str, names))}"
+        )
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(f"task.joint needs columns that differ in task.target, got '{twice}' twice")
+    used = np.flatnonzero(codes >= 0)
+    _, first = np.unique(codes[used], return_index=True)
+    found = []
+    for name, part in zip(names, _parts(settings), strict=True):
+        own, classes = target(columns, part)
+        present, of_class = np.unique(own[used[first]], return_inverse=True)
+        found.append(Head(name, tuple(classes[i] for i in present), of_class.astype(np.int64)))
+    return tuple(found)
 
 
 def target_columns(settings: Any) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from dse.recordings import RecordingError, npz
 from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
+from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
 from dse.records import Array, Signals
 from dse.registry import param, register
 
@@ -33,6 +34,10 @@ class TimeSeries:
     )
     columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
+    positions: tuple[tuple[int, int], ...] | None = positions_key()
+
+    def __post_init__(self) -> None:
+        check_positions(self.positions)
 
     def _names(self) -> list[str]:
         offsets = [] if self.offsets is None else [self.offsets]
@@ -43,9 +48,16 @@ class TimeSeries:
             return shapes[self.signal][0] if self.signal in shapes else None
         return shapes[self.offsets][0] - 1 if self.offsets in shapes else None
 
+    def _n_channels(self, shapes: npz.Shapes) -> int | None:
+        shape = shapes.get(self.signal, ())
+        return shape[-1] if len(shape) == (3 if self.offsets is None else 2) else None
+
     def check(self, base: Path) -> list[str]:
         """Return what the file's headers show to be wrong."""
-        return npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        found = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        if self.positions is None or found:
+            return found
+        return position_faults(self.positions, self._n_channels(npz.headers(locate(self.file, base))))
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
@@ -67,6 +79,18 @@ class TimeSeries:
         flat, borders = end_to_end(arrays[self.signal], offsets, f"{path.name}: '{self.signal}'")
         columns = label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name)
         return Signals(flat, borders, float(self.step_ms), columns)
+
+    def channel_positions(self, base: Path) -> Array:
+        """Return x, y and plane 0 of every channel, which is a taxel.
+
+        Raises:
+            RecordingError: the file cannot be read, or positions are given for another number of taxels.
+        """
+        path = locate(self.file, base)
+        n = self._n_channels(npz.headers(path))
+        if not n:
+            raise RecordingError(f"{path.name}: '{self.signal}' has no channel")
+        return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
 
 
 def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Array]:

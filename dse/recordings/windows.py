@@ -28,6 +28,25 @@ class Window:
         False,
         doc="subtract each channel's mean over the window (sampled signals; encoders of changes need it not)",
     )
+    cut_steps: int | None = param(
+        None,
+        doc="first cut every recording into windows of this length, recordings of their own; columns "
+        "'recording' and 'window' number the original and the window in it; absent: do not",
+        unit="steps",
+        low=1,
+    )
+    every_steps: int | None = param(
+        None, doc="distance of the first steps of two such windows; absent: cut_steps", unit="steps", low=1
+    )
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        if self.cut_steps is None and self.every_steps is not None:
+            raise RecordingError("window.every_steps needs window.cut_steps, which is absent")
+        if self.cut_steps is not None and self.n_steps is not None and self.n_steps > self.cut_steps:
+            raise RecordingError(
+                f"window.n_steps must be at most window.cut_steps = {self.cut_steps}, got {self.n_steps}"
+            )
 
 
 def place(

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from dse.dataset import build, build_for
+from dse import cache
+from dse.dataset import build, build_for, load, prepare, transductive
+from dse.dataset.assemble import _result
 from dse.encoders.send_on_delta import send_on_delta
 from dse.recordings import RecordingError
 
@@ -235,7 +237,7 @@ def test_events_from_their_contact_onset(events):
     [
         ("folder", DESIGN, {"encoder": None}, "encoder must be given: data of kind 'time_series'"),
         ("folder", DESIGN, {"preprocessing": {"bin_ms": 1}}, "preprocessing must be absent: data of"),
-        ("rasters", RASTER, {"encoder": DESIGN["encoder"]}, "encoder must be absent: data of kind 'raster'"),
+        ("rasters", RASTER, {"preprocessing": {"bin_ms": 1}}, "preprocessing must be absent: data of k"),
         ("rasters", RASTER, {"window": {"remove_mean": True}}, "window.remove_mean must be false"),
         ("events", EVENTS, {"preprocessing": None}, "preprocessing must be given: data of kind 'events'"),
         ("folder", DESIGN, {"window": {"n_steps": 70}}, "a window of 70 steps does not fit recording 0"),
@@ -304,3 +306,88 @@ def test_public_recordings(shared_data):
     )
     majority = np.bincount(dataset.target[dataset.validation]).max() / 322
     assert majority == pytest.approx(0.17, abs=0.005)
+
+
+def test_a_joint_target_has_heads(folder):
+    speed = np.array([10, 20, 10, 20] * 3)
+    save(folder / "x.npz", speed=speed)
+    design = DESIGN | {
+        "data": {**DESIGN["data"], "columns": {**DESIGN["data"]["columns"], "speed": "speed"}},
+        "task": {"target": ["fabric", "speed"]},
+    }
+    plain, _ = build(design, folder)
+    assert plain.heads == () and "linen|10" in plain.classes
+    joint, _ = build(design | {"task": {**design["task"], "joint": True}}, folder)
+    assert joint.classes == plain.classes and np.array_equal(joint.target, plain.target)
+    fabric, speeds = joint.heads
+    assert (fabric.name, fabric.classes) == ("fabric", ("linen", "silk", "wool"))
+    assert (speeds.name, speeds.classes) == ("speed", ("10", "20"))
+    for i in range(9):
+        assert fabric.classes[fabric.of_class[joint.target[i]]] == NAMES[LABEL[i]]
+        assert speeds.classes[speeds.of_class[joint.target[i]]] == str(speed[i])
+    with pytest.raises(RecordingError, match=r"task\.joint needs a task\.target of two columns or more"):
+        build(DESIGN | {"task": {"target": "fabric", "joint": True}}, folder)
+
+
+def test_traps_are_looked_for_in_every_head(folder):
+    level = np.repeat(LABEL * 100, LENGTHS).astype(np.uint16)[:, None]
+    save(folder / "x.npz", signal=SIGNAL + level, other=np.array([0, 1] * 6))
+    design = DESIGN | {
+        "data": {**DESIGN["data"], "columns": {**DESIGN["data"]["columns"], "other": "other"}},
+        "task": {"target": ["fabric", "other"], "joint": True},
+        "split": {"train": {"repetition": [0, 1]}, "validation": {"repetition": [2, 3]}},
+    }
+    _, notes = build(design, folder)
+    assert [note.split(" with ")[0] for note in notes] == [
+        "resting level (mean of each channel) alone predicts fabric"
+    ]
+
+
+PIECES = DESIGN | {"window": {"cut_steps": 12, "every_steps": 6}}
+
+
+def test_pieces_of_recordings_are_recordings(folder):
+    n = (LENGTHS - 12) // 6 + 1
+    dataset, _ = build(PIECES, folder)
+    assert (dataset.spikes.n_samples, dataset.n_steps) == (n.sum(), 12)
+    first = np.cumsum(n) - n
+    assert np.array_equal(dataset.train, np.arange(n[:6].sum()))
+    # Each piece begins anew: its first sample is the first level that was sent.
+    values = SIGNAL[OFFSETS[1] + 6 : OFFSETS[1] + 18]
+    assert np.array_equal(window_of(dataset, first[1] + 1), send_on_delta(values, (2.0, 5.0), "step"))
+    save(folder / "new.npz", [4, 10])
+    design = PIECES | {"data": {**DESIGN["data"], "file": "new.npz"}}
+    new, _ = build_for(design, folder, dataset.classes)
+    assert new.test.size == n[4] + n[10]
+    assert np.array_equal(window_of(new, 0), window_of(dataset, first[4]))
+    tested, _ = build(PIECES | {"test": {"file": "new.npz"}}, folder)
+    assert tested.test.tolist() == (n.sum() + np.arange(n[4] + n[10])).tolist()
+
+
+@pytest.mark.parametrize("kind", ["stratified", "k_fold"])
+def test_pieces_of_one_recording_in_two_parts_are_said_to_leak(folder, kind):
+    rule = {"stratified": {"validation": 0.4}, "k_fold": {"k": 3}}[kind]
+    cache.tidy(folder / "cache")
+    found = {}
+    for group in (None, "recording"):
+        design = PIECES | {"split": {kind: {**rule, "group": group}}}
+        with _result(prepare(design, folder, folder / "cache")) as held:
+            data, found[group] = load(held.folder), transductive(held.folder)
+    assert "are in train and in validation" in found[None]
+    assert found["recording"] == ""
+    n = (LENGTHS - 12) // 6 + 1
+    original = np.repeat(np.arange(12), n)
+    assert not np.intersect1d(original[data.train], original[data.validation]).size
+
+
+def test_folds_share_their_spikes(folder):
+    cache.tidy(folder / "cache")
+    held, parts = [], []
+    for fold in range(3):
+        design = DESIGN | {"split": {"k_fold": {"k": 3, "group": "repetition", "fold": fold}}}
+        with _result(prepare(design, folder, folder / "cache")) as found:
+            data = load(found.folder)
+        held.append(data.spikes.channel.filename)
+        parts.append(data.validation)
+    assert len(set(held)) == 1
+    assert sorted(np.concatenate(parts).tolist()) == list(range(12))

@@ -18,6 +18,8 @@ from dse.dataset.files import read_meta, write_spikes
 from dse.dataset.parts import Part, in_order, placed
 from dse.recordings import RecordingError
 from dse.records import Array, Block
+from tests.dataset.encoders import encoders  # noqa: F401
+from tests.saved_data import in_a_row
 
 SIZE = 12
 COLUMNS = {"texture": "texture", "speed": "speed", "part": "part"}
@@ -275,7 +277,7 @@ def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, th
         return np.full(100, n_spikes // 100), np.full(n_spikes, i, np.int32)
 
     part = Part(
-        silent, silent, silent, 100, 100, n, 1.0, np.full(n, 100), None,
+        silent, silent, silent, 100, 100, in_a_row(n), 1.0, np.full(n, 100), None,
         lambda k: in_order(large, range(n), k),
     )  # fmt: skip
     tracemalloc.start()
@@ -396,3 +398,22 @@ def test_what_goes_on_is_told():
     telling = placed(Recorded(16), DESIGN, used)
     assert list(telling)[:2] == ["surveying data: 1 of 8 recordings", "surveying data: 2 of 8 recordings"]
     assert not list(placed(Scene(), DESIGN, used))
+
+
+@pytest.mark.usefixtures("encoders")
+def test_a_scene_is_simulated_once_for_all_encoders(tmp_path: Path):
+    scene = Kind.there["scene"] = Scene()
+    cache.tidy(tmp_path)
+    plain, _ = build(DESIGN, Path())
+    assert len(scene.made) == 16
+    for number, encoder in enumerate(
+        ({"kind": "counting"}, {"kind": "counting", "every": 2}, {"kind": "levels"})
+    ):
+        with _result(prepare(DESIGN | {"encoder": encoder}, Path(), tmp_path, threads=2)) as held:
+            data = load(held.folder)
+        assert len(scene.made) == 32
+        assert np.array_equal(data.start, plain.start) and data.n_steps == plain.n_steps
+        if not number:
+            assert np.array_equal(data.spikes.channel, plain.spikes.channel)
+            assert np.array_equal(data.positions, plain.positions)
+    assert data.spikes.n_channels == 2 * 72 and data.positions[:, 2].max() == 3

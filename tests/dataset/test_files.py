@@ -4,10 +4,10 @@ import os
 import numpy as np
 import pytest
 
-from dse.dataset import load, warnings
-from dse.dataset.files import read_spikes, write_spikes
+from dse.dataset import as_prepared, load, transductive, warnings
+from dse.dataset.files import read_spikes, write_dataset, write_spikes
 from dse.recordings import RecordingError
-from dse.records import Dataset, Spikes
+from dse.records import Dataset, Head, Spikes
 from tests.saved_data import part_of, save
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -16,6 +16,7 @@ DATASET = Dataset(
     target=np.array([1, 0]), classes=("a", "b"), start=np.array([0, 1], dtype=np.int32),
     start_low=np.array([0, 0], dtype=np.int32), start_high=np.array([1, 1], dtype=np.int32), n_steps=1,
     train=np.array([0]), validation=np.array([1]), test=NONE,
+    positions=np.array([[0, 3, 0], [1, 3, 0], [0, 3, 1]], dtype=np.int32),
 )  # fmt: skip
 
 
@@ -73,3 +74,21 @@ def test_a_damaged_folder_is_named(tmp_path, damage):
     what = "spikes: no readable spikes" if damage == "no spikes" else "key: no readable data set"
     with pytest.raises(RecordingError, match=what):
         load(tmp_path / "key")
+
+
+def test_heads_and_reasons_come_back(tmp_path):
+    head = Head("texture", ("x", "y"), np.array([1, 0]))
+    save(DATASET, tmp_path / "key")
+    split = DATASET.train, DATASET.validation, DATASET.test
+    fitted = {"encoder": {"levels": ((1.5, 2.0), (0.0, -1.0)), "name": "e"}}
+    write_dataset(
+        tmp_path / "key", "key spikes", DATASET.target, DATASET.classes, split, fitted, [], (head,), "reads"
+    )
+    same(dataclasses.replace(DATASET, heads=()), dataclasses.replace(load(tmp_path / "key"), heads=()))
+    [found] = load(tmp_path / "key").heads
+    same(head, found)
+    assert transductive(tmp_path / "key") == "reads"
+    plain = {"encoder": {"kind": "threshold"}, "data": {}}
+    assert as_prepared(plain, tmp_path / "key") == {
+        "encoder": {"kind": "threshold", "levels": [[1.5, 2.0], [0.0, -1.0]], "name": "e"}, "data": {}
+    }  # fmt: skip

@@ -80,3 +80,22 @@ def test_a_test_file_counts_by_its_content(folders):
     assert dataset_key(design, folders / "a") == dataset_key(same, folders / "a")
     other = DESIGN | {"test": {"file": "../b/x.npz"}}
     assert dataset_key(design, folders / "a") != dataset_key(other, folders / "a")
+
+
+def test_a_joint_target_is_another_data_set_of_the_same_spikes(folders):
+    joint = DESIGN | {"task": {**DESIGN["task"], "joint": True}}
+    assert dataset_key(joint, folders / "a") != dataset_key(DESIGN, folders / "a")
+    assert dataset_key(DESIGN | {"task": {**DESIGN["task"], "joint": False}}, folders / "a") == dataset_key(
+        DESIGN, folders / "a"
+    )
+    assert spikes_key(joint, folders / "a", USED) == spikes_key(DESIGN, folders / "a", USED)
+
+
+def test_positions_belong_to_the_spikes(folders):
+    placed = DESIGN | {"data": {**DESIGN["data"], "positions": [[0, 1]]}}
+    assert spikes_key(placed, folders / "a", USED) != spikes_key(DESIGN, folders / "a", USED)
+
+
+def test_pooled_events_are_most_of_the_work_whatever_encodes_them():
+    events = DESIGN | {"preprocessing": {"bin_ms": 1}}
+    assert same_spikes(events | {"encoder": {"kind": "e"}}) == same_spikes(events)

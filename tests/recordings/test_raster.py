@@ -120,3 +120,39 @@ def test_public_recordings(shared_data):
         n_steps=250,
     ).read(shared_data)
     assert (objects.spikes.n_samples, objects.spikes.n_steps, objects.spikes.n_channels) == (720, 250, 78)
+
+
+@pytest.mark.parametrize(
+    ("axes", "shape", "expected"),
+    [
+        ("sample step", (2, 3), [[0, 0, 0]]),
+        ("sample step channel", (2, 3, 2), [[0, 0, 0], [1, 0, 0]]),
+        ("sample taxel polarity step", (2, 2, 2, 3), [[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0, 1]]),
+        ("polarity sample taxel step", (2, 2, 2, 3), [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]]),
+        ("sample step polarity", (2, 3, 2), [[0, 0, 0], [0, 0, 1]]),
+        ("row sample polarity column step", (2, 1, 1, 3, 4), [[k, 0, 0] for k in range(6)]),
+    ],
+)
+def test_an_axis_of_polarity_is_the_plane(write, tmp_path, axes, shape, expected):
+    write("x.npz", spikes=np.zeros(shape, dtype=np.uint8))
+    source = RasterFile("x.npz", 5, axes=axes)
+    found = source.channel_positions(tmp_path)
+    assert (found.dtype, found.tolist()) == (np.int32, expected)
+    assert len(found) == source.read(tmp_path).spikes.n_channels
+
+
+def test_positions_are_of_taxels(write, tmp_path):
+    write("x.npz", spikes=np.zeros((2, 2, 3, 4), dtype=np.uint8))
+    source = RasterFile("x.npz", 5, axes="sample polarity taxel step", positions=((9, 0), (5, 5), (0, 9)))
+    assert source.check(tmp_path) == []
+    places = [[9, 0], [5, 5], [0, 9]]
+    assert source.channel_positions(tmp_path).tolist() == [[*xy, p] for p in (0, 1) for xy in places]
+    source = RasterFile("x.npz", 5, axes="sample plane taxel step", positions=((9, 0), (5, 5)))
+    assert source.check(tmp_path) == ["data.positions must hold [x, y] for each of the 6 taxels, got 2"]
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 0), (2, 3)])
+def test_a_raster_without_channels_lies_nowhere(write, tmp_path, shape):
+    write("x.npz", spikes=np.zeros(shape, dtype=np.uint8))
+    with pytest.raises(RecordingError, match="'spikes' must have the axes 'sample step channel', none empty"):
+        RasterFile("x.npz", 5).channel_positions(tmp_path)

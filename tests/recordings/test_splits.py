@@ -1,10 +1,13 @@
+import itertools
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
-from dse.recordings.splits import LeaveOut, Split, Stratified, split
+from dse.recordings.splits import KFold, LeaveOut, Split, Stratified, leak, split
+from dse.recordings.windows import Window
 
 COLUMNS = {
     "repetition": np.array([0, 1, 2, 0, 1, 2], dtype=np.int8),
@@ -116,3 +119,208 @@ def test_a_class_too_small_to_draw_from_is_named():
         RecordingError, match=r"class 'silk' has 4 recordings, too few for validation 0\.5 and test 0\.5"
     ):
         parts(Split(stratified=Stratified(0.5, 0.5)), {}, np.array([0] * 4 + [1] * 4))
+
+
+def fold(f, columns=None, codes=CODES, classes=CLASSES, **keys):
+    return split(columns or {}, codes, classes, Split(k_fold=KFold(fold=f, **keys)))
+
+
+def grouped(rng, k):
+    """Codes and groups of one to four classes; every class has at least k groups, which classes may share."""
+    n_classes = rng.integers(1, 5)
+    rows = [
+        (code, group)
+        for code in range(n_classes)
+        for group in rng.choice(30, rng.integers(k, 31), replace=False)
+        for _ in range(rng.integers(1, 5))
+    ]
+    codes, groups = rng.permutation(np.array(rows)).T
+    return codes, np.char.add("g", groups.astype(str)), tuple("abcd"[:n_classes])
+
+
+@settings(max_examples=40)
+@given(st.integers(2, 6), st.integers(0, 999))
+def test_folds_are_a_partition_and_groups_stay_whole(k, seed):
+    codes, groups, classes = grouped(np.random.default_rng(seed), k)
+    columns = {"plate": groups}
+    validated = []
+    for f in range(k):
+        train, validation, test = fold(f, columns, codes, classes, k=k, group="plate", seed=seed)
+        assert not len(test)
+        assert sorted([*train, *validation]) == list(range(len(codes)))
+        assert not set(groups[train]) & set(groups[validation])
+        validated += validation.tolist()
+    assert sorted(validated) == list(range(len(codes)))
+
+
+@settings(max_examples=40)
+@given(
+    sizes=st.lists(st.integers(10, 30), min_size=1, max_size=4),
+    k=st.integers(2, 5),
+    test=st.sampled_from([None, 0.1, 0.2, 0.4]),
+    seed=st.integers(0, 9),
+)
+def test_folds_are_as_even_as_classes_divide_and_share_a_test_set(sizes, k, test, seed):
+    codes = np.random.default_rng(seed).permutation(np.repeat(np.arange(len(sizes)), sizes))
+    classes = tuple("abcd")[: len(sizes)]
+    parts = [fold(f, {}, codes, classes, k=k, test=test, seed=seed) for f in range(k)]
+    held = parts[0][2]
+    for train, validation, tested in parts:
+        assert tested.tolist() == held.tolist()
+        assert sorted(np.concatenate([train, validation, tested]).tolist()) == list(range(len(codes)))
+        for code, size in enumerate(sizes):
+            n_test = (codes[held] == code).sum()
+            assert abs(n_test - (test or 0) * size) <= 1
+            assert (codes[validation] == code).sum() in {
+                int(np.floor((size - n_test) / k)),
+                int(np.ceil((size - n_test) / k)),
+            }
+    validated = np.concatenate([validation for _, validation, _ in parts])
+    assert sorted([*validated, *held]) == list(range(len(codes)))
+    assert max(len(x[1]) for x in parts) - min(len(x[1]) for x in parts) <= len(sizes)
+
+
+def test_groups_of_one_class_each_are_spread_evenly():
+    codes = np.repeat([0, 1, 2], 40)
+    plate = np.repeat(np.arange(30), 4)
+    for f in range(5):
+        _, validation, _ = fold(f, {"plate": plate}, codes, tuple("abc"), k=5, group="plate")
+        assert np.bincount(codes[validation]).tolist() == [8, 8, 8]
+
+
+def test_a_drawn_test_set_keeps_groups_whole():
+    codes, plate = np.tile([0, 1], 30), np.repeat(np.arange(15), 4)
+    train, validation, test = fold(2, {"plate": plate}, codes, CLASSES, k=3, group="plate", test=0.2)
+    assert np.bincount(codes[test]).tolist() == [6, 6] and np.bincount(codes[validation]).tolist() == [8, 8]
+    assert not set(plate[test]) & {*plate[train], *plate[validation]}
+    assert not set(plate[train]) & set(plate[validation])
+
+
+def test_a_test_set_by_column_is_the_same_in_all_folds():
+    columns = {"force": np.tile([1, 2, 3], 8), "plate": np.tile(np.arange(12), 2)}
+    codes = np.repeat([0, 1], 12)
+    rule = KFold(k=2, test={"force": 3}, group="plate")
+    assert Split(k_fold=rule).columns() == ("plate", "force")
+    for f in range(2):
+        _, _, test = fold(f, columns, codes, k=2, test={"force": 3}, group="plate")
+        assert test.tolist() == np.flatnonzero(columns["force"] == 3).tolist()
+    with pytest.raises(RecordingError, match=r"split\.k_fold: group '0' is in the test set and in the folds"):
+        fold(0, {**columns, "plate": np.zeros(24, int)}, codes, k=2, test={"force": 3}, group="plate")
+    with pytest.raises(RecordingError, match=r"split\.k_fold\.test: column 'force' holds no 7"):
+        fold(0, columns, codes, k=2, test={"force": 7})
+
+
+def test_the_seed_of_folds_matters_and_nothing_else():
+    codes = np.zeros(40, dtype=int)
+    one, same, other = (fold(0, {}, codes, ("a",), seed=seed)[1].tolist() for seed in (1, 1, 2))
+    assert one == same != other
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"k": 4}, r"class 'silk' has 3 recordings, too few for k = 4"),
+        ({"k": 3, "group": "force"}, r"class 'silk' has 2 groups of column 'force', too few for k = 3"),
+        ({"k": 3, "test": 0.4}, r"class 'silk' has 2 recordings, too few for k = 3"),
+        ({"k": 2, "test": 0.01}, r"class 'silk' is too small for test 0\.01"),
+        ({"k": 2, "group": "plate"}, r"split\.k_fold\.group: no column 'plate' among data\.columns"),
+    ],
+)
+def test_folds_that_cannot_be(keys, message):
+    with pytest.raises(RecordingError, match=message):
+        fold(0, COLUMNS, **keys)
+
+
+def test_a_class_in_one_fold_only_is_named_with_its_fold():
+    # The small group with wool lacks its other classes most where the large one with wool already is.
+    wool, linen, cotton, silk = range(4)
+    contents = [[linen, cotton] * 4, [wool] + [silk] * 6, [silk] * 6, [wool, linen, cotton]]
+    codes = np.concatenate(contents)
+    columns = {"plate": np.repeat(np.arange(4), [len(x) for x in contents])}
+    classes = ("wool", "linen", "cotton", "silk")
+    train, validation, _ = fold(0, columns, codes, classes, k=2, group="plate")
+    assert wool in codes[train] and wool not in codes[validation], "validation may lack a class"
+    with pytest.raises(RecordingError, match="class 'wool' is missing from train in fold 1 of 2: all its"):
+        fold(1, columns, codes, classes, k=2, group="plate")
+
+
+def test_fold_must_be_below_k():
+    with pytest.raises(RecordingError, match=r"split\.k_fold\.fold must be below k = 3, got 3"):
+        KFold(k=3, fold=3)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 999))
+def test_a_drawn_split_can_keep_groups_whole(seed):
+    codes, groups, classes = grouped(np.random.default_rng(seed), 12)
+    rule = Split(stratified=Stratified(0.2, 0.2, seed, "plate"))
+    assert rule.columns() == ("plate",)
+    drawn = split({"plate": groups}, codes, classes, rule)
+    assert sorted(np.concatenate(drawn).tolist()) == list(range(len(codes)))
+    for one, other in itertools.combinations(drawn, 2):
+        assert not set(groups[one]) & set(groups[other])
+    assert abs(len(drawn[1]) / len(codes) - 0.2) < 0.15 > abs(len(drawn[2]) / len(codes) - 0.2)
+
+
+def test_groups_too_few_to_draw_from():
+    rule = Stratified(0.2, 0.2, group="force")
+    with pytest.raises(RecordingError, match="class 'silk' has 2 groups of column 'force', too few for vali"):
+        parts(Split(stratified=rule))
+    with pytest.raises(RecordingError, match=r"must leave recordings to train, got validation 0\.5 and test"):
+        parts(Split(stratified=Stratified(0.5, 0.5, group="force")))
+
+
+def columns_of(*n_windows):
+    return {
+        "recording": np.repeat(np.arange(len(n_windows)), n_windows),
+        "window": np.concatenate([np.arange(n) for n in n_windows]),
+    }
+
+
+def test_windows_that_share_steps_must_not_be_in_two_parts():
+    columns, none = columns_of(2, 2, 2), np.zeros(0, dtype=int)
+    drawn, by_column = Split(stratified=Stratified(0.2)), Split({"part": "a"}, {"part": "b"})
+    overlap = Window(cut_steps=4, every_steps=2)
+    whole = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
+    assert leak(columns, drawn, *whole, overlap) == ""
+    assert leak({}, drawn, np.array([0]), np.array([1]), none, Window(4)) == ""
+    torn = np.array([0, 1, 2]), np.array([3, 4, 5])
+    found = leak(columns, drawn, *torn, none, overlap)
+    assert found.startswith("windows that share steps of one recording are in train and in validation (1 of")
+    assert found.endswith("split.stratified.group: recording keeps them together")
+    late = leak(columns, by_column, np.array([0, 1]), np.array([2, 3, 4]), np.array([5]), overlap)
+    assert "are in validation and in test (1 of the 1 in test)" in late
+    assert late.endswith("a split by column 'recording' keeps them together")
+
+
+@pytest.mark.parametrize(("every", "shares"), [(None, False), (4, False), (5, False), (3, True), (1, True)])
+def test_windows_share_steps_where_they_overlap(every, shares):
+    window = Window(cut_steps=4, every_steps=every)
+    halves = np.array([0, 1, 2]), np.array([3, 4, 5]), np.zeros(0, dtype=int)
+    assert bool(leak(columns_of(6), Split(stratified=Stratified(0.2)), *halves, window)) == shares
+
+
+@given(
+    st.lists(st.integers(0, 6), min_size=1, max_size=4),
+    st.integers(1, 6),
+    st.integers(1, 6),
+    st.integers(0, 99),
+)
+def test_leak_is_the_comparison_of_all_windows(n_windows, cut_steps, every, seed):
+    columns = columns_of(*n_windows)
+    part = np.random.default_rng(seed).choice(3, sum(n_windows), p=[0.8, 0.1, 0.1])
+    starts = columns["window"] * every
+    shared = [
+        (i, j)
+        for i, j in itertools.combinations(range(sum(n_windows)), 2)
+        if part[i] != part[j]
+        and columns["recording"][i] == columns["recording"][j]
+        and abs(starts[i] - starts[j]) < cut_steps
+    ]
+    found = leak(
+        columns,
+        Split(stratified=Stratified(0.2)),
+        *(np.flatnonzero(part == p) for p in range(3)),
+        Window(cut_steps=cut_steps, every_steps=every),
+    )
+    assert bool(found) == bool(shared)

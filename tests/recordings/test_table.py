@@ -152,3 +152,11 @@ def test_unlabelled_tables_keep_the_columns_they_have(tmp_path):
 def test_keys_that_contradict(keys, message):
     with pytest.raises(RecordingError, match=message):
         Table(**{"file": "x.csv", "step_ms": 10, "labels": "y.csv", "columns": {"fabric": "cloth"}} | keys)
+
+
+def test_channels_lie_where_positions_say(tmp_path):
+    source = Table("x.csv", 1.0, ("a", "b"), positions=((3, 1), (0, 2)))
+    assert source.channel_positions(tmp_path).tolist() == [[3, 1, 0], [0, 2, 0]]
+    assert Table("x.csv", 1.0, ("a", "b")).channel_positions(tmp_path).tolist() == [[0, 0, 0], [1, 0, 0]]
+    with pytest.raises(RecordingError, match="for each of the 2 taxels, got 1"):
+        Table("x.csv", 1.0, ("a", "b"), positions=((3, 1),))

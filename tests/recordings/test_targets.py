@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dse.recordings import RecordingError
-from dse.recordings.targets import target, target_columns
+from dse.recordings.targets import heads, target, target_columns
 
 COLUMNS = {
     "fabric": np.array(["silk", "wool", "silk", "wool"]),
@@ -52,3 +52,44 @@ def test_two_combinations_of_one_name_are_refused():
     columns = {"a": np.array(["x|y", "x"]), "b": np.array(["z", "y|z"])}
     with pytest.raises(RecordingError, match=r"both named 'x\|y\|z'"):
         target(columns, ["a", "b"])
+
+
+JOINT = ["fabric", {"column": "velocity", "abs": True}]
+
+
+def test_heads_have_the_classes_of_their_columns():
+    columns = {
+        "fabric": np.array(["silk", "wool", "silk", "wool", "lint"]),
+        "velocity": np.array([-100, 20, 20, -100, 5]),
+    }
+    codes, classes = target(columns, JOINT)
+    assert classes == ("lint|5", "silk|20", "silk|100", "wool|20", "wool|100")
+    fabric, velocity = heads(columns, JOINT, codes)
+    assert (fabric.name, fabric.classes) == ("fabric", target(columns, "fabric")[1])
+    assert (velocity.name, velocity.classes) == ("velocity", target(columns, JOINT[1])[1])
+    assert fabric.of_class.dtype == velocity.of_class.dtype == np.int64
+    assert fabric.of_class.tolist() == [0, 1, 1, 2, 2]
+    assert velocity.of_class.tolist() == [0, 1, 2, 1, 2]
+    for head in (fabric, velocity):
+        own, names = target(columns, head.name if head is fabric else JOINT[1])
+        assert [head.classes[i] for i in head.of_class[codes]] == [names[i] for i in own]
+
+
+def test_heads_leave_out_what_is_in_no_part_of_the_split():
+    columns = {"fabric": np.array(["a", "b", "c"]), "velocity": np.array([3, 1, 2])}
+    fabric, velocity = heads(columns, ["fabric", "velocity"], np.array([0, -1, 1]))
+    assert (fabric.classes, fabric.of_class.tolist()) == (("a", "c"), [0, 1])
+    assert (velocity.classes, velocity.of_class.tolist()) == (("2", "3"), [1, 0])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ("fabric", "task.joint needs a task.target of two columns or more, got fabric"),
+        (["fabric"], "two columns or more, got fabric"),
+        (["velocity", JOINT[1]], "columns that differ in task.target, got 'velocity' twice"),
+    ],
+)
+def test_a_joint_target_has_several_columns(settings, message):
+    with pytest.raises(RecordingError, match=message):
+        heads(COLUMNS, settings, target(COLUMNS, settings)[0])

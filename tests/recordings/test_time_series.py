@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -135,3 +137,26 @@ def test_public_recordings(shared_data):
     lengths = np.diff(signals.offsets)
     speed = np.abs(signals.columns["velocity"])
     assert lengths.min() == 141 and np.median(lengths[speed == 10]) == pytest.approx(2116, abs=2)
+
+
+def test_channels_lie_where_positions_say(write, tmp_path):
+    write("x.npz", **GOOD)
+    row = SOURCE.channel_positions(tmp_path)
+    assert (row.dtype, row.tolist()) == (np.int32, [[0, 0, 0], [1, 0, 0]])
+    placed = dataclasses.replace(SOURCE, positions=((3, 1), (0, 2)))
+    assert placed.check(tmp_path) == []
+    assert placed.channel_positions(tmp_path).tolist() == [[3, 1, 0], [0, 2, 0]]
+    write("cube.npz", signal=np.zeros((2, 4, 3)))
+    cube = TimeSeries("cube.npz", step_ms=1, positions=((3, 1), (0, 2)))
+    assert cube.check(tmp_path) == ["data.positions must hold [x, y] for each of the 3 taxels, got 2"]
+    with pytest.raises(RecordingError, match="for each of the 3 taxels, got 2"):
+        cube.channel_positions(tmp_path)
+    with pytest.raises(RecordingError, match=r"must differ, got \[3, 1\] for taxels 0 and 1"):
+        dataclasses.replace(SOURCE, positions=((3, 1), (3, 1)))
+
+
+@pytest.mark.parametrize("signal", [np.zeros((10, 0)), np.zeros(10)])
+def test_no_channel_lies_nowhere(write, tmp_path, signal):
+    write("x.npz", **GOOD | {"signal": signal})
+    with pytest.raises(RecordingError, match="'signal' has no channel"):
+        SOURCE.channel_positions(tmp_path)

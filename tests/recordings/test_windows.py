@@ -88,3 +88,20 @@ def test_levels_are_means_over_the_window_and_can_be_removed():
     assert mean_levels(rest, np.array([1, 0]), 2).tolist() == [[0, 0], [0, 0]]
     assert rest.values.dtype == np.float32 and SIGNALS.values[3].tolist() == [9, 9]
     assert np.array_equal(np.diff(rest.values[:4], axis=0), np.diff(SIGNALS.values[:4], axis=0))
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"every_steps": 5}, "window.every_steps needs window.cut_steps, which is absent"),
+        ({"n_steps": 9, "cut_steps": 8}, "window.n_steps must be at most window.cut_steps = 8, got 9"),
+    ],
+)
+def test_lengths_that_do_not_go_together(keys, message):
+    with pytest.raises(RecordingError, match=message):
+        Window(**keys)
+
+
+def test_lengths_that_go_together():
+    assert Window(n_steps=8, cut_steps=8, every_steps=9).at == "middle"
+    assert Window(cut_steps=8).n_steps is None

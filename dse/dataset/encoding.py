@@ -1,0 +1,165 @@
+"""Spikes that an encoder makes of spikes: recordings of events or rasters, taken for signals of 0 and 1.
+
+An encoder wants a sample of every channel at every step, so what it is shown is dense by nature: recordings
+are shown to it a few at a time, but those that it learns from all at once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from dse.dataset.files import Stored
+from dse.dataset.parts import Part, Rows, rows_of
+from dse.dataset.sections import Resolved, component, refusals
+from dse.records import Array, Signals, Spikes
+
+# Of signals that are shown to an encoder at a time; one recording may be more.
+_DENSE_BYTES = 2**24
+
+
+def learns(keys: Resolved) -> bool:
+    """Return whether the encoder of a section learns from training recordings."""
+    return hasattr(component("encoders", keys), "fitted")
+
+
+def transductive(keys: Resolved | None) -> bool:
+    """Return whether the encoder of a section, if there is one, reads the label of what it encodes."""
+    if not keys:
+        return False
+    return bool(getattr(component("encoders", keys), "transductive", False))
+
+
+def learnt(
+    keys: Resolved, signals: Signals, first: Array, n_steps: int, codes: Array, n_classes: int, train: Array
+) -> dict[str, Any]:
+    """Return section `encoder` with what the encoder learns from training recordings; as it is if nothing.
+
+    Labels of other recordings are shown to an encoder that says it is transductive, and to no other.
+
+    Args:
+        keys: section `encoder`.
+        signals: the recordings.
+        first: (n,) first step of the evaluated windows.
+        n_steps: length of the windows.
+        codes: (n,) classes, -1 where a recording is in no part of the split.
+        n_classes: number of classes.
+        train: indices of the training recordings.
+
+    Raises:
+        RecordingError: the encoder cannot learn from them.
+    """
+    encoder = component("encoders", keys)
+    if not hasattr(encoder, "fitted"):
+        return dict(keys)
+    shown = codes
+    if not transductive(keys):
+        shown = np.full_like(codes, -1)
+        shown[train] = codes[train]
+    with refusals():
+        found = encoder.fitted(signals, first, n_steps, shown, n_classes, train)
+    return {"kind": keys["kind"], **_plain(dataclasses.asdict(found))}
+
+
+def learnt_from_spikes(
+    keys: Resolved, stored: Stored, used: Array, codes: Array, n_classes: int, train: Array
+) -> dict[str, Any]:
+    """Return section `encoder` as `learnt` does, for recordings that are spikes.
+
+    Args:
+        keys: section `encoder`.
+        stored: spikes of the recordings, and perhaps of a test file behind them.
+        used: (n,) bool, recordings that have a window.
+        codes: (n,) classes.
+        n_classes: number of classes.
+        train: indices of the training recordings.
+    """
+    chosen = np.flatnonzero(used) if transductive(keys) else train
+    lengths = _lengths(stored, np.isin(np.arange(len(stored.start)), chosen))
+    signals = as_signals(stored.spikes, chosen, lengths[chosen])
+    own = np.flatnonzero(np.isin(chosen, train))
+    return learnt(keys, signals, stored.start[chosen], stored.n_steps, codes[chosen], n_classes, own)
+
+
+def encoded(stored: Stored, keys: Resolved, used: Array) -> Part:
+    """Return spikes that an encoder makes of stored spikes; windows mean the same steps as before.
+
+    A recording is encoded from its first stored step on, until the end of its last window.
+
+    Args:
+        stored: spikes of recordings.
+        keys: section `encoder`, fitted.
+        used: (n,) bool, recordings that have windows; the others get no spikes.
+
+    Raises:
+        RecordingError: the encoder refuses them.
+    """
+    encoder = component("encoders", keys)
+    lengths = _lengths(stored, used)
+    # What reads the labels of certain recordings must find them all, in their order.
+    most = np.inf if transductive(keys) else _DENSE_BYTES
+
+    def rows(threads: int) -> Iterator[Rows]:
+        for some in _chunks(lengths * 4 * stored.spikes.n_channels, most):
+            chosen = some[lengths[some] > 0]
+            found: Iterator[Rows] = iter(())
+            if chosen.size:
+                signals = as_signals(stored.spikes, chosen, lengths[chosen])
+                with refusals():
+                    spikes = encoder.encode_all(signals, np.zeros_like(chosen), lengths[chosen])
+                found = rows_of(spikes)
+            for i in some:
+                yield next(found) if lengths[i] else (np.zeros(0, np.int64), np.zeros(0, np.int32))
+
+    with refusals():
+        positions = encoder.positions(stored.positions)
+    return Part(
+        stored.start, stored.low, stored.high, stored.n_steps, int(lengths.max()),
+        positions, stored.spikes.step_ms, stored.lengths, stored.levels, rows,
+        lambda: stored.notes,
+    )  # fmt: skip
+
+
+def as_signals(spikes: Spikes, chosen: Array, lengths: Array) -> Signals:
+    """Return recordings of spikes as signals that are 1 at a spike and 0 elsewhere, without columns.
+
+    Args:
+        spikes: of all recordings.
+        chosen: (m,) recordings.
+        lengths: (m,) steps of each, from its first.
+    """
+    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    values = np.zeros((int(offsets[-1]), spikes.n_channels), dtype=np.float32)
+    for i, begin, length in zip(chosen, offsets, lengths, strict=False):
+        borders = spikes.row_offsets[i * spikes.n_steps : i * spikes.n_steps + length + 1]
+        steps = np.repeat(np.arange(begin, begin + length), np.diff(borders))
+        values[steps, spikes.channel[borders[0] : borders[-1]]] = 1
+    return Signals(values, offsets, spikes.step_ms, {})
+
+
+def _lengths(stored: Stored, used: Array) -> Array:
+    """Return (n,) steps from the first that is stored to the end of the last window; 0 where not used."""
+    return np.where(used, stored.high.astype(np.int64) + stored.n_steps, 0)
+
+
+def _chunks(n_bytes: Array, most: float) -> Iterator[Array]:
+    """Yield the numbers of all recordings in order, as many at a time as stay below some bytes, or one."""
+    begin, filled = 0, 0
+    for i, size in enumerate(n_bytes.tolist()):
+        if filled and filled + size > most:
+            yield np.arange(begin, i)
+            begin, filled = i, 0
+        filled += size
+    yield np.arange(begin, len(n_bytes))
+
+
+def _plain(value: Any) -> Any:
+    """Return fields as JSON would give them back, but for tuples, which stay tuples."""
+    if isinstance(value, dict):
+        return {str(key): _plain(x) for key, x in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_plain(x) for x in value)
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,93 @@
+"""Long recordings -> windows that are recordings of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from dse.recordings import RecordingError, Recordings
+from dse.recordings.splits import NUMBER, ORIGINAL
+from dse.records import Array, Rasters, Signals, Spikes
+
+
+def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None = None) -> Recordings:
+    """Return windows of `cut_steps` steps, one every `every_steps`, from the first step of each recording on.
+
+    What is left at the end of a recording is dropped. Windows keep the order of their recordings and of time
+    and repeat the columns of their recording; column `recording` is its number, `window` theirs within it.
+
+    Args:
+        recordings: sampled signals or rasters.
+        cut_steps: length of a window; None: the recordings as they are.
+        every_steps: distance of the first steps of two windows; None: `cut_steps`, so that none overlap.
+
+    Raises:
+        RecordingError: recordings of events, a recording shorter than a window, or columns of these names.
+    """
+    if cut_steps is None:
+        return recordings
+    if not isinstance(recordings, Signals | Rasters):
+        raise RecordingError(
+            f"window.cut_steps must be absent for recordings of events, which have no steps, got {cut_steps}"
+        )
+    for name in (ORIGINAL, NUMBER):
+        if name in recordings.columns:
+            raise RecordingError(
+                f"data.columns must not name '{name}' where window.cut_steps is given, which makes it"
+            )
+    every = cut_steps if every_steps is None else every_steps
+    if isinstance(recordings, Rasters):
+        return _of_rasters(recordings, cut_steps, every)
+    return _of_signals(recordings, cut_steps, every)
+
+
+def _of_signals(signals: Signals, cut_steps: int, every: int) -> Signals:
+    original, number = _windows(np.diff(signals.offsets), cut_steps, every)
+    first = signals.offsets[original] + number * every
+    return dataclasses.replace(
+        signals,
+        values=signals.values[_ranges(first, np.full(len(first), cut_steps))],
+        offsets=np.arange(len(first) + 1, dtype=np.int64) * cut_steps,
+        columns=_columns(signals.columns, original, number),
+    )
+
+
+def _of_rasters(rasters: Rasters, cut_steps: int, every: int) -> Rasters:
+    spikes = rasters.spikes
+    original, number = _windows(np.full(spikes.n_samples, spikes.n_steps), cut_steps, every)
+    row = original * spikes.n_steps + number * every
+    counts = np.diff(spikes.row_offsets)[_ranges(row, np.full(len(row), cut_steps))]
+    first, last = spikes.row_offsets[row], spikes.row_offsets[row + cut_steps]
+    windows = Spikes(
+        row_offsets=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        channel=spikes.channel[_ranges(first, last - first)],
+        n_steps=cut_steps,
+        n_channels=spikes.n_channels,
+        step_ms=spikes.step_ms,
+    )
+    return dataclasses.replace(rasters, spikes=windows, columns=_columns(rasters.columns, original, number))
+
+
+def _windows(lengths: Array, cut_steps: int, every: int) -> tuple[Array, Array]:
+    """Return the recording of every window and its number in it, each (n_windows,) int64."""
+    short = lengths < cut_steps
+    if short.any():
+        i = int(short.argmax())
+        raise RecordingError(
+            f"window.cut_steps = {cut_steps} does not fit recording {i}: it has {lengths[i]} steps"
+        )
+    n_windows = (lengths - cut_steps) // every + 1
+    original = np.repeat(np.arange(len(lengths)), n_windows)
+    return original, _ranges(np.zeros(len(lengths), dtype=np.int64), n_windows)
+
+
+def _ranges(first: Array, length: Array) -> Array:
+    """Return first[0], first[0] + 1, ... of the given lengths, one range after the other."""
+    before = np.cumsum(length) - length
+    return np.asarray(np.repeat(first - before, length) + np.arange(int(length.sum())), dtype=np.int64)
+
+
+def _columns(columns: Mapping[str, Array], original: Array, number: Array) -> dict[str, Array]:
+    return {name: values[original] for name, values in columns.items()} | {ORIGINAL: original, NUMBER: number}

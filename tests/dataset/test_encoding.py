@@ -1,0 +1,387 @@
+"""Encoders of recordings that are spikes already, encoders that learn, and where channels lie."""
+
+import json
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import cache
+from dse.dataset import as_prepared, build, build_for, dataset_key, hold, load, prepare, transductive
+from dse.dataset.assemble import _result
+from dse.dataset.encoding import encoded, learnt
+from dse.dataset.files import Stored, read_meta, read_spikes
+from dse.recordings import RecordingError
+from dse.records import Dataset, Signals, Spikes
+from tests.dataset.encoders import Counting, Levels, encoders  # noqa: F401
+
+pytestmark = pytest.mark.usefixtures("encoders")
+
+RNG = np.random.default_rng(21)
+RASTER = RNG.random((12, 30, 4)) < 0.4
+LABEL = np.array(["b", "a", "c"] * 4)
+PART = np.repeat(["train", "val", "test"], [6, 3, 3])
+SIGNAL = (
+    RNG.normal(size=(12, 30, 4)).astype(np.float32)
+    + np.array([{"a": 0, "b": 2, "c": 5}[x] for x in LABEL])[:, None, None]
+)
+
+PARTS = {"train": {"part": "train"}, "validation": {"part": "val"}}
+OF_RASTERS = {
+    "data": {
+        "kind": "raster", "file": "x.npz", "array": "raster", "step_ms": 5,
+        "columns": {"letter": "label", "part": "part"},
+    },
+    "task": {"target": "letter"},
+    "window": {"n_steps": 10, "jitter_steps": 3},
+    "split": PARTS,
+}  # fmt: skip
+OF_SIGNALS = OF_RASTERS | {
+    "data": {
+        "kind": "time_series", "file": "x.npz", "signal": "signal", "step_ms": 5,
+        "columns": {"letter": "label", "part": "part"},
+    },
+}  # fmt: skip
+OF_EVENTS = OF_RASTERS | {
+    "data": {
+        "kind": "events", "file": "e.npz", "width": 4, "taxel": "taxel",
+        "columns": {"letter": "label", "part": "part"},
+    },
+    "preprocessing": {"bin_ms": 5, "polarity": "merge"},
+}  # fmt: skip
+KINDS = {"raster": OF_RASTERS, "signal": OF_SIGNALS, "events": OF_EVENTS}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    np.savez(tmp_path / "x.npz", raster=RASTER, signal=SIGNAL, label=LABEL, part=PART)
+    sample, step, taxel = np.nonzero(RASTER)
+    ends = np.searchsorted(sample, np.arange(13))
+    np.savez(
+        tmp_path / "e.npz", t_us=step * 5000, taxel=taxel, offsets=ends, label=LABEL, part=PART
+    )  # fmt: skip
+    cache.tidy(tmp_path / "cache")
+    return tmp_path
+
+
+def dense(data: Dataset, i: int) -> np.ndarray:
+    """Return the spikes of a sample, (stored step, channel)."""
+    spikes = data.spikes
+    out = np.zeros((spikes.n_steps, spikes.n_channels), dtype=bool)
+    for t in range(spikes.n_steps):
+        row = i * spikes.n_steps + t
+        out[t, spikes.channel[spikes.row_offsets[row] : spikes.row_offsets[row + 1]]] = True
+    return out
+
+
+def same_windows(one: Dataset, other: Dataset) -> bool:
+    """Return whether every step that a window can reach has the same spikes."""
+    reach = one.start_high + one.n_steps
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("start", "start_low", "start_high", "target", "train", "validation", "test")
+    ) and all(np.array_equal(dense(one, i)[: reach[i]], dense(other, i)[: reach[i]]) for i in one.train)
+
+
+def made(design: dict[str, Any], folder: Path) -> tuple[Dataset, dict[str, Any], dict[str, Any]]:
+    """Return a prepared data set, its design as prepared, and its meta data."""
+    with _result(prepare(design, folder, folder / "cache")) as held:
+        return load(held.folder), as_prepared(design, held.folder), read_meta(held.folder)
+
+
+@pytest.mark.parametrize(
+    "window",
+    [
+        {},
+        {"n_steps": 10, "jitter_steps": 3},
+        {"n_steps": 8, "at": "contact_onset", "onset_threshold": 2, "jitter_steps": 2},
+    ],
+)
+@pytest.mark.parametrize("kind", ["raster", "events"])
+def test_an_encoder_of_every_spike_changes_nothing(folder: Path, kind: str, window: dict[str, Any]):
+    design = KINDS[kind] | {"window": window}
+    if kind == "events" and not window:
+        design |= {"window": {"n_steps": 20}}  # recordings end with their last event
+    plain, _ = build(design, folder)
+    through, _ = build(design | {"encoder": {"kind": "counting"}}, folder)
+    assert same_windows(plain, through)
+    assert plain.spikes.step_ms == through.spikes.step_ms == 5
+    assert np.array_equal(plain.positions, through.positions)
+
+
+def test_a_raster_is_encoded_from_its_first_step_and_only_where_it_is_used(folder: Path):
+    design = OF_RASTERS | {"encoder": {"kind": "counting", "every": 3}}
+    data, _ = build(design, folder)
+    assert (data.start[0], data.start_low[0], data.start_high[0]) == (10, 7, 13)
+    for i in range(9):
+        expected = RASTER[i] & (np.cumsum(RASTER[i], axis=0) % 3 == 0)
+        assert np.array_equal(dense(data, i), expected[:23])
+    assert not dense(data, 9).any(), "recordings in no part have no spikes"
+
+
+def test_recorded_events_are_encoded_from_the_first_step_that_a_window_reaches(folder: Path):
+    plain, _ = build(OF_EVENTS, folder)
+    data, _ = build(OF_EVENTS | {"encoder": {"kind": "counting", "every": 2}}, folder)
+    for i in range(9):
+        before = dense(plain, i)
+        assert np.array_equal(dense(data, i), before & (np.cumsum(before, axis=0) % 2 == 0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_encoder_that_yields_nothing(folder: Path, kind: str):
+    data, _ = build(KINDS[kind] | {"encoder": {"kind": "silent"}}, folder)
+    assert data.spikes.channel.size == 0 and data.spikes.n_samples == 12
+    assert data.spikes.n_channels == 4 and (data.start_high + 10 <= data.spikes.n_steps).all()
+
+
+def test_rasters_without_a_spike(folder: Path):
+    np.savez(folder / "x.npz", raster=np.zeros_like(RASTER), label=LABEL, part=PART)
+    for encoder in ({"kind": "counting"}, {"kind": "levels"}):
+        data, _ = build(OF_RASTERS | {"encoder": encoder}, folder)
+        assert data.spikes.channel.size == 0 and data.spikes.n_samples == 12
+
+
+def test_one_taxel(folder: Path):
+    np.savez(
+        folder / "x.npz", raster=RASTER[:, :, 0], signal=SIGNAL[:, :, :1], label=LABEL, part=PART
+    )  # fmt: skip
+    flat = OF_RASTERS | {"data": {**OF_RASTERS["data"], "axes": "sample step"}}
+    for design in (flat, OF_SIGNALS):
+        data, _ = build(design | {"encoder": {"kind": "counting"}}, folder)
+        assert data.positions.tolist() == [[0, 0, 0]] and data.spikes.n_channels == 1
+        data, _ = build(design | {"encoder": {"kind": "levels"}}, folder)
+        assert data.positions.tolist() == [[0, 0, 0], [0, 0, 1], [0, 0, 2]]
+
+
+# --- where channels lie
+
+
+PLACES = [[0, 0], [3, 0], [0, 2], [3, 2]]
+
+
+def test_positions_of_sampled_channels_and_their_copies(folder: Path):
+    encoder = {"kind": "send_on_delta", "thresholds": [1, 2]}
+    data, _ = build(OF_SIGNALS | {"encoder": encoder}, folder)
+    assert data.positions.dtype == np.int32 and data.positions.shape == (16, 3)
+    assert data.positions[:5].tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 0, 1]]
+    placed = {**OF_SIGNALS["data"], "positions": PLACES}
+    data, _ = build(OF_SIGNALS | {"data": placed, "encoder": encoder}, folder)
+    assert data.positions.tolist() == [[*place, plane] for plane in range(4) for place in PLACES]
+
+
+def test_positions_of_rasters_with_polarities(folder: Path):
+    np.savez(folder / "x.npz", raster=RASTER.reshape(12, 30, 2, 2), label=LABEL, part=PART)
+    keys = {**OF_RASTERS["data"], "axes": "sample step taxel polarity"}
+    data, _ = build(OF_RASTERS | {"data": keys}, folder)
+    assert data.positions.tolist() == [[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0, 1]]
+    data, _ = build(OF_RASTERS | {"data": {**keys, "positions": [[5, 1], [4, 7]]}}, folder)
+    assert data.positions.tolist() == [[5, 1, 0], [5, 1, 1], [4, 7, 0], [4, 7, 1]]
+    new, _ = build_for(OF_RASTERS | {"data": {**keys, "positions": [[5, 1], [4, 7]]}}, folder, data.classes)
+    assert np.array_equal(new.positions, data.positions)
+
+
+def test_positions_of_pooled_events(folder: Path):
+    keys = {key: value for key, value in OF_EVENTS["data"].items() if key != "taxel"}
+    # One pixel per recording, in each polarity: its spike must be in the channel that lies there.
+    x, y, on = np.arange(12) % 5, np.arange(12) % 3, np.arange(12) % 2
+    np.savez(
+        folder / "e.npz", t_us=np.tile([0, 40_000], 12), x=np.repeat(x, 2), y=np.repeat(y, 2),
+        p=np.repeat(on, 2), offsets=2 * np.arange(13), label=LABEL, part=PART,
+    )  # fmt: skip
+    design = OF_EVENTS | {
+        "data": keys | {"width": 5, "height": 3, "x": "x", "y": "y", "polarity": "p"},
+        "preprocessing": {"bin_ms": 5},
+        "window": {"n_steps": 5, "at": "start"},
+    }
+    data, _ = build(design, folder)
+    assert data.positions.shape == (30, 3)
+    for i in range(9):
+        [channel] = np.flatnonzero(dense(data, i).any(axis=0))
+        assert data.positions[channel].tolist() == [x[i], y[i], on[i]]
+    pooled, _ = build(design | {"preprocessing": {"bin_ms": 5, "pool": 2, "polarity": "merge"}}, folder)
+    assert pooled.positions.tolist() == [[0, 0, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        ([[0, 0]] * 4, r"data.positions must differ, got \[0, 0\] for taxels 0 and 1"),
+        (PLACES[:3], r"data.positions must hold \[x, y\] for each of the 4 taxels, got 3"),
+        ([[0, -1], *PLACES[1:]], r"must be \[x, y\] of whole numbers from 0 .* got \[0, -1\] for taxel 0"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["raster", "signal"])
+def test_positions_that_are_none(folder: Path, kind: str, positions: list[list[int]], message: str):
+    design = KINDS[kind] | {"encoder": {"kind": "counting"}}
+    with pytest.raises(RecordingError, match=message):
+        build(design | {"data": {**design["data"], "positions": positions}}, folder)
+
+
+def test_a_test_file_lies_where_the_data_lie(folder: Path):
+    design = OF_RASTERS | {"test": {"file": "x.npz", "positions": PLACES}}
+    with pytest.raises(RecordingError, match="the test file must have the channel positions of the data"):
+        build(design, folder)
+
+
+# --- encoders that learn
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_was_learnt_is_in_the_spikes_the_design_and_new_recordings(folder: Path, kind: str):
+    design = KINDS[kind] | {"encoder": {"kind": "levels"}}
+    data, used, meta = made(design, folder)
+    plain, _ = build(KINDS[kind] | {"encoder": {"kind": "counting"}}, folder)
+    learned = np.array(used["encoder"]["levels"])
+    assert learned.shape == (3, 4) and json.dumps(meta["fitted"]) and not meta["transductive"]
+    windows = SIGNAL if kind == "signal" else RASTER
+    if kind != "events":  # whose middle is that of each recording's own length
+        for c, name in enumerate("abc"):
+            expected = windows[:6][LABEL[:6] == name, 10:20].mean(axis=1).mean(axis=0)
+            assert learned[c] == pytest.approx(expected, rel=1e-5)
+            assert np.array_equal(
+                dense(data, 0)[:16, 4 * c : 4 * c + 4],
+                (windows[0, 7:23] if kind == "signal" else windows[0, :16]) > learned[c],
+            )
+    assert data.positions[:, 2].tolist() == np.repeat([0, 1, 2], 4).tolist()
+    assert np.array_equal(data.start, plain.start)
+    Levels.seen.clear()
+    new, _ = build_for(used, folder, data.classes)
+    assert not Levels.seen, "nothing is learnt from new recordings"
+    assert all(np.array_equal(dense(new, i), dense(data, i)) for i in range(9))
+    again, _ = build(used, folder)
+    assert np.array_equal(again.spikes.channel, data.spikes.channel)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_training_labels_are_shown(folder: Path, kind: str):
+    build(KINDS[kind] | {"encoder": {"kind": "levels"}}, folder)
+    [seen] = Levels.seen
+    codes = np.array(["abc".index(x) for x in LABEL])
+    assert (seen["target"][seen["train"]] == codes[:6]).all()
+    assert (np.delete(seen["target"], seen["train"]) == -1).all()
+    assert (seen["first"][seen["train"]] + 10 <= seen["lengths"][seen["train"]]).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_encoder_that_reads_labels_says_so(folder: Path, kind: str):
+    honest = KINDS[kind] | {"encoder": {"kind": "levels"}}
+    leaky = KINDS[kind] | {"encoder": {"kind": "levels", "peeks": True}}
+    with _result(prepare(honest, folder, folder / "cache")) as held:
+        assert transductive(held.folder) == ""
+    Levels.seen.clear()
+    with _result(prepare(leaky, folder, folder / "cache")) as held:
+        assert "encoder levels reads the labels" in transductive(held.folder)
+    [seen] = Levels.seen
+    codes = np.array(["abc".index(x) for x in LABEL])
+    assert seen["target"][:9].tolist() == codes[:9].tolist() and seen["train"].tolist() == list(range(6))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_test_file_is_encoded_as_the_data(folder: Path, kind: str):
+    file = KINDS[kind]["data"]["file"]
+    design = KINDS[kind] | {"test": {"file": file}, "encoder": {"kind": "levels"}}
+    data, used, _ = made(design, folder)
+    alone, fitted, _ = made({key: x for key, x in design.items() if key != "test"}, folder)
+    assert used["encoder"] == fitted["encoder"]
+    assert data.test.tolist() == list(range(12, 24))
+    for i in range(9):
+        assert np.array_equal(dense(data, i)[:16], dense(alone, i)[:16])
+        assert np.array_equal(dense(data, i)[:16], dense(data, 12 + i)[:16])
+
+
+def test_a_class_without_training_recordings():
+    signals = Signals(np.ones((6, 2), np.float32), np.array([0, 2, 4, 6]), 1.0, {})
+    first = np.zeros(3, dtype=np.int64)
+    keys = learnt({"kind": "levels"}, signals, first, 2, np.array([0, 2, 1]), 3, np.array([0, 1]))
+    assert keys["levels"] == ((1.0, 1.0), (1e9, 1e9), (1.0, 1.0))
+    assert json.loads(json.dumps(keys)) == {
+        "kind": "levels", "peeks": False, "levels": [[1, 1], [1e9, 1e9], [1, 1]]
+    }  # fmt: skip
+
+
+def test_what_an_encoder_refuses_is_a_fault_of_the_recordings(folder: Path):
+    for design in KINDS.values():
+        with pytest.raises(RecordingError, match="levels must be fitted first"):
+            build_for(design | {"encoder": {"kind": "levels"}}, folder, ("a", "b", "c"))
+
+
+# --- the cache
+
+
+def entries(folder: Path) -> dict[str, int]:
+    found = [path.parent for path in (folder / "cache").glob("*/meta.json")]
+    datasets = sum((path / "target.npy").exists() for path in found)
+    return {"dataset": datasets, "spikes": len(found) - datasets}
+
+
+OTHER_SPLIT = {"split": {"train": {"part": "val"}, "validation": {"part": "train"}}}
+
+
+def test_a_split_changes_spikes_only_where_something_is_learnt(folder: Path):
+    for encoder, expected in (("counting", 2), ("levels", 3)):
+        for entry in (folder / "cache").glob("*"):
+            cache.discard(folder / "cache", entry.name)
+        design = OF_RASTERS | {"encoder": {"kind": encoder}}
+        made(design, folder)
+        made(design | OTHER_SPLIT, folder)
+        # The spikes without an encoder are shared in both cases.
+        assert entries(folder) == {"dataset": 2, "spikes": expected}
+
+
+def test_designs_that_differ_in_the_encoder_share_what_it_is_shown(folder: Path):
+    for every in (1, 2, 3):
+        made(OF_EVENTS | {"encoder": {"kind": "counting", "every": every}}, folder)
+    made(OF_EVENTS, folder)
+    assert entries(folder) == {"dataset": 4, "spikes": 4}
+
+
+@pytest.mark.parametrize("kind", ["raster", "signal"])
+def test_what_was_written_before_is_not_misread(folder: Path, kind: str):
+    design = KINDS[kind] | {"encoder": {"kind": "counting"}}
+    root = folder / "cache"
+    data, _, meta = made(design, folder)
+    key = dataset_key(design, folder)
+    (root / meta["spikes"] / "positions.npy").unlink()
+    with pytest.raises(RecordingError, match="no readable spikes"):
+        read_spikes(root / meta["spikes"])
+    assert hold(root, key) is None
+    made(design, folder)
+    old = json.loads((root / key / "meta.json").read_text())
+    old = {name: old[name] for name in ("spikes", "classes", "warnings")} | {"crop": None}
+    (root / key / "meta.json").write_text(json.dumps(old))
+    with pytest.raises(RecordingError, match="no readable data set"):
+        load(root / key)
+    again, _, _ = made(design, folder) if hold(root, key) is None else pytest.fail("an old entry was read")
+    assert np.array_equal(again.positions, data.positions)
+
+
+# --- memory
+
+
+def test_signals_of_spikes_are_made_a_few_recordings_at_a_time(monkeypatch: pytest.MonkeyPatch):
+    n, n_steps, n_channels = 1000, 250, 36
+    rng = np.random.default_rng(2)
+    counts = rng.poisson(1.0, n * n_steps).clip(max=n_channels)
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    channel = np.concatenate([np.arange(k) for k in counts]).astype(np.int32)
+    zeros, used = np.zeros(n, np.int64), np.arange(n) % 5 > 0
+    stored = Stored(
+        Spikes(offsets, channel, n_steps, n_channels, 1.0), zeros, zeros, zeros, n_steps,
+        np.zeros((n_channels, 3), np.int32), np.full(n, n_steps), None, ["one was repaired"],
+    )  # fmt: skip
+    part = encoded(stored, {"kind": "counting"}, used)
+    assert part.notes() == ["one was repaired"] and part.n_channels == n_channels
+    tracemalloc.start()
+    try:
+        found = sum(len(channels) for _, channels in part.rows(1))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    per_recording = np.diff(offsets[::n_steps])
+    assert found == per_recording[used].sum()
+    assert max(size for _, size in Counting.shown) <= 2**24
+    assert sum(count for count, _ in Counting.shown) == 800
+    whole = 4 * n * n_steps * n_channels
+    assert peak < 4 * 2**24 < 2 * whole

@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dse.recordings import RecordingError
+from dse.recordings.cutting import cut
+from dse.records import Events, Rasters, Signals, Spikes
+
+
+def signals(lengths, n_channels=2):
+    n = sum(lengths)
+    return Signals(
+        np.arange(n * n_channels, dtype=np.float32).reshape(n, n_channels),
+        np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        5.0,
+        {"fabric": np.array([f"f{i}" for i in range(len(lengths))]), "force": np.arange(len(lengths)) * 10},
+    )
+
+
+def sparse(raster, step_ms=2.0):
+    """Spikes of a dense (sample, step, channel) array."""
+    _, n_steps, n_channels = raster.shape
+    counts = raster.sum(axis=2).ravel()
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return Spikes(offsets, np.nonzero(raster)[2].astype(np.int32), n_steps, n_channels, step_ms)
+
+
+def test_windows_of_signals_by_hand():
+    found = cut(signals([5, 3, 4], 1), 3, 1)
+    assert found.values[:, 0].tolist() == [0, 1, 2, 1, 2, 3, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
+    assert found.offsets.tolist() == [0, 3, 6, 9, 12, 15, 18] and found.step_ms == 5.0
+    assert found.columns["recording"].tolist() == [0, 0, 0, 1, 2, 2]
+    assert found.columns["window"].tolist() == [0, 1, 2, 0, 0, 1]
+    assert found.columns["fabric"].tolist() == ["f0", "f0", "f0", "f1", "f2", "f2"]
+    assert found.columns["force"].tolist() == [0, 0, 0, 10, 20, 20]
+
+
+def test_windows_follow_each_other_without_a_distance_and_the_rest_is_dropped():
+    found = cut(signals([7, 3], 1), 3)
+    assert found.values[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 7, 8, 9]
+    assert found.columns["recording"].tolist() == [0, 0, 1]
+
+
+def test_a_distance_beyond_the_length_skips_steps():
+    assert cut(signals([9], 1), 2, 5).values[:, 0].tolist() == [0, 1, 5, 6]
+
+
+@given(
+    lengths=st.lists(st.integers(1, 20), min_size=1, max_size=5),
+    cut_steps=st.integers(1, 6),
+    every=st.one_of(st.none(), st.integers(1, 8)),
+)
+def test_cutting_signals_is_the_loop(lengths, cut_steps, every):
+    recorded = signals([max(length, cut_steps) for length in lengths])
+    before = recorded.values.copy()
+    found = cut(recorded, cut_steps, every)
+    expected = [
+        (i, recorded.values[a + start : a + start + cut_steps])
+        for i, (a, b) in enumerate(zip(recorded.offsets, recorded.offsets[1:], strict=False))
+        for start in range(0, b - a - cut_steps + 1, every or cut_steps)
+    ]
+    assert found.n_recordings == len(expected)
+    for number, (i, values) in enumerate(expected):
+        assert np.array_equal(found.values[found.offsets[number] : found.offsets[number + 1]], values)
+        assert found.columns["recording"][number] == i
+        assert found.columns["fabric"][number] == f"f{i}"
+    assert found.values.dtype == np.float32 and found.offsets.dtype == np.int64
+    assert np.array_equal(recorded.values, before) and "recording" not in recorded.columns
+
+
+@given(
+    shape=st.tuples(st.integers(1, 4), st.integers(1, 12), st.integers(1, 3)),
+    cut_steps=st.integers(1, 12),
+    every=st.one_of(st.none(), st.integers(1, 6)),
+    rate=st.sampled_from([0.0, 0.3, 1.0]),
+)
+def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
+    cut_steps = min(cut_steps, shape[1])
+    raster = np.random.default_rng(1).random(shape) < rate
+    found = cut(Rasters(sparse(raster), {"label": np.arange(shape[0])}), cut_steps, every)
+    expected = [
+        (i, raster[i, start : start + cut_steps])
+        for i in range(shape[0])
+        for start in range(0, shape[1] - cut_steps + 1, every or cut_steps)
+    ]
+    whole = sparse(np.array([window for _, window in expected]))
+    for name in ("row_offsets", "channel"):
+        one, other = getattr(found.spikes, name), getattr(whole, name)
+        assert np.array_equal(one, other) and one.dtype == other.dtype
+    assert (found.spikes.n_steps, found.spikes.n_channels, found.spikes.step_ms) == (cut_steps, shape[2], 2.0)
+    assert found.columns["recording"].tolist() == [i for i, _ in expected] == found.columns["label"].tolist()
+
+
+def test_without_a_length_nothing_is_cut():
+    recorded = signals([5, 3])
+    assert cut(recorded, None) is recorded
+
+
+EVENTS = Events(*np.zeros((4, 1), dtype=np.int64), np.array([0, 1]), 1, 1, {})
+
+
+@pytest.mark.parametrize(
+    ("recordings", "steps", "message"),
+    [
+        (signals([9, 5]), 6, "window.cut_steps = 6 does not fit recording 1: it has 5 steps"),
+        (
+            Rasters(sparse(np.ones((1, 4, 1), bool)), {}),
+            5,
+            "window.cut_steps = 5 does not fit recording 0: it has 4 steps",
+        ),
+        (EVENTS, 5, "window.cut_steps must be absent for recordings of events, .* got 5"),
+        (
+            Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"recording": np.array([3])}),
+            2,
+            "data.columns must not name 'recording' where window.cut_steps is given",
+        ),
+        (
+            Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"window": np.array([3])}),
+            2,
+            "data.columns must not name 'window' where window.cut_steps is given",
+        ),
+    ],
+)
+def test_what_cannot_be_cut_is_named(recordings, steps, message):
+    with pytest.raises(RecordingError, match=message):
+        cut(recordings, steps)
