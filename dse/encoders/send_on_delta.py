@@ -42,6 +42,19 @@ class SendOnDelta:
         """Return the number of spike channels that n_in sampled channels become."""
         return 2 * len(self.thresholds) * n_in
 
+    def positions(self, inputs: Array) -> Array:
+        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
+
+        Copy 2 k + p (threshold k, polarity p) of plane q is plane 2 q len(thresholds) + 2 k + p.
+
+        Args:
+            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
+        """
+        copies = 2 * len(self.thresholds)
+        found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
+        found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
+        return found
+
     def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
 

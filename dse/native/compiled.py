@@ -12,8 +12,8 @@ from typing import Any
 import numba
 
 _HERE = Path(__file__).parent
-# Packages whose kernels are inlined into those of others: what may be called from another package's kernel.
-_INLINED = (_HERE, _HERE.parent / "preprocessing")
+# Packages whose kernels or constants go into kernels of others.
+_INLINED = (_HERE, _HERE.parent / "preprocessing", _HERE.parent / "neurons")
 
 
 @cache

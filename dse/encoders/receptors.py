@@ -1,0 +1,238 @@
+"""Slowly and fast adapting receptors: a channel's value and its changes drive Izhikevich neurons.
+
+Of channel x of a recording, with `low` and `high` learnt from training recordings and dt in seconds:
+
+    V[t] = (x[t] - low) / (high - low)                   not clipped; 0 where high = low
+    I_SA[t]  = gain gain_sa V[t]
+    I_FA+[t] = gain gain_fa max(+(V[t] - V[t-1]) / dt, 0),   I_FA-[t] likewise of the falling part; 0 at t = 0
+
+    low, high: 1st and 99th percentile of the channel over the windows of the training recordings, after the
+    smoothing; smallest and largest value where those two coincide, as they do for sparse spikes.
+
+The current is held for a sensor step, which the neurons take in round(step / solver_ms) equal steps, at
+least one (dse.neurons.izhikevich, which says how they saturate). Every recording is encoded from its first
+sample on, so what is kept is what a running sensor would send. SA carries the resting level: leave it out
+(`sa: false`), or remove the mean (`window.remove_mean`), where the level gives a label away.
+
+A channel has at most one spike per step, and a neuron may fire oftener than the sensor samples: with
+`spikes_per_step` k, copy j = 1 .. k of a receptor spikes in the steps in which it fired j times or more. What
+goes beyond k is merged. Copies are planes: (j - 1) n_kinds + kind, the kinds being SA (if any), FA+, FA-.
+
+Source: Rasouli et al., an extreme learning machine for texture recognition, Eq. (4) (REFERENCES.md). Its
+gains of 50 (SA) and 5000 (FA) give currents of one size where its derivative is per ms: 5 here, per s.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Self
+
+import numpy as np
+
+from dse.encoders.threshold import moving_average
+from dse.native.compiled import compiled
+from dse.neurons import izhikevich
+from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method, Params
+from dse.records import Array, Signals, Spikes
+from dse.registry import param, register
+
+
+@register("encoders", "receptors")
+@dataclasses.dataclass(frozen=True)
+class Receptors:
+    """Spikes of slowly adapting, rising and falling fast adapting receptors of every channel."""
+
+    gain: float = param(1.0, low=0, doc="factor on the currents of all receptors: sets the spike rate")
+    gain_sa: float = param(50.0, low=0, doc="current of SA receptors per normalised value")
+    gain_fa: float = param(5.0, low=0, unit="s", doc="current of FA receptors per normalised change per s")
+    sa: bool = param(True, doc="whether there are SA receptors, which carry the resting level")
+    smoothing_ms: float = param(0.0, low=0, unit="ms", doc="causal moving average before it; 0: none")
+    spikes_per_step: int = param(
+        1, low=1, high=16, doc="spikes per sensor step told apart, a copy of the receptors each"
+    )
+    method: Method = param(  # noqa: RUF009
+        "euler", choices=METHODS, doc="half_steps: membrane potential in two half steps"
+    )
+    solver_ms: float = param(1.0, low=0, low_open=True, unit="ms", doc="longest step of the neurons, about")
+    low: tuple[float, ...] = param((), axis=False, doc="fitted: value of every channel that counts as 0")
+    high: tuple[float, ...] = param((), axis=False, doc="fitted: value of every channel that counts as 1")
+
+    @property
+    def _copies(self) -> int:
+        return (3 if self.sa else 2) * self.spikes_per_step
+
+    def n_channels(self, n_in: int) -> int:
+        """Return the number of spike channels that n_in sampled channels become."""
+        return self._copies * n_in
+
+    def positions(self, inputs: Array) -> Array:
+        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
+
+        Copy k of plane q is plane q n_copies + k.
+
+        Args:
+            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
+        """
+        copies = self._copies
+        found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
+        found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
+        return found
+
+    def fitted(
+        self, signals: Signals, first: Array, n_steps: int, target: Array, n_classes: int, train: Array
+    ) -> Self:
+        """Return the encoder with the range of every channel over the windows of training recordings.
+
+        Args:
+            signals: the recordings, as they will be encoded.
+            first: (n,) first step of the evaluated windows.
+            n_steps: length of the windows.
+            target: not read.
+            n_classes: not read.
+            train: indices of the training recordings, at least one.
+
+        Raises:
+            ValueError: a sample is no finite number.
+        """
+        windows = (self._smooth(signals, int(i), int(first[i]), n_steps) for i in train)
+        samples = np.concatenate([window.astype(np.float32) for window in windows])
+        low, high = np.percentile(samples, (1, 99), axis=0)
+        narrow = low == high
+        low = np.where(narrow, samples.min(axis=0), low)
+        high = np.where(narrow, samples.max(axis=0), high)
+        return dataclasses.replace(self, low=tuple(low.tolist()), high=tuple(high.tolist()))
+
+    def currents(self, values: Array, step_ms: float) -> Array:
+        """Return the currents of all receptors, (step, kind x channel) float64, SA first.
+
+        Args:
+            values: (step, channel) smoothed samples from a recording's first on.
+            step_ms: sampling period.
+
+        Raises:
+            ValueError: the range is not known, or is that of other channels.
+        """
+        if len(self.low) != values.shape[1] or len(self.high) != values.shape[1]:
+            raise ValueError(
+                f"encoder receptors must be fitted to training recordings of {values.shape[1]} channels "
+                f"first, got a range of {len(self.low)}"
+            )
+        low, span = np.array(self.low), np.subtract(self.high, self.low)
+        level = (values - low) / np.where(span > 0, span, np.inf)
+        change = np.diff(level, axis=0, prepend=level[:1]) / (step_ms / 1000)
+        slow = [self.gain_sa * level] if self.sa else []
+        fast = [self.gain_fa * np.maximum(sign * change, 0.0) for sign in (1, -1)]
+        return np.asarray(self.gain * np.concatenate([*slow, *fast], axis=1))
+
+    def solver_steps(self, step_ms: float) -> int:
+        """Return how many steps the neurons take per sensor step."""
+        return max(1, round(step_ms / self.solver_ms))
+
+    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
+
+        Args:
+            signals: the recordings.
+            first: (n,) first step to keep.
+            length: (n,) steps to keep; shorter ones end in empty rows.
+
+        Raises:
+            ValueError: the range is not known, or a sample is no finite number.
+        """
+        n_in, n_steps = signals.n_channels, int(np.max(length))
+        kinds = parameters(self.sa)
+        solver = self.solver_steps(signals.step_ms)
+        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
+        pieces = [np.zeros(0, np.int32)]
+        for i in np.flatnonzero(length):
+            end = int(first[i] + length[i])
+            current = self.currents(self._smooth(signals, int(i), 0, end), signals.step_ms)
+            fired = np.zeros(current.shape, dtype=np.int64)
+            _fire(current, kinds, signals.step_ms / solver, solver, self.method == "half_steps", fired)
+            fired = fired[int(first[i]) :]
+            told_apart = fired[:, None, :] > np.arange(self.spikes_per_step)[:, None]
+            step, channel = np.nonzero(told_apart.reshape(len(fired), -1))
+            counts[i, : length[i]] = np.bincount(step, minlength=length[i])
+            pieces.append(channel.astype(np.int32))
+        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        return Spikes(offsets, np.concatenate(pieces), n_steps, self.n_channels(n_in), signals.step_ms)
+
+    def _smooth(self, signals: Signals, i: int, first: int, length: int) -> Array:
+        """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
+        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+        found = moving_average(values, round(self.smoothing_ms / signals.step_ms), first, length)
+        if not np.isfinite(found).all():
+            raise ValueError(f"recording {i} must hold finite numbers, got NaN or infinite ones")
+        return found
+
+
+def parameters(sa: bool) -> Array:
+    """Return a, b, c, d of the kinds of receptors, (kind, 4): SA (if any), FA+, FA-."""
+    kinds = [*([SA] if sa else []), FA, FA]
+    return np.array([(kind.a, kind.b, kind.c, kind.d) for kind in kinds])
+
+
+def spike_counts(current: Array, params: Params, step_ms: float, solver_steps: int, method: Method) -> Array:
+    """Return how often every receptor fires in each sensor step: the definition, plain and slow.
+
+    Args:
+        current: (step, receptor).
+        params: of the receptors.
+        step_ms: of the sensor.
+        solver_steps: steps of the neurons per step of the sensor, in which the current is held.
+        method: of dse.neurons.izhikevich.
+
+    Returns:
+        (step, receptor) int64.
+    """
+    held = np.repeat(current, solver_steps, axis=0)
+    spikes = izhikevich.simulate(held, params, step_ms / solver_steps, method)
+    return np.asarray(spikes.reshape(len(current), solver_steps, -1).sum(axis=1))
+
+
+@compiled()
+def _fire(current, kinds, step_ms, solver_steps, half_steps, fired):  # type: ignore[no-untyped-def]
+    """Count the spikes of receptors in each sensor step, as `spike_counts`, into `fired`.
+
+    Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is
+    not vectorised.
+
+    Args:
+        current: (step, kind x receptor).
+        kinds: (kind, 4) a, b, c, d.
+        step_ms: of the solver.
+        solver_steps: per sensor step.
+        half_steps: whether v takes two half steps.
+        fired: (step, kind x receptor) int64 zeros.
+    """
+    n = current.shape[1] // len(kinds)
+    half = 0.5 * step_ms
+    v, u = np.empty(n), np.empty(n)
+    for kind in range(len(kinds)):
+        a, b, c, d = kinds[kind, 0], kinds[kind, 1], kinds[kind, 2], kinds[kind, 3]
+        v[:] = c
+        u[:] = b * c
+        for t in range(len(current)):
+            now, count = current[t, kind * n : (kind + 1) * n], fired[t, kind * n : (kind + 1) * n]
+            for _ in range(solver_steps):
+                for k in range(n):
+                    x, w, drive = v[k], u[k], D * now[k]
+                    if half_steps:
+                        x = _held(x + half * ((A * x + B) * x + C - w + drive))
+                        x = x + half * ((A * x + B) * x + C - w + drive)
+                        seen = _held(x)
+                    else:
+                        seen = x
+                        x = x + step_ms * ((A * x + B) * x + C - w + drive)
+                    w = w + step_ms * (a * (b * seen - w))
+                    spiked = x >= PEAK_MV
+                    v[k] = c if spiked else (x if x > FLOOR_MV else FLOOR_MV)
+                    u[k] = w + d if spiked else w
+                    count[k] += 1 if spiked else 0
+
+
+@compiled(_nrt=False)
+def _held(v):  # type: ignore[no-untyped-def]
+    """Return v between floor and peak."""
+    v = v if v > FLOOR_MV else FLOOR_MV
+    return v if v < PEAK_MV else PEAK_MV

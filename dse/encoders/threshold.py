@@ -1,0 +1,250 @@
+"""Threshold encoding: a channel spikes while it is at or above its own mean, on the copy of its class.
+
+Of channel c of a recording, over the steps that are kept (the window and the room of training crops):
+
+    m_c = mean of P_c over all of them (level 'window'), or over those until t (level 'past')
+    S_c[t] = 1 if P_c[t] >= m_c else 0
+    S_(n, c)[t] = S_c[t] if c matches class n at t, else 0           spike channel n * n_in + c
+
+As printed, c matches class n where the mean of c equals that of class n. Every recording is its own class's,
+so this reads the label off the recording ('own_label'): leakage. Honest ways learn the mean and the standard
+deviation of a statistic of every (class, channel) from the windows of training recordings: 'nearest' takes
+the class whose mean is nearest (the lowest on a tie), 'tolerance' every class whose mean lies within
+`tolerance` standard deviations, for equality of measured means has measure zero. 'none' makes no copies.
+A constant channel is at its mean at every step, and spikes there, as printed.
+
+Level 'window', as printed, knows the whole window at its first step: an answer before its end is none that a
+running sensor could give. Level 'past' is causal. Means say nothing once they have been removed
+(`window.remove_mean`), and too much where the resting level gives the class away; 'std' is blind to both.
+
+Source: threshold encoding for texture recognition, Algorithm 1 (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from typing import Self
+
+import numpy as np
+
+from dse.records import Array, Signals, Spikes
+from dse.registry import param, register
+
+# A mean this small beside the standard deviation is the rounding of one that was removed.
+_NO_MEAN = 1e-4
+
+
+@register("encoders", "threshold")
+@dataclasses.dataclass(frozen=True)
+class Threshold:
+    """Spikes where a channel is at or above its mean, one copy of the channels per class."""
+
+    matching: str = param(
+        "nearest",
+        choices=("nearest", "tolerance", "own_label", "none"),
+        doc="which class's copy of a channel is active; own_label, as printed: the label's; none: no copies",
+    )
+    statistic: str = param(
+        "mean", choices=("mean", "std"), doc="of a channel, compared by nearest and tolerance"
+    )
+    tolerance: float = param(
+        1.0, low=0, unit="standard deviations", doc="largest distance from a class's mean (tolerance)"
+    )
+    level: str = param(
+        "window", choices=("window", "past"), doc="mean and statistic of the whole window, or until now"
+    )
+    smoothing_ms: float = param(0.0, low=0, unit="ms", doc="causal moving average before it; 0: none")
+    n_classes: int = param(0, low=0, axis=False, doc="fitted: classes")
+    classes: tuple[int, ...] = param((), axis=False, doc="fitted: classes that training recordings have")
+    means: tuple[float, ...] = param((), axis=False, doc="fitted: mean statistic by class, then channel")
+    deviations: tuple[float, ...] = param((), axis=False, doc="fitted: its standard deviation, likewise")
+    labels: tuple[int, ...] = param((), axis=False, doc="fitted by own_label: class of every recording")
+    recordings: str = param("", axis=False, doc="fitted by own_label: hash of those recordings")
+
+    @property
+    def transductive(self) -> bool:
+        """Whether encoding a recording reads its own label."""
+        return self.matching == "own_label"
+
+    def n_channels(self, n_in: int) -> int:
+        """Return the number of spike channels that n_in sampled channels become.
+
+        Raises:
+            ValueError: it has not been fitted, so that the number of classes is not known.
+        """
+        return n_in * self._n_copies()
+
+    def positions(self, inputs: Array) -> Array:
+        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
+
+        The copy of class n of plane q is plane q n_classes + n.
+
+        Args:
+            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
+        """
+        copies = self._n_copies()
+        found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
+        found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
+        return found
+
+    def fitted(
+        self, signals: Signals, first: Array, n_steps: int, target: Array, n_classes: int, train: Array
+    ) -> Self:
+        """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels.
+
+        Args:
+            signals: the recordings, as they will be encoded.
+            first: (n,) first step of the evaluated windows.
+            n_steps: length of the windows.
+            target: (n,) classes; -1 where a recording is in no part of the split.
+            n_classes: number of classes.
+            train: indices of the training recordings; own_label alone reads others.
+
+        Raises:
+            ValueError: means are compared, but all of them have been removed.
+        """
+        if self.matching == "none":
+            return self
+        if self.matching == "own_label":
+            return dataclasses.replace(
+                self,
+                n_classes=int(n_classes),
+                labels=tuple(int(x) for x in target),
+                recordings=_hash(signals),
+            )
+        found = np.stack(
+            [
+                np.concatenate(statistics(self._piece(signals, int(i), int(first[i]), n_steps), past=False))
+                for i in train
+            ]
+        )  # (recording, mean or std, channel)
+        if self.statistic == "mean" and (np.abs(found[:, 0]) <= _NO_MEAN * found[:, 1]).all():
+            raise ValueError(
+                "encoder.statistic must be std where every channel's mean has been removed, got mean"
+            )
+        values, codes = found[:, ("mean", "std").index(self.statistic)], target[train]
+        classes = np.unique(codes)
+        return dataclasses.replace(
+            self,
+            n_classes=int(n_classes),
+            classes=tuple(classes.tolist()),
+            means=tuple(np.concatenate([values[codes == n].mean(axis=0) for n in classes]).tolist()),
+            deviations=tuple(np.concatenate([values[codes == n].std(axis=0) for n in classes]).tolist()),
+        )
+
+    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
+
+        Args:
+            signals: the recordings.
+            first: (n,) first step to keep.
+            length: (n,) steps to keep; shorter ones end in empty rows.
+
+        Raises:
+            ValueError: it has not been fitted, or (own_label) not to these recordings.
+        """
+        n_in, n_steps = signals.n_channels, int(np.max(length))
+        n_channels = self.n_channels(n_in)
+        if self.matching == "own_label":
+            self._check_labels(signals, length)
+        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
+        pieces = [np.zeros(0, np.int64)]
+        for i in np.flatnonzero(length):
+            values = self._piece(signals, int(i), int(first[i]), int(length[i]))
+            mean, spread = statistics(values, past=self.level == "past")
+            step, channel = np.nonzero(values >= mean)
+            matched = self._matched(mean if self.statistic == "mean" else spread, int(i))
+            k, copy = np.nonzero(matched[np.minimum(step, len(matched) - 1), :, channel])
+            cells = np.sort(step[k] * n_channels + copy * n_in + channel[k])
+            counts[i, : length[i]] = np.bincount(cells // n_channels, minlength=length[i])
+            pieces.append(cells % n_channels)
+        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        return Spikes(offsets, np.concatenate(pieces).astype(np.int32), n_steps, n_channels, signals.step_ms)
+
+    def _n_copies(self) -> int:
+        if self.matching == "none":
+            return 1
+        if not self.n_classes:
+            raise ValueError(
+                f"encoder threshold with matching {self.matching} must be fitted to training recordings first"
+            )
+        return self.n_classes
+
+    def _piece(self, signals: Signals, i: int, first: int, length: int) -> Array:
+        """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
+        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+        window = round(self.smoothing_ms / signals.step_ms)
+        return moving_average(values, window, first, length)
+
+    def _matched(self, statistic: Array, i: int) -> Array:
+        """Return which classes the channels of recording i match, (1 or step, copy, channel) bool."""
+        rows, n_in = statistic.shape
+        if self.matching == "none":
+            return np.ones((1, 1, n_in), dtype=bool)
+        matched = np.zeros((rows, self.n_classes, n_in), dtype=bool)
+        if self.matching == "own_label":
+            matched[:, self.labels[i]] = True
+            return matched
+        means = np.array(self.means).reshape(len(self.classes), n_in)
+        distance = np.abs(statistic[:, None] - means)
+        if self.matching == "tolerance":
+            near = distance <= self.tolerance * np.array(self.deviations).reshape(means.shape)
+        else:
+            near = distance.argmin(axis=1)[:, None] == np.arange(len(means))[:, None]
+        matched[:, list(self.classes)] = near
+        return matched
+
+    def _check_labels(self, signals: Signals, length: Array) -> None:
+        if self.recordings != _hash(signals):
+            raise ValueError(
+                "encoder.matching must be nearest, tolerance or none for recordings it was not fitted to, "
+                "got own_label, which reads their labels"
+            )
+        unknown = (np.array(self.labels) < 0) & (length > 0)
+        if unknown.any():
+            raise ValueError(
+                f"encoder.matching own_label needs the label of recording {int(unknown.argmax())}, "
+                "which is in no part of the split"
+            )
+
+
+def statistics(values: Array, past: bool) -> tuple[Array, Array]:
+    """Return mean and standard deviation of every channel, each (1, channel) or (step, channel).
+
+    Args:
+        values: (step, channel) float64.
+        past: until each step, the step itself included; else over all.
+    """
+    if not past:
+        return values.mean(axis=0, keepdims=True), values.std(axis=0, keepdims=True)
+    n = np.arange(1, len(values) + 1)[:, None]
+    moved = values - values[:1]  # so that the difference of squares keeps its digits
+    mean = moved.cumsum(axis=0) / n
+    square = (moved**2).cumsum(axis=0) / n
+    return values.cumsum(axis=0) / n, np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def moving_average(values: Array, window: int, first: int, length: int) -> Array:
+    """Return the mean of the last `window` samples at some steps, (length, channel) float64.
+
+    Args:
+        values: (step, channel) samples of a recording; at its start the average is over those there are.
+        window: samples; 0 and 1 average nothing.
+        first: first step that is returned.
+        length: steps that are returned.
+    """
+    if window <= 1:
+        return values[first : first + length].astype(np.float64)
+    begin = max(0, first - window + 1)
+    total = np.zeros((first + length - begin + 1, values.shape[1]))
+    np.cumsum(values[begin : first + length], axis=0, dtype=np.float64, out=total[1:])
+    end = np.arange(first, first + length) + 1 - begin
+    start = np.maximum(end - window, 0)
+    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
+
+
+def _hash(signals: Signals) -> str:
+    found = hashlib.sha256(np.ascontiguousarray(signals.offsets).data)
+    found.update(np.ascontiguousarray(signals.values).data)
+    return found.hexdigest()

@@ -1,0 +1,181 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dse import registry
+from dse.encoders.receptors import Receptors, parameters, spike_counts
+from dse.neurons.izhikevich import FA, METHODS, SA, Params
+from dse.records import Signals, Spikes
+
+
+def dense(spikes: Spikes) -> np.ndarray:
+    out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=bool)
+    rows = np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets))
+    assert len(set(zip(rows.tolist(), spikes.channel.tolist(), strict=True))) == len(rows)
+    assert (np.diff(spikes.channel)[np.diff(rows) == 0] > 0).all(), "sorted within a step"
+    out[rows, spikes.channel] = True
+    return out.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
+
+
+def one(values: np.ndarray, step_ms: float = 10.0) -> Signals:
+    return Signals(np.asarray(values, np.float32), np.array([0, len(values)]), step_ms, {})
+
+
+def encoded(encoder: Receptors, values: np.ndarray, step_ms: float = 10.0) -> np.ndarray:
+    whole = np.zeros(1, np.int64), np.array([len(values)])
+    return dense(encoder.encode_all(one(values, step_ms), *whole))[0]
+
+
+def learnt(encoder: Receptors, signals: Signals, train: np.ndarray) -> Receptors:
+    n_steps = int(np.diff(signals.offsets).min())
+    n = signals.n_recordings
+    return encoder.fitted(signals, np.zeros(n, np.int64), n_steps, np.zeros(n, np.int64), 1, train)
+
+
+def wave(n_steps: int = 80, n: int = 3, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.normal(0, 4, (n_steps, n)), axis=0).astype(np.float32) + 100
+
+
+UNIT = Receptors(low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0))
+
+
+def test_currents_by_hand():
+    encoder = Receptors(gain=2.0, gain_sa=50.0, gain_fa=5.0, low=(10.0, 0.0), high=(20.0, 4.0))
+    found = encoder.currents(np.array([[10.0, 4.0], [15.0, 4.0], [12.5, 0.0]]), 100.0)
+    # V = 0 1/2 1/4 and 1 1 0; dV/dt = 0 5 -2.5 and 0 0 -10 per s
+    assert found.tolist() == [[0, 100, 0, 0, 0, 0], [50, 100, 50, 0, 0, 0], [25, 0, 0, 0, 25, 100]]
+    no_level = dataclasses.replace(encoder, sa=False)
+    assert no_level.currents(np.array([[10.0, 4.0], [15.0, 4.0]]), 100.0).tolist() == [[0] * 4, [50, 0, 0, 0]]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sa", [True, False])
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 10_000), step_ms=st.sampled_from([0.5, 1.0, 3.3, 10.0]), copies=st.integers(1, 4),
+    gain=st.sampled_from([0.3, 3.0, 1e6]),
+)  # fmt: skip
+def test_the_fast_path_is_the_definition(method, sa, seed, step_ms, copies, gain):
+    values = wave(20, 2, seed)
+    encoder = Receptors(gain=gain, sa=sa, spikes_per_step=copies, method=method)
+    encoder = learnt(encoder, one(values, step_ms), np.array([0]))
+    current = encoder.currents(values.astype(np.float64), step_ms)
+    params = Params(*np.repeat(parameters(sa), 2, axis=0).T)
+    fired = spike_counts(current, params, step_ms, encoder.solver_steps(step_ms), method)
+    expected = np.concatenate([fired > j for j in range(copies)], axis=1)
+    assert np.array_equal(encoded(encoder, values, step_ms), expected)
+
+
+def test_kinds_are_those_of_the_source():
+    assert parameters(True).tolist() == [[SA.a, SA.b, SA.c, SA.d]] + 2 * [[FA.a, FA.b, FA.c, FA.d]]
+    assert parameters(False).tolist() == 2 * [[FA.a, FA.b, FA.c, FA.d]]
+
+
+def test_a_level_drives_sa_alone_and_changes_drive_fa():
+    rising, level = np.linspace(0, 1, 60), np.ones(60)
+    values = np.stack([rising, level, rising[::-1]], axis=1)
+    spikes = encoded(UNIT, values).reshape(60, 3, 3).sum(axis=0)  # (kind, channel)
+    assert (spikes > 0).tolist() == [[True, True, True], [True, False, False], [False, False, True]]
+
+
+def test_no_spike_without_signal_or_gain():
+    assert not encoded(UNIT, np.zeros((200, 3))).any()
+    assert not encoded(dataclasses.replace(UNIT, gain=0.0), wave()).any()
+    constant = learnt(Receptors(), one(np.full((50, 3), 7.0)), np.array([0]))
+    assert constant.low == constant.high == (7.0, 7.0, 7.0)
+    assert not encoded(constant, np.full((50, 3), 7.0)).any(), "a channel that never moves is silent"
+    assert not encoded(constant, wave()).any()
+
+
+def test_a_huge_gain_saturates():
+    values = np.ones((40, 3))
+    spikes = encoded(dataclasses.replace(UNIT, gain=1e6, spikes_per_step=10), values, 10.0)
+    per_kind = spikes.reshape(40, 10, 3, 3)
+    assert per_kind[:, :, 0].all(), "one spike per solver step of 1 ms"
+    assert not per_kind[:, :, 1:].any()
+
+
+def test_spikes_of_a_step_are_told_apart_or_merged():
+    values = np.ones((40, 1))
+    base = Receptors(low=(0.0,), high=(1.0,), sa=True, gain=4.0)
+    counts = [encoded(dataclasses.replace(base, spikes_per_step=k), values, 28.0) for k in (1, 2, 16)]
+    assert np.array_equal(counts[0], counts[2][:, :3])
+    assert np.array_equal(counts[1], counts[2][:, :6])
+    assert counts[2][:, 3:].any()
+    assert base.n_channels(5) == 15
+    assert dataclasses.replace(base, spikes_per_step=2, sa=False).n_channels(5) == 20
+
+
+def test_the_range_is_learnt_from_windows_of_training_recordings():
+    values = wave(300, 2)
+    other = values * 100
+    signals = Signals(np.concatenate([values, other]), np.array([0, 300, 600]), 10.0, {})
+    encoder = Receptors().fitted(signals, np.array([100, 0]), 150, np.zeros(2), 1, np.array([0]))
+    low, high = np.percentile(values[100:250], (1, 99), axis=0)
+    assert encoder.low == pytest.approx(tuple(low), rel=1e-6)
+    assert encoder.high == pytest.approx(tuple(high), rel=1e-6)
+
+
+def test_sparse_spikes_have_a_range():
+    values = np.zeros((500, 2), np.float32)
+    values[250, 0] = 1
+    encoder = learnt(Receptors(), one(values), np.array([0]))
+    assert (encoder.low, encoder.high) == ((0.0, 0.0), (1.0, 0.0))
+    assert encoded(encoder, values).any()
+
+
+@settings(max_examples=20)
+@given(cut=st.integers(1, 80))
+def test_causal_and_blind_to_level_without_sa(cut):
+    values = wave().round()
+    encoder = learnt(Receptors(smoothing_ms=30), one(values), np.array([0]))
+    assert np.array_equal(encoded(encoder, values[:cut]), encoded(encoder, values)[:cut])
+    changes = dataclasses.replace(encoder, sa=False)
+    moved = tuple(x + 512 for x in changes.low), tuple(x + 512 for x in changes.high)
+    there = dataclasses.replace(changes, low=moved[0], high=moved[1])
+    assert np.array_equal(encoded(changes, values), encoded(there, values + 512))
+
+
+def test_recordings_of_many_lengths_cut_to_their_spans():
+    lengths = [50, 20, 35]
+    values = np.concatenate([wave(n, 3, n) for n in lengths])
+    values.setflags(write=False)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    signals = Signals(values, offsets, 10.0, {})
+    encoder = learnt(Receptors(spikes_per_step=2), signals, np.arange(3))
+    first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
+    found = dense(encoder.encode_all(signals, first, length))
+    assert found.shape == (3, 12, 18)
+    for i in range(3):
+        whole = encoded(encoder, values[offsets[i] : offsets[i + 1]])
+        assert np.array_equal(found[i, : length[i]], whole[first[i] : first[i] + length[i]])
+        assert not found[i, length[i] :].any()
+
+
+def test_positions_tell_kinds_and_copies_apart():
+    inputs = np.array([[3, 4, 0], [5, 6, 1]], np.int32)
+    found = Receptors(spikes_per_step=2).positions(inputs)
+    assert found.dtype == np.int32
+    assert found[:4].tolist() == [[3, 4, 0], [5, 6, 6], [3, 4, 1], [5, 6, 7]]
+    assert len(np.unique(found, axis=0)) == len(found) == 12
+
+
+def test_what_it_refuses():
+    values = wave()
+    with pytest.raises(
+        ValueError, match="must be fitted to training recordings of 3 channels first, got a range"
+    ):
+        encoded(Receptors(), values)
+    values[7, 1] = np.nan
+    with pytest.raises(ValueError, match="recording 0 must hold finite numbers"):
+        encoded(UNIT, values)
+    with pytest.raises(ValueError, match="recording 0 must hold finite numbers"):
+        learnt(Receptors(), one(values), np.array([0]))
+
+
+def test_it_is_a_component():
+    assert registry.known("encoders")["receptors"] is Receptors
