@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ class _Matrix:
 
     table: int8 in integer arithmetic, else the master weights themselves.
     unit: (column,) what a learning rate of 1 moves a weight by.
+    kept: like the gradient, 0 where a weight was removed, else 1; None: none was.
     """
 
     n_rows: int
@@ -40,10 +41,24 @@ class _Matrix:
     second: Array
     table: Array
     unit: Array
+    kept: Array | None = None
 
     @property
     def grid(self) -> float:
         return float(GRID) if self.table.dtype == np.int8 else 0.0
+
+    def without(self, kept: Array) -> _Matrix:
+        """Return the matrix with the weights that are not kept, (row, column), set to 0 for good."""
+        before = 1 if self.kept is None else self.kept
+        mask = packed(kept, self.gradient.dtype) * before
+        for values in (self.weights, self.first, self.second, self.table):
+            values *= mask.astype(values.dtype)
+        return replace(self, kept=mask)
+
+    def keep_removed(self) -> None:
+        """Clear the gradient of removed weights; with their moments at 0 Adam leaves them at exactly 0."""
+        if self.kept is not None:
+            np.multiply(self.gradient, self.kept, out=self.gradient)
 
     def squared_norm(self, factor: float) -> float:
         """Return the squared norm of the gradient times a factor, where it passes the rounding."""
@@ -92,11 +107,13 @@ class _Network:
     def __init__(self, member: Member) -> None:
         # Not the member itself, whose initial weights would stay in memory.
         self.rates = member.true_rate, member.false_rate
+        self.heads = member.heads
         self.clip_norm = member.clip_norm
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
         self.matrices = [_matrix(x.feed_forward, x.unit, kind) for x in member.layers]
         self.rings = [_ring(x, kind) for x in member.layers]
+        # Layers read the matrices' tables, which change in place.
         self.layers = [
             _layer(x, m, r, kind) for x, m, r in zip(member.layers, self.matrices, self.rings, strict=True)
         ]
@@ -125,11 +142,14 @@ class _Network:
             [m.gradient for m in self.matrices],
             [_NOTHING if r is None else r.gradient for r in self.rings],
             threads,
+            self.heads,
         )
         parts = [
             *zip(self.matrices, factors, strict=True),
             *((ring, 1.0) for ring in self.rings if ring is not None),
         ]
+        for matrix, _ in parts:
+            matrix.keep_removed()
         clip = 1.0
         if self.clip_norm is not None:
             norm = math.sqrt(sum(m.squared_norm(f) for m, f in parts))
@@ -142,6 +162,14 @@ class _Network:
             tuple(float(f) / max(1, cells * n) for f, n in zip(done.n_fired, self.sizes, strict=True)),
             math.sqrt(squared) / clip if clip else math.nan,
         )
+
+    def prune(self, kept: Masters) -> None:
+        """Set weights to 0 for good; see dse.engine.member.Cohort."""
+        self.matrices = [m.without(k) for m, k in zip(self.matrices, kept.feed_forward, strict=True)]
+        self.rings = [
+            None if r is None or k is None else r.without(padded_ring(k))
+            for r, k in zip(self.rings, kept.recurrent, strict=True)
+        ]
 
     def masters(self) -> Masters:
         """Return a copy of the master weights."""
@@ -205,6 +233,10 @@ class CpuCohort:
             number: self._networks[number].step(batch, labels, turn, self._spaces[number], self._threads)
             for number, turn in turns.items()
         }
+
+    def prune(self, member: int, kept: Masters) -> None:
+        """Set the weights of a member that are not kept to 0, for good."""
+        self._networks[member].prune(kept)
 
     def masters(self, member: int) -> Masters:
         """Return a copy of a member's master weights."""

@@ -14,7 +14,7 @@ from dse.engine import kernels
 from dse.engine.batch import Batch
 from dse.engine.layers import Layer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
-from dse.engine.loss import spike_rate
+from dse.engine.loss import n_correct, spike_rate
 from dse.native.compiled import compiled
 from dse.records import Array
 
@@ -186,6 +186,7 @@ class _Lesson:
     n_neurons: Sequence[int]
     batch: Batch
     labels: Array
+    heads: tuple[int, ...]
     true_rate: float
     false_rate: float
     gains: Sequence[Array | None]
@@ -207,6 +208,7 @@ def learn(
     gradients: Sequence[Array],
     ring_gradients: Sequence[Array],
     threads: Executor | None = None,
+    heads: tuple[int, ...] = (),
 ) -> Pass:
     """Add the gradients of a batch's SpikeRate loss by every weight, before the gains' common factors.
 
@@ -216,7 +218,7 @@ def learn(
         layers: input side first, with surrogates.
         n_neurons: of each layer, without padding.
         batch: input spikes.
-        labels: (sample,) class numbers.
+        labels: output neurons of the labels, (sample,), or (sample, head).
         true_rate: target rate of the label's output.
         false_rate: target rate of the other outputs.
         gains: per layer, (sample, input) factors of its input spikes, 0 or one common value; or None.
@@ -225,6 +227,7 @@ def learn(
         gradients: per layer, in blocks; added to.
         ring_gradients: the same of recurrent weights; empty where there are none.
         threads: runs chunks side by side where there are several spaces.
+        heads: classes of each head; empty: one head.
     """
     kind = spaces[0].slope[0].dtype
     factors = [common_factor(gain) for gain in gains]
@@ -234,6 +237,7 @@ def learn(
         n_neurons,
         batch,
         labels,
+        heads,
         true_rate,
         false_rate,
         gains,
@@ -280,7 +284,7 @@ def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: 
     loss, by_class = spike_rate(counts, n_steps, labels, lesson.true_rate, lesson.false_rate)
 
     _backward(lesson, chunk, n, gains, by_class, space, first_gradient)
-    return Pass(loss, int((counts.argmax(axis=1) == labels).sum()), n_fired)
+    return Pass(loss, n_correct(counts, labels, lesson.heads), n_fired)
 
 
 def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None], space: Workspace) -> Array:

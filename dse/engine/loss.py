@@ -20,13 +20,29 @@ def spike_rate(
     Args:
         counts: (sample, class) output spikes over all steps, one-step shift included.
         n_steps: T.
-        labels: (sample,) class numbers.
-        true_rate: target rate of the label's neuron.
+        labels: output neurons of the labels, (sample,), or (sample, head) where the outputs serve several.
+        true_rate: target rate of a label's neuron.
         false_rate: target rate of the others.
 
     Returns:
         The loss, and the gradient per sample and class (sample, class) float64 (the same at every step).
     """
     error = counts / n_steps - false_rate
-    error[np.arange(len(labels)), labels] += false_rate - true_rate
+    of_head = labels[:, None] if labels.ndim == 1 else labels
+    error[np.arange(len(labels))[:, None], of_head] += false_rate - true_rate
     return float((error**2).sum()), 2 / n_steps * error
+
+
+def n_correct(counts: Array, labels: Array, heads: tuple[int, ...] = ()) -> int:
+    """Return how many samples have the label as their most active output (the lowest on ties) in every head.
+
+    Args:
+        counts: (sample, class) output spikes.
+        labels: as in `spike_rate`.
+        heads: classes of each head, whose outputs lie side by side; empty: one head.
+    """
+    if not heads:
+        return int((counts.argmax(axis=1) == labels).sum())
+    ends = np.cumsum(heads)
+    found = [counts[:, end - n : end].argmax(axis=1) + end - n for n, end in zip(heads, ends, strict=True)]
+    return int((np.stack(found, axis=1) == labels).all(axis=1).sum())

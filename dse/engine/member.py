@@ -45,6 +45,7 @@ class Member:
     true_rate, false_rate: target spike rates of the label's output and of the others.
     arithmetic: of the forward pass.
     clip_norm: gradients whose Euclidean norm over all weights is larger are scaled down to it; None: never.
+    heads: classes of each head, which share the output neurons in this order; empty: one head.
     """
 
     layers: tuple[TrainedLayer, ...]
@@ -52,6 +53,7 @@ class Member:
     false_rate: float
     arithmetic: Arithmetic = "integer"
     clip_norm: float | None = None
+    heads: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Report:
     """What one member's turn gave.
 
     loss: SpikeRate loss, summed over the batch.
-    correct: samples whose most active output (lowest number on ties) is the label.
+    correct: samples whose most active output (lowest number on ties) is the label, in every head.
     fired: per layer, mean spikes per neuron and step.
     gradient_norm: Euclidean norm over all weights before clipping; NaN or infinite where a gradient is.
     """
@@ -95,7 +97,14 @@ class Cohort(Protocol):
     """Networks that train on the same batches; each one's result is the same alone and in any cohort."""
 
     def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
-        """Train the members named in `turns` (by number) on a batch; the others do not move."""
+        """Train the members named in `turns` (by number) on a batch; the others do not move.
+
+        Labels are output neurons: (sample,), or (sample, head) of members with several heads.
+        """
+        ...
+
+    def prune(self, member: int, kept: Masters) -> None:
+        """Set the weights of a member that are not kept, by booleans like its masters, to 0 for good."""
         ...
 
     def masters(self, member: int) -> Masters:

@@ -22,7 +22,7 @@ class Gradients:
 
     feed_forward: (input, neuron) each; recurrent: (neuron, neuron), or (0, 0) where there is none.
     fired: (layer,) mean spikes per neuron and step.
-    correct: samples whose most active output (lowest number on ties) is the label.
+    correct: samples whose most active output (lowest number on ties) is the label, in every head.
     """
 
     loss: float
@@ -43,6 +43,7 @@ def gradients(
     arithmetic: Arithmetic = "integer",
     gains: Sequence[Array | None],
     shift: bool = True,
+    heads: tuple[int, ...] = (),
 ) -> Gradients:
     """Return the SpikeRate loss of a batch and its gradients by every weight as it ran.
 
@@ -50,12 +51,13 @@ def gradients(
         rows: input spikes of the batch.
         layers: weights, input side first.
         surrogates: ds/dv of each layer.
-        labels: (sample,) class numbers.
+        labels: output neurons of the labels, (sample,), or (sample, head).
         true_rate: target rate of the label's output.
         false_rate: target rate of the other outputs.
         arithmetic: of the states.
         gains: per layer, (sample, input) factors of its input spikes (dropout), 0 or one value; or None.
         shift: each layer hands its spikes on one step later (SLAYER's `delay_shift`).
+        heads: classes of each head; empty: one head.
 
     Raises:
         ValueError: the rows' inputs differ from the first layer's.
@@ -81,6 +83,7 @@ def gradients(
         [space],
         found,
         rings,
+        heads=heads,
     )
     factors = [common_factor(gain) for gain in gains]
     cells = rows.n_samples * rows.n_steps

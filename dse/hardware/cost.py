@@ -5,15 +5,19 @@ Dynamic energy, from counts per inference (T steps; layers 1.. are neurons, laye
     E = access N T + update U + spike S + event sum_l s_l f_l + message M + hops
 
 N neurons, U updates, S spikes of neurons, s_l spikes and f_l targets per spike of layer l, and M
-messages: one per spike and destination core. Time of a step, from mean counts per step:
+messages: one per spike and destination core. On a chip that skips zero weights, f_l counts the weights
+that pruning left (`Workload.synapses`). Time of a step, from mean counts per step:
 
     t = barrier(tiles) + max over cores of max(send, receive)
     send    = access n + update u + spike s + message_out m        what the core's own n neurons do
-    receive = sum over messages received of (message_in + event n)
+    receive = sum over messages received of (message_in + event n)          n: targets in the core
 
 Static energy = static power x time, twice: computing flat out, and at the period of the sensor's
 steps. Every figure has a range; the interval of a cost is the cost at all low ends to that at all
 high ends (the formulas grow with each of them), so it is wider than independent errors would give.
+
+Mean field of a pruned network: every spike of a layer reaches the same share of each core's neurons,
+and every neuron still gets every message.
 
 What it leaves out: the maximum of means is below the mean of maxima (up to 6 % on reference runs
 whose activity fluctuates), and queues in the network count in the high end only.
@@ -24,7 +28,7 @@ Source: SANA-FE (REFERENCES.md), whose energy and `simple` time it reproduces fr
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +78,11 @@ def cost(profile: Profile, workload: Workload) -> Cost:
     """
     counts = _counts(workload)
     limits = profile.at("value")
-    placement = place(workload.sizes, workload.recurrent, workload.weight_bits, limits)
+    if not limits["skips_zero_weights"]:
+        counts = replace(counts, workload=replace(workload, synapses=None, stored=None))
+    placement = place(
+        workload.sizes, workload.recurrent, workload.weight_bits, limits, counts.workload.stored
+    )
     ends: dict[End, tuple[dict[str, Values], Values, Values]] = {}
     for end in ("low", "value", "high"):
         figures = profile.at(end)
@@ -127,6 +135,14 @@ def _counts(workload: Workload) -> _Counts:
         updates = n_steps[..., None] * np.array(sizes[1:], dtype=np.float64)
     else:
         updates = np.asarray(workload.updates, dtype=np.float64)
+    for name, given, most in (
+        ("synapses", workload.synapses, workload.fan_out),
+        ("stored", workload.stored, workload.dense),
+    ):
+        if given is not None and (
+            len(given) != len(most) or not all(0 <= a <= b for a, b in zip(given, most, strict=True))
+        ):
+            raise ValueError(f"{name} must be between 0 and {most} layer by layer, got {given}")
     for name, values, shape in (
         ("spikes", spikes, (*n_steps.shape, n_layers)),
         ("updates", updates, (*n_steps.shape, n_layers - 1)),
@@ -152,11 +168,12 @@ def _energies(figures: Mapping[str, float], counts: _Counts, placement: Placemen
     """Return the dynamic energy in uJ by cause."""
     workload = counts.workload
     distance = hops(placement, workload.sizes, workload.recurrent, figures)
+    reached = np.array(workload.fan_out if workload.synapses is None else workload.synapses)
     picojoules = {
         "neuron_access": figures["neuron_access_pj"] * sum(workload.sizes[1:]) * counts.n_steps,
         "neuron_update": figures["neuron_update_pj"] * counts.updates.sum(axis=-1),
         "spike": figures["spike_pj"] * counts.spikes[..., 1:].sum(axis=-1),
-        "synaptic_event": figures["synaptic_event_pj"] * (counts.spikes @ np.array(workload.fan_out)),
+        "synaptic_event": figures["synaptic_event_pj"] * (counts.spikes @ reached),
         "message": figures["message_pj"] * (counts.spikes @ _destinations(placement, workload)),
         "hop": counts.spikes @ (distance @ (figures["hop_x_pj"], figures["hop_y_pj"])),
     }
@@ -172,18 +189,32 @@ def _step_time_us(figures: Mapping[str, float], counts: _Counts, placement: Plac
     # Inputs are sent by sources of as many channels as a core has neurons.
     sources = -(-workload.sizes[0] // int(figures["neurons_per_core"]))
     slowest = spikes[..., 0] / sources * destinations[0] * figures["message_out_ns"]
+    shares = _shares(workload)
     for layer, (size, n_cores) in enumerate(zip(workload.sizes[1:], placement.cores, strict=True), start=1):
         neurons = float(neurons_per_core(size, n_cores).max())
         per_spike = figures["spike_ns"] + figures["message_out_ns"] * destinations[layer]
         send = figures["neuron_access_ns"] * neurons + neurons / size * (
             figures["neuron_update_ns"] * updates[..., layer - 1] + per_spike * spikes[..., layer]
         )
-        arriving = spikes[..., layer - 1] + spikes[..., layer] * workload.recurrent[layer - 1]
-        receive = arriving * (figures["message_in_ns"] + figures["synaptic_event_ns"] * neurons)
+        receive = sum(
+            spikes[..., source]
+            * (figures["message_in_ns"] + figures["synaptic_event_ns"] * neurons * shares[source])
+            for source in (layer - 1, *([layer] if workload.recurrent[layer - 1] else []))
+        )
         slowest = np.maximum(slowest, np.maximum(send, receive))
     step_us = _barrier_us(figures, placement) + slowest * 1e-3
     crowded = (spikes > figures["congestion_spikes"]) & (destinations >= figures["congestion_cores"])
     return np.asarray(np.where(crowded.any(axis=-1), figures["congestion_factor"], 1.0) * step_us)
+
+
+def _shares(workload: Workload) -> tuple[float, ...]:
+    """Return the share of its targets that a spike of each layer reaches, input first."""
+    if workload.synapses is None:
+        return (1.0,) * len(workload.sizes)
+    return tuple(
+        reached / dense if dense else 1.0
+        for reached, dense in zip(workload.synapses, workload.fan_out, strict=True)
+    )
 
 
 def _barrier_us(figures: Mapping[str, float], placement: Placement) -> float:

@@ -8,12 +8,15 @@ axons a core can hold: every input axon lists its targets there in blocks of 64,
 the last block with the remaining targets only. Neurons are then spread evenly over the cores. A
 recurrent layer has its own outputs among its input axons. Delayed copies of an input are axons of
 their own. Cores are numbered layer by layer, tile by tile; inputs enter at tile 0 and take no core.
+A layer that was pruned stores lists of the weights that are left, each with the index of its target
+(10 bits); in the mean field an axon has as many targets in a core as any other.
 
 Source: NengoLoihi's allocator rule; limits per core in the profile (REFERENCES.md).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK, _WORD, _BLOCK_HEADER = 64, 64, 10
+_BLOCK, _WORD, _BLOCK_HEADER, _INDEX = 64, 64, 10, 10
 WEIGHT_FORMATS = (1, 2, 3, 4, 5, 6, 8)  # bits per weight that a core can store
 
 
@@ -51,7 +54,11 @@ def _words(n_targets: int, weight_bits: int) -> int:
 
 
 def place(
-    sizes: tuple[int, ...], recurrent: tuple[bool, ...], weight_bits: int, limits: Mapping[str, float]
+    sizes: tuple[int, ...],
+    recurrent: tuple[bool, ...],
+    weight_bits: int,
+    limits: Mapping[str, float],
+    stored: tuple[int, ...] | None = None,
 ) -> Placement:
     """Return the cores of every layer.
 
@@ -60,6 +67,7 @@ def place(
         recurrent: per layer after the input, whether it feeds itself.
         weight_bits: bits per weight; stored in the next format that holds them.
         limits: `Profile.at("value")`.
+        stored: per layer after the input, weights into it that are not 0 and alone take memory; None: all.
     """
     misfits = []
     bits = min((x for x in WEIGHT_FORMATS if x >= weight_bits), default=weight_bits)
@@ -73,9 +81,14 @@ def place(
             misfits.append(
                 f"layer {layer}: {axons} input axons, {limits['input_axons_per_core']:.0f} per core"
             )
-        if axons * axon_bits(1, bits) > limits["synapse_memory_bits"]:
+        share = 1.0
+        if stored is not None and stored[layer - 1] < sizes[layer] * axons:
+            share, width = stored[layer - 1] / (sizes[layer] * axons), bits + _INDEX
+        else:
+            width = bits
+        if _core_bits(1, axons, width, share) > limits["synapse_memory_bits"]:
             misfits.append(f"layer {layer}: the weights of one neuron exceed the synapse memory of a core")
-        most = _most_neurons(axons, bits, limits)
+        most = _most_neurons(axons, width, share, limits)
         n_cores = -(-sizes[layer] // most)
         while True:  # more cores hold fewer neurons each, and so fewer output axons
             per_core = -(-sizes[layer] // n_cores)
@@ -93,12 +106,21 @@ def place(
     return Placement(tuple(reversed(cores)), tuple(misfits))
 
 
-def _most_neurons(axons: int, bits: int, limits: Mapping[str, float]) -> int:
-    """Return the most neurons that a core can hold, at least 1: `axon_bits` grows with the targets."""
+def _core_bits(neurons: int, axons: int, bits: int, share: float) -> float:
+    """Return the memory of a core's synapses, where each axon has a share of the neurons as targets.
+
+    With less than one target per axon, so many axons have one; more are rounded up to whole targets.
+    """
+    targets = share * neurons
+    return axons * min(targets, 1.0) * axon_bits(max(1, math.ceil(targets)), bits)
+
+
+def _most_neurons(axons: int, bits: int, share: float, limits: Mapping[str, float]) -> int:
+    """Return the most neurons that a core can hold, at least 1: `_core_bits` grows with them."""
     low, high = 1, int(limits["neurons_per_core"])
     while low < high:
         middle = (low + high + 1) // 2
-        if axons * axon_bits(middle, bits) <= limits["synapse_memory_bits"]:
+        if _core_bits(middle, axons, bits, share) <= limits["synapse_memory_bits"]:
             low = middle
         else:
             high = middle - 1

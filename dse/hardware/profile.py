@@ -39,6 +39,7 @@ class Profile:
     congestion_factor: times a step where more than `congestion_spikes` spikes of a layer go to
         `congestion_cores` cores or more.
     static_mw: static power of the whole chip.
+    skips_zero_weights: 1 where a weight of 0 need not be stored and takes no synaptic event, else 0.
     """
 
     name: str
@@ -71,13 +72,30 @@ class Profile:
     synapse_memory_bits: Number
     input_axons_per_core: Number
     output_axons_per_core: Number
+    skips_zero_weights: Number
 
     def at(self, end: End) -> dict[str, float]:
         """Return every number at one end of its range, by name."""
-        return {name: getattr(getattr(self, name), end) for name in _NUMBERS}
+        return {name: getattr(getattr(self, name), end) for name in _numbers_of(Profile)}
 
 
-_NUMBERS = tuple(field.name for field in fields(Profile) if field.type == "Number")
+@dataclass(frozen=True)
+class OperationProfile:
+    """Figures per operation of any classifier: computing alone, without memory, static power, cores or time.
+
+    mac: a multiply-accumulate. addition: an accumulation without multiplication, such as a spike's weight.
+    """
+
+    name: str
+    doc: str
+    mac_pj: Number
+    addition_pj: Number
+
+
+def _numbers_of(kind: type[Profile | OperationProfile]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind) if field.type == "Number")
+
+
 _KEYS = tuple(field.name for field in fields(Number))
 _SPELLED = {"pj": "pJ", "ns": "ns", "us": "us", "mw": "mW"}
 _COUNTS = (
@@ -99,8 +117,8 @@ def names() -> list[str]:
     )
 
 
-def load(name: str | Path) -> Profile:
-    """Read a profile by the name of one that the package holds, or from a file.
+def load(name: str | Path) -> Profile | OperationProfile:
+    """Read a profile by the name of one that the package holds, or from a file; its keys say of which kind.
 
     Raises:
         ConfigError: no such profile, or everything that is wrong with the file.
@@ -117,23 +135,25 @@ def load(name: str | Path) -> Profile:
                 [Fault(source, 0, f"no hardware profile; {known_names(source, names())}")]
             ) from None
     document = parse(text, source)
-    faults = document.faults or _faults(document)
+    by_operation = isinstance(document.data, dict) and not {"mac_pj", "addition_pj"}.isdisjoint(document.data)
+    kind = OperationProfile if by_operation else Profile
+    faults = document.faults or _faults(document, _numbers_of(kind))
     if faults:
         raise ConfigError(faults)
-    numbers = {key: Number(**document.data[key]) for key in _NUMBERS}
-    return Profile(name=document.data["name"], doc=document.data["doc"], **numbers)
+    numbers = {key: Number(**document.data[key]) for key in _numbers_of(kind)}
+    return kind(name=document.data["name"], doc=document.data["doc"], **numbers)
 
 
-def _faults(document: Document) -> list[Fault]:
+def _faults(document: Document, numbers: tuple[str, ...]) -> list[Fault]:
     """Return everything that is wrong, in the order of the file."""
     if not isinstance(document.data, dict):
         return [document.fault((), "a profile must be a mapping of names to numbers")]
-    expected = ("name", "doc", *_NUMBERS)
+    expected = ("name", "doc", *numbers)
     found = []
     for key, given in document.data.items():
         if key not in expected:
             found.append(document.fault((key,), f"unknown number '{key}'; {known_names(key, expected)}"))
-        elif key in _NUMBERS:
+        elif key in numbers:
             found += [document.fault((key,), message) for message in _number_faults(key, given)]
         elif not isinstance(given, str) or not given:
             found.append(document.fault((key,), f"{key} must be text, got {given!r}"))
@@ -160,4 +180,6 @@ def _number_faults(key: str, given: Any) -> list[str]:
         messages.append(f"{key} must be 0 <= low <= value <= high, got {ends}")
     elif key in _COUNTS and (ends[0] != ends[2] or ends[1] < 1 or ends[1] != int(ends[1])):
         messages.append(f"{key} must be one whole number >= 1, the same as low and high, got {ends}")
+    elif key == "skips_zero_weights" and (ends[0] != ends[2] or ends[1] not in (0, 1)):
+        messages.append(f"{key} must be 0 or 1, the same as low and high, got {ends}")
     return messages

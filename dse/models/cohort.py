@@ -17,6 +17,8 @@ import numpy as np
 from dse.engine import cpu
 from dse.engine.events import Rows, gather
 from dse.engine.member import Cohort, Masters, Member, Report, TrainedLayer, Turn
+from dse.heads import head_sizes, output_labels
+from dse.models import pruning
 from dse.models.initialisation import initialise, populations_of
 from dse.models.response import respond_and_count
 from dse.models.training import Design, Generators, Training, TrainingDiverged
@@ -83,7 +85,7 @@ def train(
     clock = _Clock()
     trainees = []
     for number, design in enumerate(designs):
-        trainees.append(_Trainee.start(number, design, probe, len(dataset.classes)))
+        trainees.append(_Trainee.start(number, design, probe, head_sizes(dataset)))
         trainees[-1].seconds += clock.lap()
     size = min(training.batch_size, dataset.train.size)
     cohort = _started(device, [trainee.member for trainee in trainees], size, n_steps, threads)
@@ -91,16 +93,20 @@ def train(
     n_batches = -(-dataset.train.size // training.batch_size)
     live, epoch = trainees, 0
     while live:
+        for trainee in live:
+            if trainee.model.pruned and epoch == int(trainee.model.prune_epoch * trainee.training.epochs):
+                trainee.kept = pruning.masks(cohort.masters(trainee.number), trainee.model.pruned)
+                cohort.prune(trainee.number, trainee.kept)
         order = batches.permutation(dataset.train)
         starts = crops.integers(dataset.start_low[order], dataset.start_high[order], endpoint=True)
         for batch in range(n_batches):
             part = slice(batch * training.batch_size, (batch + 1) * training.batch_size)
             turns = {x.number: x.turn(epoch + batch / n_batches, order[part].size) for x in live}
-            labels = dataset.target[order[part]]
+            labels = output_labels(dataset, order[part])
             reports = cohort.step(rows_of(order[part], starts[part]), labels, turns)
             lap = clock.lap()
             for trainee in live:
-                trainee.absorb(reports[trainee.number], labels.size, epoch)
+                trainee.absorb(reports[trainee.number], len(labels), epoch)
                 trainee.seconds += lap / len(live)
             for trainee in [x for x in live if x.diverged]:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
@@ -162,13 +168,14 @@ class _Trainee:
     stopped: str = ""
     diverged: str = ""
     learning_rate: float = 0.0
+    kept: Masters | None = None
 
     @classmethod
-    def start(cls, number: int, design: Design, probe: Rows, n_classes: int) -> _Trainee:
-        """Draw a design's time constants and weights."""
+    def start(cls, number: int, design: Design, probe: Rows, heads: tuple[int, ...]) -> _Trainee:
+        """Draw a design's time constants and weights; `heads` are the classes of each."""
         model, training, rngs = design
-        populations = populations_of(model, n_classes, probe.n_steps, rngs("time constants"))
-        began = initialise(probe, model, populations, rngs("initialisation"))
+        populations = populations_of(model, sum(heads), probe.n_steps, rngs("time constants"))
+        began = initialise(probe, model, populations, rngs("initialisation"), len(heads))
         layers = []
         for depth, population in enumerate(populations):
             is_output = depth == len(model.hidden)
@@ -187,7 +194,12 @@ class _Trainee:
                 )
             )
         member = Member(
-            tuple(layers), model.true_rate, model.false_rate, model.arithmetic, training.clip_norm
+            tuple(layers),
+            model.true_rate,
+            model.false_rate,
+            model.arithmetic,
+            training.clip_norm,
+            heads if len(heads) > 1 else (),
         )
         curves: dict[str, list[float]] = {
             name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")
@@ -278,6 +290,12 @@ def _outcome(trainee: _Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Ou
     layers = trainee.member.layers
     n = len(layers)
     weights = [None if w is None else w.astype(np.float32) for w in trainee.mean]
+    if trainee.kept is not None:
+        kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
+        weights = [
+            None if w is None or k is None else pruning.remaining(w, k, trainee.model.arithmetic)
+            for w, k in zip(weights, kept, strict=True)
+        ]
     network = Network(
         tuple(
             Layer(
@@ -301,8 +319,8 @@ def _outcome(trainee: _Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Ou
     cells = validation.output.shape[0] * validation.output.shape[1]
     masters = [w for w in weights if w is not None] if trainee.model.arithmetic == "integer" else []
     health: dict[str, Any] = {
-        "dead_neurons": int(sum((f == 0).sum() for f in fired[:-1])),
-        "saturated_neurons": int(sum((f >= _SATURATED * cells).sum() for f in fired[:-1])) if cells else 0,
+        "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
+        "saturated_neurons": int(sum((f >= _SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
         "clipped_weights": sum(int((~cuba_lif.quantise_passes(w)).sum()) for w in masters),
         "peak_state": validation.peak_state,
         "overflows_24_bit": validation.peak_state > cuba_lif.STATE_LIMIT,
@@ -315,6 +333,7 @@ def _outcome(trainee: _Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Ou
         "clipped_gradients": trainee.clipped_batches,
         "stopped_early": trainee.stopped,
         "epochs_trained": len(trainee.history["loss"]),
+        "n_weights_dense": network.n_weights_dense,
     }
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)

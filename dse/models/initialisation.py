@@ -58,17 +58,17 @@ def _response_norm(decay_current: Array, decay_voltage: Array, n_steps: int) -> 
     return np.asarray(np.sqrt(total))
 
 
-def populations_of(model: SNN, n_classes: int, n_steps: int, rng: np.random.Generator) -> list[Population]:
+def populations_of(model: SNN, n_outputs: int, n_steps: int, rng: np.random.Generator) -> list[Population]:
     """Return the layers' fixed parameters, input side first.
 
     Args:
         model: settings; decays are per input step and are spread over its network steps here.
-        n_classes: output neurons.
+        n_outputs: output neurons.
         n_steps: network steps of a window.
         rng: draws the time constants.
     """
     found = []
-    for depth, n in enumerate((*model.hidden, n_classes)):
+    for depth, n in enumerate((*model.hidden, n_outputs)):
         is_output = depth == len(model.hidden)
         current = (model.output_current_decay,) if is_output else model.current_decay
         voltage = (model.output_voltage_decay,) if is_output else model.voltage_decay
@@ -128,7 +128,9 @@ class Start:
     rates: list[tuple[float, float]]
 
 
-def initialise(rows: Rows, model: SNN, populations: Sequence[Population], rng: np.random.Generator) -> Start:
+def initialise(
+    rows: Rows, model: SNN, populations: Sequence[Population], rng: np.random.Generator, n_heads: int = 1
+) -> Start:
     """Draw weights and scale each layer, as deployed, until it fires at a given rate on a probe batch.
 
     Uniform weights are divided by each neuron's response to a unit spike, so that fast and slow neurons
@@ -142,6 +144,7 @@ def initialise(rows: Rows, model: SNN, populations: Sequence[Population], rng: n
         model: settings.
         populations: from `populations_of`.
         rng: draws the weights.
+        n_heads: of the output, each with one neuron that is to fire.
     """
     feed_forward: list[Array] = []
     recurrent: list[Array | None] = []
@@ -159,7 +162,7 @@ def initialise(rows: Rows, model: SNN, populations: Sequence[Population], rng: n
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - share @ drawn)
             drawn = np.broadcast_to(unit, drawn.shape)
-            wanted = (model.true_rate + (n - 1) * model.false_rate) / n
+            wanted = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
         elif model.recurrent:
             drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
             ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dse.engine import cpu
 from dse.engine.adam import adam
 from dse.engine.layers import weights
-from dse.engine.member import Member, TrainedLayer, Turn
+from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
@@ -108,3 +110,65 @@ def test_members_without_a_turn_do_not_move() -> None:
     assert set(reports) == {0}
     for a, b in zip(before.feed_forward, cohort.masters(1).feed_forward, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+@pytest.mark.parametrize("ring", [False, True])
+def test_pruned_weights_stay_at_0_and_the_rest_trains_as_without_them(
+    arithmetic: Arithmetic, ring: bool
+) -> None:
+    x, labels = batch(5, 40)
+    one = member(arithmetic, ring)
+    rng = np.random.default_rng(4)
+    kept = Masters(
+        tuple(rng.random(layer.feed_forward.shape) < 0.4 for layer in one.layers),
+        tuple(
+            None if r is None else rng.random(r.shape) < 0.4
+            for r in (layer.recurrent for layer in one.layers)
+        ),
+    )
+    late = cpu.start([one], 5, 40)
+    turn = Turn(0.05, (None, None, None))
+    late.step(rows_of(x), labels, {0: turn})  # so that there are moments to forget
+    late.prune(0, kept)
+    for _ in range(3):
+        late.step(rows_of(x), labels, {0: turn})
+    found = late.masters(0)
+    for w, k, layer in zip(found.feed_forward, kept.feed_forward, one.layers, strict=True):
+        assert (w[~k] == 0).all()
+        assert (w[k] != layer.feed_forward[k]).mean() > 0.5
+    if ring:
+        assert (found.recurrent[0][~kept.recurrent[0]] == 0).all()
+
+    # A network that began without these weights has the same gradients, and the same norm of them.
+    without = [
+        replace(
+            layer,
+            feed_forward=layer.feed_forward * k,
+            recurrent=None if r is None else layer.recurrent * r,
+        )
+        for layer, k, r in zip(one.layers, kept.feed_forward, kept.recurrent, strict=True)
+    ]
+    first, second = cpu.start([one], 5, 40), cpu.start([replace(one, layers=tuple(without))], 5, 40)
+    first.prune(0, kept)
+    second.prune(0, kept)
+    second.prune(0, kept)  # twice is once
+    reports = [cohort.step(rows_of(x), labels, {0: turn}) for cohort in (first, second)]
+    assert reports[0] == reports[1]
+    for a, b in zip(first.masters(0).feed_forward, second.masters(0).feed_forward, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_member_with_heads_counts_samples_with_every_head_right() -> None:
+    x, _ = batch(6, 40)
+    labels = np.stack([np.arange(6) % 2, 2 + np.arange(6) % 2], axis=1)
+    one = replace(member(), heads=(2, 2))
+    cohort, same = cpu.start([one], 6, 40), cpu.start([one], 6, 40)
+    turn = {0: Turn(0.01, (None, None, None))}
+    report = cohort.step(rows_of(x), labels, turn)[0]
+    found = [
+        same.step(rows_of(x[i : i + 1]), labels[i : i + 1], {0: Turn(0.0, (None, None, None))})[0]
+        for i in range(6)
+    ]
+    assert report.correct == sum(r.correct for r in found)
+    assert report.loss == pytest.approx(sum(r.loss for r in found))

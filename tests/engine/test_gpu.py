@@ -406,6 +406,58 @@ def test_members_of_one_kind_share_a_slab() -> None:
     assert wide.slabs(MEMBERS, 100) == [[0, 1], [2, 3], [4], [5]]
 
 
+def test_two_heads_train_as_on_the_cpu() -> None:
+    members = [replace(MEMBERS[k], heads=(2, 2)) for k in (0, 2)]
+    labels = np.stack([LABELS % 2, 2 + LABELS // 2 % 2], axis=1)
+    ours, theirs = engine.start(members, N, 3), cpu.start(members, N, 3)
+    turns = turns_of(members)
+    found, expected = (c.step(rows_of(X[:, :3]), labels, turns) for c in (ours, theirs))
+    for k, of in enumerate(members):
+        assert_reports_agree(found[k], expected[k], GRADIENT_ERROR[of.arithmetic])
+        cpu_gradients = on_cpu(
+            rows_of(X[:, :3]),
+            running(of, start_of(of)),
+            [x.surrogate for x in of.layers],
+            labels,
+            true_rate=of.true_rate,
+            false_rate=of.false_rate,
+            arithmetic=of.arithmetic,
+            gains=turns[k].gains,
+            heads=(2, 2),
+        )
+        theirs_ = [*cpu_gradients.feed_forward, *(r for r in cpu_gradients.recurrent if r.size)]
+        for a, b in zip(matrices(ours.gradients(k)), theirs_, strict=True):
+            assert_close(a, b, GRADIENT_ERROR[of.arithmetic])
+
+
+def test_pruned_weights_stay_at_0_as_on_the_cpu() -> None:
+    members = [MEMBERS[0], member((INPUTS, 5, 4), 7), member((INPUTS, 6, 4), 8, ring=True)]  # two in a slab
+    rng = np.random.default_rng(20)
+    ours, theirs = engine.start(members, N, 3), cpu.start(members, N, 3)
+    turns = turns_of(members)
+    kept = {}
+    for step in range(2):
+        if step == 1:
+            for k in (1, 2):
+                start = start_of(members[k])
+                kept[k] = Masters(
+                    tuple(rng.random(w.shape) < 0.5 for w in start.feed_forward),
+                    tuple(None if r is None else rng.random(r.shape) < 0.5 for r in start.recurrent),
+                )
+                ours.prune(k, kept[k])
+                theirs.prune(k, kept[k])
+        found, expected = (c.step(rows_of(X[:, :3]), LABELS, turns) for c in (ours, theirs))
+        for k, of in enumerate(members):
+            assert_reports_agree(found[k], expected[k], 10 * GRADIENT_ERROR[of.arithmetic])
+    for k in (1, 2):
+        for w, stays in zip(matrices(ours.masters(k)), matrices(kept[k]), strict=True):
+            assert (w[~stays] == 0).all() and (w[stays] != 0).all()
+    alone = engine.start([members[0]], N, 3)
+    for _ in range(2):
+        alone.step(rows_of(X[:, :3]), LABELS, {0: turns[0]})
+    assert_same(ours.masters(0), alone.masters(0))
+
+
 @pytest.mark.parametrize(
     "x",
     [

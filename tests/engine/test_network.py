@@ -195,3 +195,21 @@ def test_chunks_of_samples_add_up() -> None:
     for depth in range(2):
         expected = sum(p.feed_forward[depth].astype(np.float64) for p in parts)
         np.testing.assert_allclose(whole.feed_forward[depth], expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_gradients_of_two_heads_agree_with_automatic_differentiation() -> None:
+    from benchmarks.torch_loop import gradients as by_autograd
+
+    rng = np.random.default_rng(12)
+    x = (rng.random((6, 25, 12)) < 0.25).astype(np.uint8)
+    labels = np.stack([rng.integers(0, 3, 6), 3 + rng.integers(0, 1, 6)], axis=1)
+    layers, surrogates = small_layers(rng), [exponential(80, 0.03, 3.0)] * 2
+    given = {"true_rate": 0.6, "false_rate": 0.05, "gains": [None, None]}
+    found = gradients(rows_of(x), layers, surrogates, labels, heads=(3, 1), **given)
+    loss, expected, _ = by_autograd(x, layers, surrogates, labels, 0.6, 0.05, True, [None, None])
+    assert found.loss == pytest.approx(loss, rel=1e-6)
+    for ours, theirs in zip(found.feed_forward, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * np.abs(theirs).max())
+    single = gradients(rows_of(x), layers, surrogates, labels[:, 0], **given)
+    assert found.correct == single.correct  # the other head has one class
+    assert found.loss != single.loss

@@ -177,9 +177,65 @@ def test_more_spikes_never_cost_less(sizes, recurrent, spikes, layer, more):
         ({"sizes": (3,)}, "sizes must name an input and a layer"),
         ({"sizes": (3, 0)}, "sizes must name"),
         ({"recurrent": ()}, "recurrent one less"),
+        (
+            {"synapses": (3.0, 0.0)},
+            r"synapses must be between 0 and \(2, 0\) layer by layer, got \(3.0, 0.0\)",
+        ),
+        ({"synapses": (float("nan"), 0.0)}, "synapses must be between"),
+        ({"synapses": (1.0,)}, "synapses must be between"),
+        ({"stored": (7,)}, r"stored must be between 0 and \(6,\)"),
+        ({"stored": (-1,)}, "stored must be between"),
     ],
 )
 def test_impossible_workloads_are_named(change, message):
     good = workload((3, 2), [1, 1])
     with pytest.raises(ValueError, match=message):
         cost(PROFILE, dataclasses.replace(good, **change))
+
+
+def test_pruned_synapses_cost_no_events_where_the_chip_skips_them():
+    dense = workload((3, 2, 1), [7, 5, 4], [12, 8], 10.0, recurrent=(True, False))
+    pruned = dataclasses.replace(dense, synapses=(1.5, 2.0, 0.0), stored=(6, 1))
+    found, before = cost(PROFILE, pruned), cost(PROFILE, dense)
+    assert found.breakdown["synaptic_event"] == pytest.approx(35.5e-6 * (7 * 1.5 + 5 * 2.0))
+    for cause in set(found.breakdown) - {"synaptic_event"}:
+        assert found.breakdown[cause] == before.breakdown[cause]
+    # 0.7 x (16 + 2 x 3.8 x 1.5 / 2) + 0.5 x (16 + 2 x 3.8 x 2 / 3) = 26 ns in, still 36.54 ns out.
+    assert found.step_time_us == pytest.approx(0.6 + 0.03654)
+    busy = dataclasses.replace(pruned, spikes=np.array([700.0, 5.0, 4.0]))
+    assert cost(PROFILE, busy).step_time_us == pytest.approx(
+        0.6 + 70e-3 * (16 + 5.7) + 0.5e-3 * (16 + 7.6 * 2 / 3)
+    )
+
+    one = dataclasses.replace(PROFILE.skips_zero_weights, value=0, low=0, high=0)
+    keeps = dataclasses.replace(PROFILE, skips_zero_weights=one)
+    for name in ("dynamic_uj", "energy_uj", "step_time_us", "n_cores"):
+        assert getattr(cost(keeps, pruned), name) == getattr(before, name)
+
+
+def test_a_network_of_which_nothing_was_removed_costs_what_it_did():
+    dense = workload((1600, 450, 11), [3190, 896, 100], recurrent=(True, False))
+    same = dataclasses.replace(dense, synapses=dense.fan_out, stored=dense.dense)
+    found, before = cost(PROFILE, same), cost(PROFILE, dense)
+    for field in dataclasses.fields(found):
+        assert getattr(found, field.name) == getattr(before, field.name)
+
+
+@given(
+    st.tuples(*[st.integers(1, 2000)] * 3),
+    st.tuples(st.booleans(), st.booleans()),
+    st.tuples(*[st.floats(0, 1e5)] * 3),
+    st.floats(0, 1),
+    st.floats(0, 1),
+)
+def test_fewer_synapses_never_cost_more_energy(sizes, recurrent, spikes, share, less):
+    dense = workload(sizes, spikes, recurrent=recurrent)
+
+    def with_share(share):
+        synapses = tuple(share * n for n in dense.fan_out)
+        return cost(PROFILE, dataclasses.replace(dense, synapses=synapses, stored=dense.dense))
+
+    more, fewer = with_share(share), with_share(share * less)
+    assert fewer.dynamic_uj <= more.dynamic_uj * (1 + 1e-12)
+    assert fewer.step_time_us <= more.step_time_us * (1 + 1e-12)
+    assert more.energy_uj <= cost(PROFILE, dense).energy_uj * (1 + 1e-12)

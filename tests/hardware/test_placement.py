@@ -105,3 +105,23 @@ def test_far_tiles_lie_along_x_too():
     placement = cores(sizes)
     assert placement.cores == (17,)
     assert hops(placement, sizes, (False,), LIMITS)[0].tolist() == [1, 4 * (1 + 2 + 3)]
+
+
+def test_a_pruned_layer_stores_lists_of_what_is_left():
+    # 1600 axons: 655 bits each, 10 words. A tenth of 450 neurons: 45 targets of 8 + 10 bits, 13 words. Two
+    # cores hold 225 neurons each: 23 targets (22.5), 7 words.
+    sizes, nothing = (1600, 450, 11), (False, False)
+    assert place(sizes, nothing, 8, LIMITS).cores == (7, 1)
+    assert place(sizes, nothing, 8, LIMITS, (160 * 450, 450 * 11)).cores == (2, 1)
+    # Nothing removed: the dense format. Little removed: its indices take more than the weights that are gone.
+    assert place(sizes, nothing, 8, LIMITS, (1600 * 450, 450 * 11)).cores == (7, 1)
+    assert place(sizes, nothing, 8, LIMITS, (1600 * 450 - 1, 450 * 11)).cores > (7, 1)
+
+
+def test_axons_without_a_target_take_no_memory():
+    # 20000 axons of one neuron do not fit; with a weight on every hundredth, 200 words do.
+    assert "layer 1: the weights of one neuron exceed" in " ".join(cores((20000, 10)).misfits)
+    found = place((20000, 10), (False,), 8, LIMITS, (2000,))
+    assert found.cores == (1,)
+    assert found.misfits == ("layer 1: 20000 input axons, 4096 per core",)
+    assert place((20, 30), (False,), 8, LIMITS, (0,)).cores == (1,)

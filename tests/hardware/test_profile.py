@@ -70,6 +70,11 @@ def test_a_file_of_ones_own_loads(tmp_path):
         (lambda d: d["cores"].update(high=130), "cores must be one whole number"),
         (lambda d: d["cores"].update(low=1.5, value=1.5, high=1.5), "cores must be one whole number"),
         (lambda d: d["cores"].update(low=0, value=0, high=0), "cores must be one whole number"),
+        (
+            lambda d: d["skips_zero_weights"].update(low=2, value=2, high=2),
+            "skips_zero_weights must be 0 or 1",
+        ),
+        (lambda d: d["skips_zero_weights"].update(low=0), "skips_zero_weights must be 0 or 1"),
         (lambda d: d.update(spike_nj=d["spike_pj"]), "unknown number 'spike_nj'; .* Did you mean 'spike_"),
         (lambda d: d.pop("spike_pj"), "spike_pj is missing"),
         (lambda d: d.update(doc=""), "doc must be text"),

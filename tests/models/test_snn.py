@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse import seeds
+from dse import heads, seeds
 from dse.models.response import respond
 from dse.models.snn import SNN
 from dse.models.training import Generators, Training, TrainingDiverged
 from dse.records import Dataset, Outcome, Spikes
+from tests.joint_data import joint
+from tests.saved_data import in_a_row
 
 FAST = Training(epochs=25, batch_size=8, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
 
@@ -51,6 +53,7 @@ def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3,
         np.sort(order[: n // 2]),
         np.sort(order[n // 2 :]),
         np.zeros(0, np.int64),
+        in_a_row(n_channels),
     )
 
 
@@ -107,7 +110,7 @@ def test_an_unreachable_initial_rate_is_reported_and_does_not_run_away() -> None
             getattr(data, name)
             for name in ("target", "classes", "start", "start_low", "start_high", "n_steps")
         ),
-        *(getattr(data, name) for name in ("train", "validation", "test")),
+        *(getattr(data, name) for name in ("train", "validation", "test", "positions")),
     )
     outcome = fit(silent, SNN(hidden=(10,)), Training(epochs=2), rngs())
     assert outcome.health["missed_initial_rates"] == 2
@@ -185,3 +188,33 @@ def test_the_learning_rate_rises_then_steps_down() -> None:
     assert training.rate(9.9) == 1.0
     assert training.rate(10) == 0.5
     assert training.rate(25.5) == 0.25
+
+
+def test_a_joint_network_learns_both_heads_with_one_hidden_layer() -> None:
+    data = joint()
+    model = SNN(hidden=(20,), true_rate=0.5, output_tau_grad=0.3)
+    outcome = fit(data, model, FAST, rngs())
+    assert outcome.validation.output.shape == (30, 40, 5)
+    assert outcome.network.n_weights == model.n_weights(12, 5) == 20 * (12 + 5)
+    assert outcome.health["missed_initial_rates"] == 0
+    counts = outcome.validation.output.sum(axis=1, dtype=np.int64)
+    right = heads.head_answers(data, counts) == heads.head_targets(data, data.validation)
+    assert right.mean(axis=0).min() >= 0.8
+    # In training a sample counts where both heads are right.
+    trained = model.respond(outcome.network, data, data.train).output.sum(axis=1, dtype=np.int64)
+    both = (heads.head_answers(data, trained) == heads.head_targets(data, data.train)).all(axis=1)
+    assert outcome.history["accuracy_train"][-1] == pytest.approx(both.mean(), abs=0.15)
+
+
+def test_a_single_head_trains_as_its_classes_alone() -> None:
+    data = joint()
+    profile = data.heads[1]
+    one = Dataset(**{**data.__dict__, "heads": (profile,)})
+    plain = Dataset(
+        **{**data.__dict__, "heads": (), "target": profile.of_class[data.target], "classes": profile.classes}
+    )
+    outcomes = [fit(x, SNN(hidden=(9,)), Training(epochs=2), rngs()) for x in (one, plain)]
+    for a, b in zip(*(x.network.layers for x in outcomes), strict=True):
+        np.testing.assert_array_equal(a.weight, b.weight)
+    np.testing.assert_array_equal(*(x.validation.output for x in outcomes))
+    np.testing.assert_array_equal(*(x.history["accuracy_train"] for x in outcomes))

@@ -110,6 +110,11 @@ class WideCohort:
         ]
         return {number: reports[self._place[number][0]][self._place[number][1]] for number in turns}
 
+    def prune(self, member: int, kept: Masters) -> None:
+        """Set the weights of a member that are not kept to 0, for good."""
+        slab, place = self._place[member]
+        self._slabs[slab].prune(place, kept)
+
     def masters(self, member: int) -> Masters:
         """Return a copy of a member's master weights."""
         slab, place = self._place[member]

@@ -162,7 +162,7 @@ class Level:
 
     def _by_output(self, n_sent: Tensor, labels: Tensor, n_steps: int) -> Tensor:
         """Return dL/d(output spike), (tile, sample, WIDTH), as dse.engine.loss.spike_rate computes it."""
-        is_label = self._class == labels[None, :, None]
+        is_label = (self._class[..., None] == labels[None, :, None]).any(dim=-1)
         error = n_sent.double() / n_steps - self._false + is_label * (self._false - self._true)
         return torch.where(self._class >= 0, 2 / n_steps * error, 0.0).to(self.numbers.real)
 
@@ -180,7 +180,7 @@ class Level:
         Args:
             trace: of the forward pass.
             arriving: what `arriving` returned; None where no tile is hidden.
-            labels: (sample,) class numbers.
+            labels: (sample, head) output neurons of the labels.
             n_steps: steps per sample.
             dropout: what the next stage does not see.
             tiles: tiles that run.

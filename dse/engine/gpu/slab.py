@@ -15,7 +15,7 @@ from dse.engine.gpu.layout import WIDTH, columns, stages
 from dse.engine.gpu.level import Dropout, Level, Tiles
 from dse.engine.gpu.numbers import NUMBERS
 from dse.engine.gpu.weights import Weights, on_device
-from dse.engine.loss import spike_rate
+from dse.engine.loss import n_correct, spike_rate
 from dse.engine.member import Masters, Member, Report, Turn
 from dse.records import Array
 
@@ -53,14 +53,14 @@ class Slab:
 
         Args:
             x: (input tile, sample * step, WIDTH) 0 or 1.
-            labels: (sample,) class numbers.
+            labels: output neurons of the labels, (sample,), or (sample, head).
             n_steps: steps per sample.
             gains: of the chunk.
             add: add to the gradients that are there.
         """
         depth = max(len(self._members[number].layers) for number in gains)
         levels, tiles = self._levels[:depth], self._tiles(tuple(gains))[:depth]
-        target = on_device(np.asarray(labels, np.int64), self._device)
+        target = on_device(np.asarray(labels, np.int64).reshape(len(labels), -1), self._device)
         dropouts = [self._dropout(d, len(labels), gains) for d in range(depth)]
         factors = [self._factor(d, gains) for d in range(depth)]
         sources, traces = [x], []
@@ -104,7 +104,7 @@ class Slab:
 
         Args:
             counts: of the batch's chunks; where there are none, the gradients are 0.
-            labels: (sample,) class numbers of the batch.
+            labels: of the batch, as in `accumulate`.
             n_steps: steps per sample.
             turns: what the members do.
         """
@@ -112,6 +112,8 @@ class Slab:
         if not counts:
             for weights in (w for level in self._levels for w in level.weights):
                 weights.gradients.zero_()
+        for weights in (w for level in self._levels for w in level.weights):
+            weights.keep_removed()
         norms = self._norms(tiles, turns)
         pace = self._pace(turns, norms)
         for level, on in zip(self._levels, tiles, strict=True):
@@ -172,7 +174,16 @@ class Slab:
         rates = [float(f[o].sum()) / (n * n_steps * h) for f, o, h in zip(fired, own, sizes, strict=False)]
         counts = sent[len(sizes) - 1][own[-1]].swapaxes(0, 1).reshape(n, -1)[:, : sizes[-1]]
         loss, _ = spike_rate(counts, n_steps, labels, member.true_rate, member.false_rate)
-        return Report(loss, int((counts.argmax(axis=1) == labels).sum()), tuple(rates), norm)
+        return Report(loss, n_correct(counts, labels, member.heads), tuple(rates), norm)
+
+    def prune(self, number: int, kept: Masters) -> None:
+        """Set the weights of a member that are not kept to 0, for good."""
+        every = self._tiles(range(len(self._members)))
+        for level, tiles, w, r in zip(self._levels, every, kept.feed_forward, kept.recurrent, strict=False):
+            first = int(np.argmax(level.stage.owner == number))
+            level.feed_forward = level.feed_forward.without(w, first, tiles.every)
+            if level.ring is not None and r is not None:
+                level.ring = level.ring.without(r, first, tiles.ring)
 
     def masters(self, number: int) -> Masters:
         """Return a copy of a member's master weights."""

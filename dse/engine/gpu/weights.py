@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,7 @@ class Weights:
     gradients: (panels.size,) dL/d(weight as it runs).
     running: (part, panels.size) weights as they run.
     unit: (tile, WIDTH) float32, what a learning rate of 1 moves a weight by.
+    kept: like the gradients, 0 where a weight was removed, else 1; None: none was.
     """
 
     panels: Panels
@@ -53,6 +54,7 @@ class Weights:
     n_sources: Tensor
     offset: Tensor
     unit: Tensor
+    kept: Tensor | None = None
 
     def _grid(self, tiles: Tensor) -> tuple[int, int]:
         return tiles.numel(), int(self.panels.n_sources.max())
@@ -145,6 +147,29 @@ class Weights:
             N_PARTS=self.numbers.n_weight_parts,
             **UNFUSED,
         )
+
+    def without(self, kept: Array, first: int, tiles: Tensor) -> Weights:
+        """Return the weights with some of a member's set to 0 for good.
+
+        Args:
+            kept: (source, neuron) booleans.
+            first: the member's first tile.
+            tiles: tiles that are deployed anew.
+        """
+        mask = torch.ones_like(self.gradients) if self.kept is None else self.kept.clone()
+        own = panel(kept).ravel()
+        begin = int(self.panels.offset[first])
+        mask[begin : begin + own.size] *= on_device(own, mask.device)
+        for values in (self.masters, self.first, self.second):
+            values *= mask
+        found = replace(self, kept=mask)
+        found.deploy(tiles)
+        return found
+
+    def keep_removed(self) -> None:
+        """Clear the gradient of removed weights; with their moments at 0 Adam leaves them at exactly 0."""
+        if self.kept is not None:
+            self.gradients.mul_(self.kept)
 
     def squared_norms(self, tiles: Tensor) -> Tensor:
         """Return squared norms of the gradients, (tile, source tile) float64, defined for `tiles` only."""

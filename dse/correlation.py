@@ -1,0 +1,35 @@
+"""Rank correlation of two columns of design points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def spearman(x: ArrayLike, y: ArrayLike) -> float:
+    """Return Spearman's rank correlation, Pearson's of the ranks; equal values share their mean rank.
+
+    Rows where either is NaN are dropped; infinities rank as the largest and smallest. NaN where it is not
+    defined: fewer than 3 rows, or a constant column, whose ranks have no variance.
+
+    Source: Spearman 1904; Brayshaw et al., texture and velocity, section 5.2 (REFERENCES.md).
+
+    Args:
+        x: (n,).
+        y: (n,).
+
+    Raises:
+        ValueError: the columns differ in length.
+    """
+    from scipy.stats import rankdata
+
+    a, b = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    if a.shape != b.shape or a.ndim != 1:
+        raise ValueError(f"columns must be of one length, got {a.shape} and {b.shape}")
+    both = ~(np.isnan(a) | np.isnan(b))
+    if both.sum() < 3:
+        return float("nan")
+    ranks = [rankdata(values[both]) for values in (a, b)]
+    first, second = (r - r.mean() for r in ranks)
+    scale = float(np.sqrt((first**2).sum() * (second**2).sum()))
+    return float(np.clip(first @ second / scale, -1, 1)) if scale else float("nan")

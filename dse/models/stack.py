@@ -1,0 +1,77 @@
+"""What the families of CUBA-LIF stacks have in common: their settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from dse.records import Arithmetic
+from dse.registry import param
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Settings of a stack of CUBA-LIF layers (equations: dse.neurons.cuba_lif)."""
+
+    hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer, 1 to 3 layers")
+    true_rate: float = param(0.8, low=0, high=1, doc="target spike rate of the label's output neuron")
+    false_rate: float = param(0.02, low=0, high=1, doc="target spike rate of the other output neurons")
+    threshold: float = param(1.25, low=1 / 64, unit="weight", doc="firing threshold; weights lie in -4..3.97")
+    current_decay: tuple[float, ...] = param(
+        (0.25,),
+        low=0,
+        high=1,
+        doc="current decay per input step; two bounds spread it over neurons",
+    )
+    voltage_decay: tuple[float, ...] = param(
+        (0.03,),
+        low=0,
+        high=1,
+        doc="voltage decay per input step; two bounds spread it over neurons",
+    )
+    output_current_decay: float = param(0.25, low=0, high=1, doc="current decay of output neurons")
+    output_voltage_decay: float = param(0.03, low=0, high=1, doc="voltage decay of output neurons")
+    tau_grad: float = param(0.03, low=0, low_open=True, doc="hidden surrogate width / (100 thresholds)")
+    output_tau_grad: float = param(
+        0.03, low=0, low_open=True, doc="output surrogate width / (100 thresholds)"
+    )
+    scale_grad: float = param(3.0, low=0, low_open=True, doc="height of the surrogates (Adam cancels it)")
+    input_delays: tuple[int, ...] = param((0,), low=0, unit="input steps", doc="one input copy per delay")
+    steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
+    recurrent: bool = param(False, doc="each hidden layer also feeds itself one step later")
+    initial_rate: float = param(
+        0.1, low=0, low_open=True, high=1, doc="spikes per hidden neuron and step at start"
+    )
+    surrogate_cut: float = param(
+        0.0, low=0, high=1, high_open=True, doc="below this share of its height a surrogate is 0"
+    )
+    arithmetic: Arithmetic = param(  # noqa: RUF009
+        "integer",
+        choices=("integer", "float32", "ideal"),
+        doc="integer is what deploys; ideal: real numbers in float64",
+    )
+    pruned: float = param(
+        0.0, low=0, high=1, high_open=True, doc="share of the weights of each matrix removed, smallest first"
+    )
+    prune_epoch: float = param(
+        0.5, low=0, high=1, high_open=True, doc="share of the training after which they are removed"
+    )
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        if not 1 <= len(self.hidden) <= 3:
+            raise ValueError(f"hidden must name 1 to 3 layers, got {len(self.hidden)}")
+        for name in ("current_decay", "voltage_decay"):
+            if not 1 <= len(getattr(self, name)) <= 2:
+                raise ValueError(
+                    f"{name} must be one decay or two bounds, got {len(getattr(self, name))} numbers"
+                )
+        if not self.input_delays or len(set(self.input_delays)) != len(self.input_delays):
+            raise ValueError(f"input_delays must be distinct and at least one, got {list(self.input_delays)}")
+        if self.false_rate >= self.true_rate:
+            raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
+
+    def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
+        """Return (inputs, neurons) of every weight matrix, recurrent ones included."""
+        sizes = (n_channels * len(self.input_delays), *self.hidden, n_outputs)
+        return [*pairwise(sizes), *((h, h) for h in self.hidden if self.recurrent)]
