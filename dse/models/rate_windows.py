@@ -1,0 +1,202 @@
+"""Rep(T): spikes counted in consecutive windows, and what classifiers of such counts share.
+
+    Rep(w) = sum over channels n of the spikes of n in window w             (channels: sum, as printed)
+    Rep(n, w) = spikes of n in window w                                     (channels: each)
+
+A step belongs to the window in which it begins; the last window may be shorter and is counted as it is.
+Source: [Brayshaw et al., temporal and spatio-temporal domains in REFERENCES.md], Eq. (1).
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from dse.models.training import Generators, Training
+from dse.native.compiled import compiled
+from dse.records import Answers, Array, Dataset, Outcome, Parameters, Spikes
+from dse.registry import param
+
+Channels = Literal["sum", "each"]
+
+_ON_BORDER = 1e-9  # of a window: a step that begins so close before a border begins on it
+
+
+def window_edges(n_steps: int, step_ms: float, window_ms: float) -> Array:
+    """Return the first step of every window, and `n_steps`, as (window + 1,) int64.
+
+    Step t begins at t step_ms and lies in window floor(t step_ms / window_ms).
+
+    Raises:
+        ValueError: windows are shorter than a step.
+    """
+    per_step = step_ms / window_ms
+    if per_step > 1 + _ON_BORDER:
+        raise ValueError(f"window_ms must be >= the step of {step_ms:g} ms, got {window_ms:g}")
+    window = np.floor(np.arange(n_steps) * per_step + _ON_BORDER)
+    return np.append(np.flatnonzero(np.diff(window, prepend=-1)), n_steps).astype(np.int64)
+
+
+def window_counts(spikes: Spikes, samples: Array, start: Array, edges: Array, channels: Channels) -> Array:
+    """Return how many spikes fall into each window, (n, window, channel) int32; one channel for 'sum'.
+
+    The work grows with the spikes, and for 'sum' with the windows only.
+
+    Args:
+        spikes: stored spikes.
+        samples: (n,) sample numbers.
+        start: (n,) stored step at which the first window of each begins.
+        edges: (window + 1,) of `window_edges`.
+        channels: 'sum' counts the spikes of all channels together.
+
+    Raises:
+        ValueError: a window reaches outside the stored steps.
+    """
+    samples, start = np.asarray(samples, np.int64), np.asarray(start, np.int64)
+    if samples.size and (start.min() < 0 or start.max() + edges[-1] > spikes.n_steps):
+        raise ValueError(
+            f"windows of {edges[-1]} steps must lie within the {spikes.n_steps} stored steps, "
+            f"got starts from {start.min()} to {start.max()}"
+        )
+    borders = spikes.row_offsets[(samples * spikes.n_steps + start)[:, None] + edges]
+    if channels == "sum":
+        return np.asarray(np.diff(borders, axis=1).astype(np.int32)[:, :, None])
+    counts = np.zeros((samples.size, len(edges) - 1, spikes.n_channels), np.int32)
+    _count(borders, spikes.channel, counts)
+    return counts
+
+
+@compiled(_nrt=False)
+def _count(borders: Array, channel: Array, counts: Array) -> None:
+    """Count the spikes `borders[n, w]` to `borders[n, w + 1]` by channel."""
+    for n in range(counts.shape[0]):
+        for w in range(counts.shape[1]):
+            for e in range(borders[n, w], borders[n, w + 1]):
+                counts[n, w, channel[e]] += 1
+
+
+def as_features(counts: Array) -> Array:
+    """Return counts (n, window, channel) as (n, feature); the features of a shorter input come first."""
+    return counts.reshape(len(counts), counts.shape[1] * counts.shape[2])
+
+
+def input_lengths(n_windows: int, most: int) -> Array:
+    """Return input lengths in windows, (k,) int64 rising to `n_windows`: all, or `most` evenly spaced."""
+    k = min(n_windows, most)
+    return -(-np.arange(1, k + 1) * n_windows // k)
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What training left: arrays for inference, epoch curves, health."""
+
+    arrays: Mapping[str, Array]
+    history: Mapping[str, Array] = field(default_factory=dict)
+    health: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RateClassifier(ABC):
+    """A classifier of counts; every input length has a classifier of its own, trained on that length.
+
+    Rules of cost: W_t and multiply-accumulates are the family's; every input spike is one addition, to the
+    count of its window. Training sees the evaluated window of `dataset.train` and no crops.
+    """
+
+    window_ms: float = param(
+        100.0, low=0, low_open=True, unit="ms", doc="window that spikes are counted in (Delta T)"
+    )
+    channels: Channels = param(  # noqa: RUF009
+        "sum", doc="sum: spikes of all channels counted together, as printed; each: per channel"
+    )
+    read_outs: int = param(
+        50, low=1, high=50, doc="input lengths that are answered, at most, evenly spaced", axis=False
+    )
+
+    @abstractmethod
+    def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:
+        """Train one classifier per input length.
+
+        Args:
+            counts: (n, window, channel) int32 of the training samples, n >= 1.
+            target: (n,) class of each; classes may be missing.
+            lengths: (k,) windows that each classifier sees.
+            rngs: random generators by purpose.
+        """
+
+    @abstractmethod
+    def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:
+        """Return the class of each sample after each input length, (n, k) int64; see `learn`."""
+
+    @abstractmethod
+    def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
+        """Return the stored numbers W_t of each length's classifier, (k,), given its input features, (k,).
+
+        Every one of them takes part in one multiply-accumulate per inference.
+        """
+
+    def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
+        """Train on `dataset.train`; answer on validation and, where there is one, on test.
+
+        Args:
+            dataset: spikes of any kind, targets and split.
+            training: not used; a family of counts has its own settings.
+            rngs: random generators by purpose.
+
+        Raises:
+            ValueError: there are no training samples, or windows are shorter than a step.
+        """
+        if not dataset.train.size:
+            raise ValueError("there are no training samples")
+        begin_s = time.perf_counter()
+        counts = self._counts(dataset, dataset.train)
+        lengths = input_lengths(counts.shape[1], self.read_outs)
+        learnt = self.learn(counts, dataset.target[dataset.train], lengths, rngs)
+        train_s = time.perf_counter() - begin_s
+        fitted = Parameters({**learnt.arrays, "lengths": lengths}, dataset.spikes.n_channels)
+        return Outcome(
+            fitted,
+            self.respond(fitted, dataset, dataset.validation),
+            self.respond(fitted, dataset, dataset.test) if dataset.test.size else None,
+            learnt.history,
+            learnt.health,
+            train_s,
+        )
+
+    def respond(self, fitted: Parameters, dataset: Dataset, samples: Array) -> Answers:
+        """Answer after every input length that was trained.
+
+        Raises:
+            ValueError: the data set has other channels or another number of windows than was trained on.
+        """
+        lengths = fitted.arrays["lengths"]
+        edges = self._edges(dataset)
+        found = dataset.spikes.n_channels, len(edges) - 1
+        if found != (fitted.n_channels, lengths[-1]):
+            raise ValueError(
+                f"samples must have {fitted.n_channels} channels and {lengths[-1]} windows of "
+                f"{self.window_ms:g} ms as in training, got {found[0]} and {found[1]}"
+            )
+        counts = self._counts(dataset, samples)
+        input_spikes = counts.sum(axis=2, dtype=np.int64).cumsum(axis=1)[:, lengths - 1]
+        n_weights = self.n_weights(fitted.arrays, lengths * counts.shape[2])
+        return Answers(
+            label=self.label(fitted.arrays, counts, lengths),
+            time_ms=edges[lengths] * dataset.spikes.step_ms,
+            n_weights=n_weights,
+            macs=n_weights.astype(np.float64),
+            additions=input_spikes.sum(axis=0) / max(1, len(input_spikes)),
+            input_spikes=input_spikes,
+        )
+
+    def _edges(self, dataset: Dataset) -> Array:
+        return window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
+
+    def _counts(self, dataset: Dataset, samples: Array) -> Array:
+        start = dataset.start[samples]
+        return window_counts(dataset.spikes, samples, start, self._edges(dataset), self.channels)

@@ -1,0 +1,60 @@
+"""Small data sets for the classifiers of counts, and their random generators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dse import seeds
+from dse.records import Array, Dataset, Spikes
+
+
+def rngs(purpose: str, *index: int) -> np.random.Generator:
+    return seeds.generator(1, {}, purpose, 0, *index)
+
+
+def spikes_of(x: Array, step_ms: float = 10.0) -> Spikes:
+    """Return dense spikes (sample, step, channel) as sparse ones."""
+    flat = x.reshape(-1, x.shape[2])
+    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
+    return Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), x.shape[1], x.shape[2], step_ms)
+
+
+def data_of(
+    x: Array,
+    target: Sequence[int],
+    train: Sequence[int],
+    validation: Sequence[int],
+    test: Sequence[int] = (),
+    start: Sequence[int] | None = None,
+    n_steps: int | None = None,
+    step_ms: float = 10.0,
+) -> Dataset:
+    """Return a data set of dense spikes (sample, step, channel)."""
+    first = np.zeros(len(x), np.int32) if start is None else np.array(start, np.int32)
+    place = np.arange(x.shape[2], dtype=np.int32)
+    return Dataset(
+        spikes_of(x, step_ms),
+        np.array(target, np.int64),
+        tuple("abcdefgh"[: max(target) + 1]),
+        first,
+        first,
+        first,
+        x.shape[1] if n_steps is None else n_steps,
+        *(np.array(part, np.int64) for part in (train, validation, test)),
+        positions=np.stack([place, 0 * place, 0 * place], axis=1),
+    )
+
+
+def textures(n: int = 60, n_steps: int = 23, n_channels: int = 4, n_classes: int = 3) -> Dataset:
+    """Return classes told apart by which channel fires more, and by how much; windows begin at 0 to 2."""
+    rng = np.random.default_rng(3)
+    target = np.arange(n) % n_classes
+    rate = np.full((n, n_channels), 0.15)
+    rate[np.arange(n), target % n_channels] = 0.5
+    rate += 0.15 * target[:, None]
+    x = rng.random((n, n_steps + 2, n_channels)) < rate[:, None]
+    order = rng.permutation(n)
+    parts = np.sort(order[: n // 2]), np.sort(order[n // 2 : -6]), np.sort(order[-6:])
+    return data_of(x, list(target), *parts, start=list(rng.integers(0, 3, n)), n_steps=n_steps)
