@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 import glob
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 
 from dse import dataset, decision, store
-from dse.deploy.bundle import Bundle, BundleError, read, write
+from dse.dataset import encoding
+from dse.dataset.sections import component
+from dse.deploy.bundle import Bundle, BundleError, heads_of, read, write
+from dse.heads import head_answers, head_slices, joint_label
 from dse.measure import read_out
 from dse.metrics.accuracy import wilson_se
 from dse.metrics.confusion import confusion
 from dse.recordings import RecordingError, npz
 from dse.recordings.scene import COLUMNS
-from dse.records import Array
+from dse.records import Answers, Array, Dataset, Response
 from dse.study import Study
 
 _SECTIONS = ("data", "task", "window", "preprocessing", "encoder", "model", "training")
@@ -60,7 +63,7 @@ class Evaluation:
         return [
             {
                 "recording": i,
-                "answer": self.classes[label],
+                "answer": self.classes[label] if label >= 0 else None,
                 "true": self.classes[target] if target >= 0 else None,
                 "time_ms": float(time_ms),
                 "decided": bool(decided),
@@ -95,8 +98,6 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
         BundleError: the bundle is damaged or of a newer schema.
         RecordingError: the recordings do not fit.
     """
-    from dse.models.response import respond
-
     found = read(bundle)
     path = Path(data_file).absolute()
     own = _at(path, found.sections["data"])
@@ -106,31 +107,65 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
         )
     sections = {**found.sections, "data": {**own, "repair": True} if repair else own}
     data, notes = dataset.build_for(sections, path.parent, found.classes)
-    if data.spikes.n_channels != found.network.n_channels:
+    if data.spikes.n_channels != found.fitted.n_channels:
         raise BundleError(
-            f"{data_file}: must have {found.network.n_channels} input channels after preprocessing, "
+            f"{data_file}: must have {found.fitted.n_channels} input channels after preprocessing, "
             f"got {data.spikes.n_channels}"
         )
-    response = respond(found.network, data, data.test)
-    n, n_steps = response.output.shape[:2]
-    if found.phi is None or found.theta is None:
-        label, step, decided = read_out(response.output), np.full(n, n_steps - 1), np.ones(n, bool)
-    else:
-        label, step, decided = decision.decide(response.output, found.phi, found.theta)
-    target = np.asarray(data.target[data.test])
+    model = component("models", found.sections["model"])
+    data = dataclasses.replace(data, heads=found.heads)
+    label, time_ms, decided = _answered(found, data, model.respond(found.fitted, data, data.test))
+    target, classes = np.asarray(data.target[data.test]), found.classes
+    for head in found.heads:
+        if head.name == found.head:
+            target, classes = np.where(target >= 0, head.of_class[target], -1), head.classes
     known = target >= 0
     correct, total = int((label == target)[known].sum()), int(known.sum())
     return Evaluation(
-        classes=found.classes,
+        classes=classes,
         label=label,
-        time_ms=(step + 1) * response.step_ms,
+        time_ms=time_ms,
         decided=decided,
         target=target,
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
-        confusion=confusion(label[known], target[known], len(found.classes)) if total else None,
+        confusion=_confusion(label[known], target[known], len(classes)) if total else None,
         notes=tuple(notes),
     )
+
+
+def _answered(bundle: Bundle, data: Dataset, said: Response | Answers) -> tuple[Array, Array, Array]:
+    """Return what a bundle's decision rule makes of its classifier: label, time of the answer, decided.
+
+    A label of -1 is a combination of the heads' answers that no training recording had.
+    """
+    if isinstance(said, Answers):
+        column = -1 if bundle.read_out_ms is None else int(np.abs(said.time_ms - bundle.read_out_ms).argmin())
+        label = said.label[:, column]
+        for head in bundle.heads:
+            if head.name == bundle.head:
+                label = head.of_class[label]
+        return label, np.full(len(label), said.time_ms[column]), np.ones(len(label), bool)
+    n, n_steps = said.output.shape[:2]
+    parts = dict(zip((x.name for x in bundle.heads), head_slices(data), strict=False))  # without heads: one
+    output = said.output[..., parts.get(bundle.head, slice(None))]
+    if bundle.phi is not None and bundle.theta is not None:
+        label, step, decided = decision.decide(output, bundle.phi, bundle.theta)
+        return label, (step + 1) * said.step_ms, decided
+    if bundle.read_out_ms is not None:
+        n_steps = min(n_steps, max(1, round(bundle.read_out_ms / said.step_ms)))
+    if parts and not bundle.head:
+        counts = output[:, :n_steps].sum(axis=1, dtype=np.int64)
+        label = joint_label(head_answers(data, counts), bundle.heads)
+    else:
+        label = read_out(output[:, :n_steps])
+    return label, np.full(n, n_steps * said.step_ms), np.ones(n, bool)
+
+
+def _confusion(label: Array, target: Array, n_classes: int) -> Array:
+    """Return the counts of answers that are a class."""
+    named = label >= 0
+    return confusion(label[named], target[named], n_classes)
 
 
 def _at(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -170,15 +205,20 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
 
     Raises:
         ValueError: the point names no trial, or phi and theta that the study did not evaluate.
-        BundleError: the folder holds something else.
+        BundleError: the folder holds something else, or the design's encoder must know the label.
         StoreError: an artefact is damaged, or the bundle cannot be written.
     """
     if "trial" not in point:
         raise ValueError(f"a point must name its trial, got the columns {', '.join(map(str, point))}")
     trial = int(point["trial"])
-    phi, theta = (_setting(point.get(name)) for name in ("phi", "theta"))
+    phi, theta, read_out_ms = (_setting(point.get(name)) for name in ("phi", "theta", "read_out_ms"))
     records = study.runs(trial)
-    accuracies = np.array([_accuracy(study, record, phi, theta) for record in records])
+    encoder = records[0].get("sections", {}).get("encoder")
+    if encoding.transductive(encoder):
+        why = f"encoder {encoder['kind']} reads the labels of the recordings it encodes"
+        raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
+    head = str(point.get("task", "")) if point.get("task") in records[0].get("of_heads", {}) else ""
+    accuracies = np.array([_accuracy(study, record, head, phi, theta, read_out_ms) for record in records])
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
     artefacts = store.run_folder(study.folder, trial, chosen["repeat"])
     evidence = {
@@ -192,13 +232,16 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         "environment": store.read_json(study.folder / "environment.json"),
     }
     made = Bundle(
-        network=store.network_of(store.load_arrays(artefacts / "weights.npz")),
+        fitted=store.fitted_of(store.load_arrays(artefacts / "weights.npz")),
         sections={name: chosen["sections"][name] for name in _SECTIONS if chosen["sections"].get(name)},
         classes=tuple(chosen["classes"]),
         phi=phi,
         theta=theta,
         record={str(name): _plain(value) for name, value in point.items() if not _is_missing(value)},
         evidence=evidence,
+        read_out_ms=read_out_ms,
+        heads=heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
+        head=head,
     )
     write(made, Path(folder))
     return made
@@ -206,10 +249,17 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
 
 def _setting(value: Any) -> float | None:
     """Return phi or theta of a point; None for the full read-out, which has neither."""
-    return None if value is None or math.isnan(value) else float(value)
+    return None if _is_missing(value) else float(value)
 
 
-def _accuracy(study: Study, record: Mapping[str, Any], phi: float | None, theta: float | None) -> float:
+def _accuracy(
+    study: Study,
+    record: Mapping[str, Any],
+    head: str,
+    phi: float | None,
+    theta: float | None,
+    read_out_ms: float | None,
+) -> float:
     """Return the validation accuracy of one run at a point.
 
     Raises:
@@ -218,14 +268,22 @@ def _accuracy(study: Study, record: Mapping[str, Any], phi: float | None, theta:
     where = f"{study.folder}: trial {record['trial']}"
     if record["status"] != "finished":
         raise ValueError(f"{where} failed: {record['reason']}")
-    if phi is None or theta is None:
-        return float(record["columns"]["accuracy"])
+    suffix = f"_{head}" if head else ""
     folder = store.run_folder(study.folder, record["trial"], record["repeat"])
-    surface = store.load_arrays(folder / "surface.npz")
-    at = np.isclose(surface["phi"], phi)[:, None] & np.isclose(surface["theta"], theta)
+    if phi is not None and theta is not None:
+        found = store.load_arrays(folder / f"surface{suffix}.npz")
+        at = np.isclose(found["phi"], phi)[:, None] & np.isclose(found["theta"], theta)
+        missing = f"phi {phi:g}, theta {theta:g}"
+    elif read_out_ms is not None:
+        found = store.load_arrays(folder / f"read_out{suffix}.npz")
+        at = np.isclose(found["decision_latency_ms"], read_out_ms)
+        missing = f"{read_out_ms:g} ms"
+    else:
+        own = record["of_heads"][head] if head else record
+        return float(own["columns"]["accuracy"])
     if not at.any():
-        raise ValueError(f"{where} was not evaluated at phi {phi:g}, theta {theta:g}")
-    return float(surface["accuracy"][at][0])
+        raise ValueError(f"{where} was not evaluated at {missing}")
+    return float(found["accuracy"][at][0])
 
 
 def _plain(value: Any) -> Any:
@@ -233,4 +291,6 @@ def _plain(value: Any) -> Any:
 
 
 def _is_missing(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and math.isnan(value))
+    import pandas
+
+    return bool(pandas.api.types.is_scalar(value) and pandas.isna(value))

@@ -14,17 +14,21 @@ removes admissible steps. So per sample one walk over the steps with spikes serv
 c is the float64 quotient max / S_T, compared with theta as it is: 7 spikes of 20 reach theta = 0.35,
 but not 0.2 + 3 * 0.05 = 0.35000000000000003. Grids should be rounded to the digits they mean.
 
+A net that was trained on long samples may answer after a shorter input: then the sample ends there. Whether
+it had decided by then follows from the walk over the whole sample: one walk serves all lengths (`early`).
+
 Source: Brayshaw et al., real-time texture classification, Eqs. (1)-(6) (REFERENCES.md).
 """
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from dse.native.compiled import compiled
 from dse.records import Array, Surface
 
 _CHUNK = 256  # samples per call of the kernel: bounds the memory that `work` takes as float64
@@ -38,6 +42,30 @@ class Decisions(NamedTuple):
     label: NDArray[np.int64]
     step: NDArray[np.int64]
     decided: NDArray[np.bool_]
+
+
+class Early(NamedTuple):
+    """What one net is worth when its input ends early, each (k,), one number per input length.
+
+    time_ms: input length. accuracy: by argmax of the spikes so far, at its end.
+    accuracy_best: the highest over the grid of phi and theta.
+    t_p_ms, phi_p, theta_p: fastest setting of that accuracy.
+    t_h_ms, phi_h, theta_h: fastest that reaches the human baseline, NaN where none does.
+    accuracy_best_strict, t_p_strict_ms, t_h_strict_ms: the same where undecided samples count as wrong.
+    """
+
+    time_ms: NDArray[np.float64]
+    accuracy: NDArray[np.float64]
+    accuracy_best: NDArray[np.float64]
+    t_p_ms: NDArray[np.float64]
+    phi_p: NDArray[np.float64]
+    theta_p: NDArray[np.float64]
+    t_h_ms: NDArray[np.float64]
+    phi_h: NDArray[np.float64]
+    theta_h: NDArray[np.float64]
+    accuracy_best_strict: NDArray[np.float64]
+    t_p_strict_ms: NDArray[np.float64]
+    t_h_strict_ms: NDArray[np.float64]
 
 
 class Setting(NamedTuple):
@@ -99,7 +127,140 @@ def surface(
         ValueError: no samples, shapes that do not belong together, or values out of range.
     """
     spikes = _spikes(output)
-    n, n_steps, n_classes = spikes.shape
+    n, n_steps, _ = spikes.shape
+    done = np.empty((n, n_steps, 0)) if work is None else np.asanyarray(work)
+    if done.ndim != 3 or done.shape[:2] != (n, n_steps):
+        raise ValueError(f"work must be ({n}, {n_steps}, m), got {done.shape}")
+    [found], _ = _surfaces(spikes, target, np.array([n_steps]), phi, theta, step_ms, done)
+    return found if work is not None else dataclasses.replace(found, work=np.empty(0))
+
+
+def early(
+    output: ArrayLike,
+    target: ArrayLike,
+    lengths: ArrayLike,
+    phi: ArrayLike,
+    theta: ArrayLike,
+    step_ms: float,
+) -> Early:
+    """Return accuracy and decision times of one net whose input ends after each of several lengths.
+
+    The same as `surface(output[:, :length])` for every length, exactly, in one pass over the spikes.
+
+    Args:
+        output: (n, T, class) uint8 output spikes.
+        target: (n,) true class.
+        lengths: (k,) steps in 1..T, any order.
+        phi: (phi,) spikes to wait for, >= 0, any order.
+        theta: (theta,) confidences in [0, 1], any order.
+        step_ms: duration of a step.
+
+    Raises:
+        ValueError: no samples, shapes that do not belong together, or values out of range.
+    """
+    spikes = _spikes(output)
+    n, n_steps, _ = spikes.shape
+    steps = np.asarray(lengths)
+    if steps.ndim != 1 or steps.size == 0 or steps.dtype.kind not in "iu":
+        raise ValueError(f"lengths must be a non-empty list of integers, got {steps.shape} of {steps.dtype}")
+    wrong = (steps < 1) | (steps > n_steps)
+    if wrong.any():
+        raise ValueError(f"lengths must be in 1..{n_steps}, got {steps[wrong][0]}")
+    found, accuracy = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((n, n_steps, 0)))
+    never = Setting(np.nan, np.nan, np.nan, np.nan)
+    peak, peak_strict = (np.array([t_p(one, strict=strict) for one in found]) for strict in (False, True))
+    human, human_strict = (
+        np.array([t_h(one, strict=strict) or never for one in found]) for strict in (False, True)
+    )
+    return Early(
+        time_ms=steps * float(step_ms),
+        accuracy=accuracy,
+        accuracy_best=peak[:, 1],
+        t_p_ms=peak[:, 0],
+        phi_p=peak[:, 2],
+        theta_p=peak[:, 3],
+        t_h_ms=human[:, 0],
+        phi_h=human[:, 2],
+        theta_h=human[:, 3],
+        accuracy_best_strict=peak_strict[:, 1],
+        t_p_strict_ms=peak_strict[:, 0],
+        t_h_strict_ms=human_strict[:, 0],
+    )
+
+
+def t_p(surface: Surface, *, strict: bool = False) -> Setting:
+    """Return the fastest setting (mean decision time) among those of the best accuracy.
+
+    Equal times: the smallest phi, then the smallest theta. `strict`: undecided samples count as wrong; their
+    time is that of the last step all the same. Source: Eq. (5).
+    """
+    accuracy = surface.accuracy_strict if strict else surface.accuracy
+    return _fastest(surface, accuracy, accuracy == accuracy.max())
+
+
+def t_h(surface: Surface, accuracy: float = HUMAN_ACCURACY, *, strict: bool = False) -> Setting | None:
+    """Return the fastest setting that reaches an accuracy, or None where no setting does.
+
+    Equal times: the smallest phi, then the smallest theta. `strict` as in `t_p`. Source: Eq. (6).
+    """
+    found = surface.accuracy_strict if strict else surface.accuracy
+    reached = found >= accuracy
+    return _fastest(surface, found, reached) if reached.any() else None
+
+
+def t_c(time_ms: ArrayLike, accuracy: ArrayLike, within: float = 0.1) -> float:
+    """Return the shortest input length whose accuracy is within a share of the peak: >= (1 - within) peak.
+
+    The share is of the peak, not points of accuracy: the source says "within 10% of its peak value". Accuracy
+    need not rise with length, and may fall below again after t_c. NaN accuracies count as not reached;
+    without any number t_c is NaN. Accuracies that equal the bound but for rounding reach it.
+
+    Source: Brayshaw et al., temporal and spatio-temporal domains, t_C (REFERENCES.md).
+
+    Args:
+        time_ms: (k,) input lengths, any order.
+        accuracy: (k,) accuracy after each.
+        within: share of the peak that may be missing, in [0, 1).
+
+    Raises:
+        ValueError: different lengths, or `within` out of range.
+    """
+    times, accuracies = np.asarray(time_ms, dtype=np.float64), np.asarray(accuracy, dtype=np.float64)
+    if times.ndim != 1 or times.shape != accuracies.shape:
+        raise ValueError(f"time_ms and accuracy must both be (k,), got {times.shape} and {accuracies.shape}")
+    if not 0 <= within < 1:
+        raise ValueError(f"within must be in [0, 1), got {within:g}")
+    known = ~np.isnan(accuracies)
+    if not known.any():
+        return float("nan")
+    bound = (1 - within) * accuracies[known].max()
+    return float(times[known][accuracies[known] >= bound - 1e-12].min())
+
+
+def _fastest(surface: Surface, accuracy: Array, among: NDArray[np.bool_]) -> Setting:
+    phi, theta = np.nonzero(among)
+    times = surface.decision_latency_ms[phi, theta]
+    best = np.lexsort((surface.theta[theta], surface.phi[phi], times))[0]
+    where = phi[best], theta[best]
+    return Setting(
+        float(times[best]),
+        float(accuracy[where]),
+        float(surface.phi[where[0]]),
+        float(surface.theta[where[1]]),
+    )
+
+
+def _surfaces(
+    spikes: Array,
+    target: ArrayLike,
+    lengths: Array,
+    phi: ArrayLike,
+    theta: ArrayLike,
+    step_ms: float,
+    work: Array,
+) -> tuple[list[Surface], NDArray[np.float64]]:
+    """Return the surface of every input length, and its accuracy by argmax at the end, (k,)."""
+    n, _, n_classes = spikes.shape
     labels = np.asarray(target)
     if labels.shape != (n,) or labels.dtype.kind not in "iu":
         raise ValueError(f"target must be ({n},) integers, got {labels.shape} of {labels.dtype}")
@@ -108,66 +269,45 @@ def surface(
     if not step_ms > 0:
         raise ValueError(f"step_ms must be > 0, got {step_ms}")
     phis, thetas = _grid("phi", phi, np.inf), _grid("theta", theta, 1.0)
-    done = np.empty((n, n_steps, 0)) if work is None else np.asanyarray(work)
-    if done.ndim != 3 or done.shape[:2] != (n, n_steps):
-        raise ValueError(f"work must be ({n}, {n_steps}, m), got {done.shape}")
 
     # The kernel walks ascending grids; the results go back to the caller's order.
-    by_phi, by_theta = np.argsort(phis, kind="stable"), np.argsort(thetas, kind="stable")
-    tally = np.zeros((len(phis), len(thetas), 5), dtype=np.int64)
-    work_sum = np.zeros((len(phis), len(thetas), done.shape[2]))
+    by_length, by_phi, by_theta = (np.argsort(x, kind="stable") for x in (lengths, phis, thetas))
+    shape = (len(lengths), len(phis), len(thetas))
+    tally = np.zeros((*shape, 5), dtype=np.int64)
+    work_sum = np.zeros((*shape, work.shape[2]))
+    at_end = np.zeros(len(lengths), dtype=np.int64)
     for start in range(0, n, _CHUNK):
         part = slice(start, start + _CHUNK)
         _tally(
             np.ascontiguousarray(spikes[part]),
             labels[part].astype(np.int64),
+            lengths[by_length].astype(np.int64),
             phis[by_phi],
             thetas[by_theta],
-            np.ascontiguousarray(done[part], dtype=np.float64),
+            np.ascontiguousarray(work[part], dtype=np.float64),
             tally,
             work_sum,
+            at_end,
         )
-    correct, correct_decided, steps, undecided, ties = np.moveaxis(_unsorted(tally, by_phi, by_theta), -1, 0)
-    return Surface(
-        phi=phis,
-        theta=thetas,
-        accuracy=correct / n,
-        accuracy_strict=correct_decided / n,
-        decision_latency_ms=steps / n * step_ms,
-        undecided=undecided / n,
-        ties=ties / n,
-        work=_unsorted(work_sum, by_phi, by_theta) / n if work is not None else np.empty(0),
-    )
-
-
-def t_p(surface: Surface) -> Setting:
-    """Return the fastest setting (mean decision time) among those of the best accuracy.
-
-    Equal times: the smallest phi, then the smallest theta. Source: Eq. (5).
-    """
-    return _fastest(surface, surface.accuracy == surface.accuracy.max())
-
-
-def t_h(surface: Surface, accuracy: float = HUMAN_ACCURACY) -> Setting | None:
-    """Return the fastest setting that reaches an accuracy, or None where no setting does.
-
-    Equal times: the smallest phi, then the smallest theta. Source: Eq. (6).
-    """
-    reached = surface.accuracy >= accuracy
-    return _fastest(surface, reached) if reached.any() else None
-
-
-def _fastest(surface: Surface, among: NDArray[np.bool_]) -> Setting:
-    phi, theta = np.nonzero(among)
-    times = surface.decision_latency_ms[phi, theta]
-    best = np.lexsort((surface.theta[theta], surface.phi[phi], times))[0]
-    where = phi[best], theta[best]
-    return Setting(
-        float(times[best]),
-        float(surface.accuracy[where]),
-        float(surface.phi[where[0]]),
-        float(surface.theta[where[1]]),
-    )
+    sorted_axes = np.ix_(by_length, by_phi, by_theta)
+    tallied, worked, ends = np.empty_like(tally), np.empty_like(work_sum), np.empty_like(at_end)
+    tallied[sorted_axes], worked[sorted_axes], ends[by_length] = tally, work_sum, at_end
+    found = []
+    for counts, done in zip(tallied, worked, strict=True):
+        correct, correct_decided, steps, undecided, ties = np.moveaxis(counts, -1, 0)
+        found.append(
+            Surface(
+                phi=phis,
+                theta=thetas,
+                accuracy=correct / n,
+                accuracy_strict=correct_decided / n,
+                decision_latency_ms=steps / n * step_ms,
+                undecided=undecided / n,
+                ties=ties / n,
+                work=done / n,
+            )
+        )
+    return found, ends / n
 
 
 def _spikes(output: ArrayLike) -> Array:
@@ -190,31 +330,39 @@ def _grid(name: str, values: ArrayLike, high: float) -> NDArray[np.float64]:
     return array
 
 
-def _unsorted(values: Array, by_phi: Array, by_theta: Array) -> Array:
-    result = np.empty_like(values)
-    result[np.ix_(by_phi, by_theta)] = values
-    return result
+@compiled()
+def _tally(
+    output: Any,
+    target: Any,
+    lengths: Any,
+    phi: Any,
+    theta: Any,
+    work: Any,
+    tally: Any,
+    work_sum: Any,
+    at_end: Any,
+) -> None:
+    """Add the decisions to `tally` (k, phi, theta, 5) and their work to `work_sum` (k, phi, theta, m).
 
-
-@njit(cache=True)
-def _tally(output: Any, target: Any, phi: Any, theta: Any, work: Any, tally: Any, work_sum: Any) -> None:
-    """Add the samples' decisions to `tally` (phi, theta, 5) and their work to `work_sum` (phi, theta, m).
-
-    Tallied: correct, correct and decided, steps taken, undecided, ties. phi and theta ascend.
+    Tallied: correct, correct and decided, steps taken, undecided, ties. `at_end` (k,): correct at the end of
+    each length. lengths, phi and theta ascend.
     """
     n, n_steps, n_classes = output.shape
     counts = np.empty(n_classes, dtype=np.int64)
-    when = np.empty(n_steps + 1, dtype=np.int64)  # only steps with spikes can decide
+    when = np.empty(n_steps, dtype=np.int64)  # only steps with spikes can decide
     total = np.empty(n_steps, dtype=np.int64)
     confidence = np.empty(n_steps, dtype=np.float64)
-    winner = np.empty(n_steps + 1, dtype=np.int64)
-    tie = np.empty(n_steps + 1, dtype=np.int64)
+    winner = np.empty(n_steps, dtype=np.int64)
+    tie = np.empty(n_steps, dtype=np.int64)
+    seen = np.empty(lengths.size, dtype=np.int64)  # entries of `when` within each length
+    end_winner = np.empty(lengths.size, dtype=np.int64)
+    end_tie = np.empty(lengths.size, dtype=np.int64)
     reached = np.empty(theta.size, dtype=np.int64)  # decisive entry of the previous phi, per theta
     for i in range(n):
         counts[:] = 0
         spikes = 0
         n_active = 0
-        for t in range(n_steps):
+        for t in range(lengths[-1]):
             before = spikes
             for k in range(n_classes):
                 counts[k] += output[i, t, k]
@@ -230,10 +378,16 @@ def _tally(output: Any, target: Any, phi: Any, theta: Any, work: Any, tally: Any
                 confidence[n_active] = counts[best] / spikes
                 winner[n_active], tie[n_active] = best, equals
                 n_active += 1
-        # One entry more stands for "undecided": the last step's answer. Without spikes all classes tie at 0.
-        when[n_active] = n_steps - 1
-        winner[n_active] = winner[n_active - 1] if n_active > 0 else 0
-        tie[n_active] = tie[n_active - 1] if n_active > 0 else int(n_classes > 1)
+
+        # What an undecided sample answers at the end of each length. Without spikes all classes tie at 0.
+        entry = 0
+        for j in range(lengths.size):
+            while entry < n_active and when[entry] < lengths[j]:
+                entry += 1
+            seen[j] = entry
+            end_winner[j] = winner[entry - 1] if entry > 0 else 0
+            end_tie[j] = tie[entry - 1] if entry > 0 else int(n_classes > 1)
+            at_end[j] += end_winner[j] == target[i]
 
         enough = 0
         reached[:] = 0
@@ -246,12 +400,18 @@ def _tally(output: Any, target: Any, phi: Any, theta: Any, work: Any, tally: Any
                 while at < n_active and confidence[at] < theta[q]:
                     at += 1
                 reached[q] = at
-                correct = winner[at] == target[i]
-                cell = tally[p, q]
-                cell[0] += correct
-                cell[1] += correct and at < n_active
-                cell[2] += when[at] + 1
-                cell[3] += at == n_active
-                cell[4] += tie[at]
-                for m in range(work.shape[2]):
-                    work_sum[p, q, m] += work[i, when[at], m]
+                for j in range(lengths.size):
+                    cell = tally[j, p, q]
+                    if at < seen[j]:
+                        step = when[at]
+                        cell[0] += winner[at] == target[i]
+                        cell[1] += winner[at] == target[i]
+                        cell[4] += tie[at]
+                    else:
+                        step = lengths[j] - 1
+                        cell[0] += end_winner[j] == target[i]
+                        cell[3] += 1
+                        cell[4] += end_tie[j]
+                    cell[2] += step + 1
+                    for m in range(work.shape[2]):
+                        work_sum[j, p, q, m] += work[i, step, m]

@@ -2,7 +2,8 @@
 
 A table is a pandas DataFrame with one row per design point; columns are named as in the record of
 a trial. Objectives are (column, 'max' or 'min') pairs. Rows whose objective is NaN or infinite
-cannot be compared: they are left out, and the notes say how many and which.
+cannot be compared: they are left out, and the notes say how many and which. So are transductive rows,
+unless a condition names that column.
 """
 
 from __future__ import annotations
@@ -124,7 +125,9 @@ def skyline(
     if by is not None:
         column(frame, by)
     rows = frame if where is None else frame[matches(where, frame)]
+    rows, leaky = _honest(rows, where or "")
     rows, notes = _comparable(rows, [name for name, _ in objectives])
+    notes = leaky + notes
     costs = _costs(rows, objectives)
     group = pd.factorize(rows[by] if by else np.zeros(len(rows)), use_na_sentinel=False)[0]
     on_front = np.zeros(len(rows), dtype=bool)
@@ -132,6 +135,52 @@ def skyline(
         on_front[members] = non_dominated(costs[members])
     order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
     return Skyline(rows[on_front].iloc[order], notes)
+
+
+def front_ends(
+    frame: pd.DataFrame,
+    by: str | None = None,
+    design: Sequence[str] = (),
+    accuracy: str = "accuracy",
+    spikes: str = "spikes_per_inference",
+    weights: str = "n_weights",
+) -> Skyline:
+    """Return the ends of the front of accuracy, spikes S and weights W_t: best accuracy, least S, least W_t.
+
+    Ties go to the better accuracy, then to the smaller S, then to the smaller W_t, then to the first row. An
+    end by this rule is on the front itself.
+
+    Source: Brayshaw et al., texture and velocity, Table 3 (REFERENCES.md).
+
+    Args:
+        frame: design points.
+        by: column with a front for each of its values (a task).
+        design: columns that say what the design was.
+        accuracy: column to maximise.
+        spikes: column of S.
+        weights: column of W_t.
+
+    Returns:
+        Three rows per front in the order of the table's values of `by`: `by`, `end`, accuracy, S, W_t and the
+        design; the index says where they stood in the table.
+
+    Raises:
+        ExpressionError: an unknown column, or one that holds no numbers.
+    """
+    for name in (*design, *([] if by is None else [by])):
+        column(frame, name)
+    rows, leaky = _honest(frame, "")
+    rows, notes = _comparable(rows, [accuracy, spikes, weights])
+    costs = _costs(rows, [(accuracy, "max"), (spikes, "min"), (weights, "min")])
+    group = pd.factorize(rows[by] if by else np.zeros(len(rows)), use_na_sentinel=False)[0]
+    found, ends = [], []
+    for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
+        own = costs[members].T
+        for number, end in enumerate(("best accuracy", "least spikes", "least weights")):
+            found.append(members[np.lexsort((*own[::-1], own[number]))[0]])
+            ends.append(end)
+    names = dict.fromkeys([*([] if by is None else [by]), "end", accuracy, spikes, weights, *design])
+    return Skyline(rows.iloc[found].assign(end=ends)[list(names)], leaky + notes)
 
 
 def pick(
@@ -144,7 +193,8 @@ def pick(
     """Return the best row within the budgets; where there is none, the nearest rows.
 
     Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
-    budgets in their order, then to the first row of the table.
+    budgets in their order, then to the first row of the table. A row without the number of a tie break, such
+    as the energy of a classifier that a chip cannot run, comes last there.
 
     Args:
         frame: design points.
@@ -165,11 +215,12 @@ def pick(
     rows = frame
     for condition in conditions:
         rows = rows[matches(condition, rows)]
+    rows, leaky = _honest(rows, " ".join(conditions))
     empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
-    names = dict.fromkeys([name for name, _ in order] + [limit.column for limit in limits])
-    rows, notes = _comparable(rows, list(names))
-    notes = empty + notes
-    ranking = _costs(rows, order).T[::-1]
+    rows, notes = _comparable(rows, list(dict.fromkeys([maximise, *(limit.column for limit in limits)])))
+    notes = leaky + empty + notes
+    costs = _costs(rows, order)
+    ranking = np.where(np.isfinite(costs), costs, np.inf).T[::-1]
     values = [_numbers(rows, limit.column) for limit in limits]
     feasible = np.ones(len(rows), dtype=bool)
     for limit, used_up in zip(limits, values, strict=True):
@@ -186,6 +237,17 @@ def pick(
     if "trial" in nearest.columns:  # five settings of one design would say little
         nearest = nearest.drop_duplicates([name for name in ("trial", "hardware") if name in nearest.columns])
     return Pick(None, nearest.iloc[:n_nearest], notes)
+
+
+def _honest(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
+    """Leave out rows whose classifier saw the labels that it answers, unless the condition names them."""
+    if "transductive" not in rows.columns or "transductive" in condition:
+        return rows, []
+    leaky = rows["transductive"].fillna(False).astype(bool).to_numpy()
+    if not leaky.any():
+        return rows, []
+    noun = "row" if leaky.sum() == 1 else "rows"
+    return rows[~leaky], [f"{leaky.sum()} transductive {noun} left out: what answers has seen the labels"]
 
 
 def _check(objectives: Sequence[Objective]) -> None:

@@ -57,38 +57,97 @@ def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[Record]]) -> 
 def points_table(
     space: SearchSpace, folder: Path, trials: Mapping[int, Sequence[Record]]
 ) -> pandas.DataFrame:
-    """Return one row per trial x phi x theta x hardware profile of the finished trials.
+    """Return one row per design point of the finished trials, on every hardware profile.
 
-    The first row of each is the full read-out, which answers at the end of the window: its phi and theta
-    are NaN, and nothing is undecided. Without a decision grid there are only full read-outs, and no columns
-    phi and theta.
+    The first row of each trial and profile is the full read-out, which answers at the end of the window: its
+    phi, theta and read_out_ms are NaN, and nothing is undecided. Rows with phi and theta answer when the
+    decision maker does, rows with read_out_ms after so much of the input. A joint net has the rows of each of
+    its heads, under the head's task, so that they meet nets of one task on one front.
     """
     import pandas
 
-    parts = []
+    parts: list[dict[str, Array]] = []
     for trial, records in sorted(trials.items()):
         if any(r["status"] == "failed" for r in records):
             continue
-        surfaces = [_surface(folder, r) for r in records]
-        for profile in records[0]["hardware"] or [None]:
-            named = {"hardware": profile} if profile else {}
-            full = summary(records, profile)
-            grid = _grid([_of_profile(surface, profile) for surface in surfaces]) if surfaces[0] else {}
-            always = {**_named(space, trial, records), **named, **full}
-            if grid:
-                end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
-                grid = {n: np.concatenate([[(always | end).get(n, np.nan)], x]) for n, x in grid.items()}
-            length = len(next(iter(grid.values()))) if grid else 1
-            columns = {**always, **grid}
-            parts.append(pandas.DataFrame({name: _column(value, length) for name, value in columns.items()}))
-    return pandas.concat(parts, ignore_index=True) if parts else pandas.DataFrame()
+        for head in records[0].get("of_heads") or [None]:
+            for profile in records[0]["hardware"] or [None]:
+                rows = _points(folder, records, head, profile)
+                n = len(rows["accuracy"])
+                always = _named(space, trial, records)
+                always |= ({"task": head} if head else {}) | ({"hardware": profile} if profile else {})
+                parts.append({name: _repeated(value, n) for name, value in always.items()} | rows)
+    names = dict.fromkeys(name for part in parts for name in part)
+    frame = pandas.DataFrame(
+        {
+            name: np.concatenate([part.get(name, np.full(len(part["trial"]), np.nan)) for part in parts])
+            for name in names
+        }
+    )
+    claims = [name for name in frame if any(part[name].dtype == bool for part in parts if name in part)]
+    return frame.astype(dict.fromkeys(claims, "boolean"))
+
+
+# Columns of one answer, not of its design: rows that do not measure them have none.
+_OF_ONE_ANSWER = ("itr_bits", "itr_bits_per_s", "accuracy_strict", "undecided", "phi", "theta", "read_out_ms")
+
+
+# Of read-outs, the settings behind their decision times: a row per setting is on the surface.
+_OF_SETTINGS = (
+    *("phi_p", "theta_p", "phi_h", "theta_h"),
+    *("accuracy_best", "accuracy_best_strict", "t_p_strict_ms", "t_h_strict_ms"),
+)
+
+
+def _points(
+    folder: Path, records: Sequence[Record], head: str | None, profile: str | None
+) -> dict[str, Array]:
+    """Return the columns of a trial's rows: the full read-out, its surface, its earlier read-outs."""
+    suffix = f"_{head}" if head else ""
+    full = summary(records if head is None else [r["of_heads"][head] for r in records], profile)
+    surfaces = _loaded(folder, records, f"surface{suffix}.npz")
+    read_outs = _loaded(folder, records, f"read_out{suffix}.npz")
+    end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
+    first = full | (end if surfaces else {}) | ({"read_out_ms": np.nan} if read_outs else {})
+    pieces = [{name: _repeated(value, 1) for name, value in first.items()}]
+    if surfaces:
+        pieces.append(_grid([_of_profile(x, profile) for x in surfaces]))
+    if read_outs:
+        pieces.append(_earlier([_of_profile(x, profile) for x in read_outs]))
+    names = dict.fromkeys(name for piece in pieces for name in piece)
+    columns: dict[str, list[Array]] = {name: [] for name in names}
+    for piece in pieces:
+        n = len(piece["accuracy"])
+        for name, column in columns.items():
+            own = np.nan if name in _OF_ONE_ANSWER else first.get(name, np.nan)
+            column.append(piece[name] if name in piece else _repeated(own, n))
+    return {name: np.concatenate(column) for name, column in columns.items()}
+
+
+def _loaded(folder: Path, records: Sequence[Record], name: str) -> list[dict[str, Array]]:
+    """Return a file of every run of a trial; none where the first run has no such file."""
+    if name not in records[0]["files"]:
+        return []
+    return [
+        store.load_arrays(store.run_folder(folder, record["trial"], record["repeat"]) / name)
+        for record in records
+    ]
 
 
 def _named(space: SearchSpace, trial: int, records: Sequence[Record]) -> dict[str, Any]:
-    """Return the columns that say what a row is about."""
+    """Return the columns that say what a row is about; an axis that the design does not have is missing."""
     design = records[0]["design"]
-    cells = {name: _cell(axis, design[name]) for name, axis in space.axes.items()}
-    return {"trial": trial, "task": task_name(space, design), **cells, "repeats": len(records)}
+    cells = {
+        name: _cell(axis, design[name]) if name in design else _missing(axis)
+        for name, axis in space.axes.items()
+    }
+    about = {"trial": trial, "task": task_name(space, design), "family": family(space, design)}
+    return {**about, **cells, "repeats": len(records)}
+
+
+def family(space: SearchSpace, design: Mapping[str, Any]) -> str:
+    """Return the kind of a design's model."""
+    return str(design["model.kind"] if "model.kind" in space.axes else space.fixed["model"]["kind"])
 
 
 def task_name(space: SearchSpace, design: Mapping[str, Any]) -> str:
@@ -97,14 +156,8 @@ def task_name(space: SearchSpace, design: Mapping[str, Any]) -> str:
         return str(space.fixed["task"]["name"])
     target = design["task.target"]
     parts = target if isinstance(target, list | tuple) else [target]
-    return "|".join(part["column"] if isinstance(part, Mapping) else str(part) for part in parts)
-
-
-def _surface(folder: Path, record: Record) -> dict[str, Array]:
-    """Return the arrays of a run's surface.npz, none where the run has no decision grid."""
-    if "surface.npz" not in record["files"]:
-        return {}
-    return store.load_arrays(store.run_folder(folder, record["trial"], record["repeat"]) / "surface.npz")
+    sign = "+" if space.fixed["task"].get("joint") else "|"
+    return sign.join(part["column"] if isinstance(part, Mapping) else str(part) for part in parts)
 
 
 def _cell(axis: Axis, value: Any) -> Any:
@@ -115,6 +168,12 @@ def _cell(axis: Axis, value: Any) -> Any:
     }
     is_plain = len(kinds) <= 1 and not kinds & {tuple, list, dict}
     return value if is_plain else json.dumps(_short(value))
+
+
+def _missing(axis: Axis) -> float | None:
+    """Return what stands for no value: NaN on an axis of numbers, None on any other."""
+    values = axis.values or ()
+    return np.nan if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values) else None
 
 
 def _short(value: Any) -> Any:
@@ -137,9 +196,9 @@ def summary(records: Sequence[Record], profile: str | None) -> dict[str, Any]:
     """
     rows = [r["columns"] | (r["hardware"][profile] if profile else {}) for r in records]
     found: dict[str, Any] = {}
-    for name, first in rows[0].items():
-        values = [row[name] for row in rows]
-        found[name] = all(values) if isinstance(first, bool) else _mean(values)
+    for name in dict.fromkeys(name for row in rows for name in row):  # what one run lacks, no mean has
+        values = [row.get(name) for row in rows]
+        found[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
     if len(rows) > 1:
         found["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
     return found
@@ -162,20 +221,30 @@ def _of_profile(surface: Mapping[str, Array], profile: str | None) -> dict[str, 
 def _grid(surfaces: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Return the columns of a grid over phi and theta, theta fastest, summarised over repeats."""
     phi, theta = surfaces[0]["phi"], surfaces[0]["theta"]
-    columns = {"phi": np.repeat(phi, len(theta)), "theta": np.tile(theta, len(phi))}
-    for name in surfaces[0]:
-        if name in columns:
-            continue
-        stacked = np.stack([surface[name] for surface in surfaces])
+    measured = _averaged([{k: x for k, x in s.items() if k not in ("phi", "theta")} for s in surfaces])
+    return {"phi": np.repeat(phi, len(theta)), "theta": np.tile(theta, len(phi))} | measured
+
+
+def _earlier(read_outs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns of the read-outs before the end of the window, summarised over repeats."""
+    found = _averaged([{name: x for name, x in one.items() if name not in _OF_SETTINGS} for one in read_outs])
+    return {name: x[:-1] for name, x in ({"read_out_ms": found["decision_latency_ms"]} | found).items()}
+
+
+def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns of several runs: mean of every number, `all` of every claim, accuracy's error."""
+    columns = {}
+    for name in runs[0]:
+        stacked = np.stack([run[name] for run in runs])
         if stacked.dtype == bool:
             columns[name] = stacked.all(axis=0).ravel()
         else:  # whole numbers that agree stay whole
             columns[name] = (stacked[0] if (stacked == stacked[0]).all() else stacked.mean(axis=0)).ravel()
-    if len(surfaces) > 1:
-        accuracy = np.stack([surface["accuracy"] for surface in surfaces])
-        columns["accuracy_se"] = seeds_se(accuracy).ravel()
+    if len(runs) > 1:
+        columns["accuracy_se"] = seeds_se(np.stack([run["accuracy"] for run in runs])).ravel()
     return columns
 
 
-def _column(value: Any, length: int) -> Any:
-    return value if isinstance(value, np.ndarray) else [value] * length
+def _repeated(value: Any, n: int) -> Array:
+    """Return one value n times."""
+    return np.full(n, value, dtype=object if value is None or isinstance(value, str) else None)

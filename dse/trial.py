@@ -15,9 +15,9 @@ import numpy as np
 
 from dse import dataset, seeds, store
 from dse.execution import Failure
-from dse.measure import measure
+from dse.measure import Measurement, measure
 from dse.models.training import Design
-from dse.records import Array, Dataset, Outcome
+from dse.records import Answers, Array, Dataset, Outcome, Response
 from dse.search.cohorts import Demand
 
 T = TypeVar("T")
@@ -185,6 +185,7 @@ def _own(run: Run) -> Any:
 def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
     """Measure a run and write its record and its arrays."""
     found = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
+    leak = dataset.transductive(job.data)
     record = {
         "trial": job.trial,
         "repeat": job.repeat,
@@ -192,36 +193,63 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
         "seed": job.seed,
         "sections": dataset.as_prepared(job.sections, job.data),
         "classes": list(data.classes),
+        "heads": {
+            head.name: {"classes": list(head.classes), "of_class": head.of_class.tolist()}
+            for head in data.heads
+        },
         "data": job.data.name,
+        "samples": {"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
+        "transductive": leak,
         "status": "finished",
         "reason": "",
-        "columns": found.columns,
-        "hardware": found.hardware,
+        **_numbers(found, leak),
+        "of_heads": {name: _numbers(head, leak) for name, head in found.heads.items()},
     }
     arrays = {
-        "weights.npz": store.network_arrays(outcome.network),
-        "response.npz": store.response_arrays(outcome.validation, data.validation),
-        "confusion.npz": {"validation": found.confusion},
+        "weights.npz": store.fitted_arrays(outcome.network),
+        "response.npz": _said(outcome.validation, data.validation),
         "history.npz": dict(outcome.history),
+        **_arrays(job, found, ""),
     }
     if outcome.test is not None:
-        arrays["response_test.npz"] = store.response_arrays(outcome.test, data.test)
-    if found.confusion_test is not None:
-        arrays["confusion.npz"]["test"] = found.confusion_test
-    if found.points:
-        arrays["surface.npz"] = _surface(job, found.points, found.hardware_points)
+        arrays["response_test.npz"] = _said(outcome.test, data.test)
+    for name, head in found.heads.items():
+        arrays |= _arrays(job, head, f"_{name}")
     files = {name: _writer(content) for name, content in arrays.items()}
     store.save_run(job.folder, record, files)
 
 
+def _said(said: Response | Answers, index: Array) -> dict[str, Array]:
+    if isinstance(said, Answers):
+        return store.answers_arrays(said, index)
+    return store.response_arrays(said, index)
+
+
+def _numbers(found: Measurement, leak: str) -> dict[str, Any]:
+    """Return what record.json holds of a measurement."""
+    return {"columns": {**found.columns, "transductive": bool(leak)}, "hardware": found.hardware}
+
+
+def _arrays(job: Run, found: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
+    """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface."""
+    matrices = {"validation": found.confusion}
+    if found.confusion_test is not None:
+        matrices["test"] = found.confusion_test
+    files = {f"confusion{suffix}.npz": matrices}
+    if found.read_outs:
+        files[f"read_out{suffix}.npz"] = {
+            **found.read_outs,
+            **_per_profile(found.hardware_read_outs),
+        }
+    if found.points:
+        grid = {"phi": np.array(job.phi), "theta": np.array(job.theta)}
+        files[f"surface{suffix}.npz"] = {**grid, **found.points, **_per_profile(found.hardware_points)}
+    return files
+
+
+def _per_profile(hardware: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+    return {f"{name}/{column}": x for name, columns in hardware.items() for column, x in columns.items()}
+
+
 def _writer(arrays: Mapping[str, Array]) -> Any:
     return lambda path: store.save_arrays(path, arrays)
-
-
-def _surface(
-    job: Run, points: Mapping[str, Array], hardware: Mapping[str, Mapping[str, Array]]
-) -> dict[str, Array]:
-    per_profile = {
-        f"{name}/{column}": x for name, columns in hardware.items() for column, x in columns.items()
-    }
-    return {"phi": np.array(job.phi), "theta": np.array(job.theta), **points, **per_profile}

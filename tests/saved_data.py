@@ -9,7 +9,13 @@ import numpy as np
 
 from dse.dataset.files import write_dataset, write_spikes
 from dse.dataset.parts import Part, Rows
-from dse.records import Dataset
+from dse.records import Array, Dataset
+
+
+def in_a_row(n_channels: int) -> Array:
+    """Return positions of taxels that lie in a row."""
+    x = np.arange(n_channels, dtype=np.int32)
+    return np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
 
 
 def part_of(data: Dataset) -> Part:
@@ -23,7 +29,7 @@ def part_of(data: Dataset) -> Part:
 
     lengths = np.full(spikes.n_samples, spikes.n_steps)
     return Part(
-        data.start, data.start_low, data.start_high, data.n_steps, spikes.n_steps, spikes.n_channels,
+        data.start, data.start_low, data.start_high, data.n_steps, spikes.n_steps, data.positions,
         spikes.step_ms, lengths, None, rows,
     )  # fmt: skip
 
@@ -35,4 +41,4 @@ def save(data: Dataset, folder: Path) -> None:
         each.mkdir(parents=True)
     list(write_spikes([part_of(data)], beside))
     split = data.train, data.validation, data.test
-    write_dataset(folder, beside.name, data.target, data.classes, split, None, ["too easy"])
+    write_dataset(folder, beside.name, data.target, data.classes, split, {}, ["too easy"], data.heads)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from dse import dataset, store, study
@@ -19,6 +20,7 @@ from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.recordings import RecordingError
 from dse.recordings.scene import Trials
+from dse.records import Network, Parameters
 from dse.scene.load import load_scene
 from tests import tiny_study
 from tests.spaces import write_space
@@ -98,10 +100,19 @@ def test_the_repeat_nearest_the_mean_is_exported(
     assert accuracies.mean() == pytest.approx(point["accuracy"])
     assert read.evidence["repeat"] == np.abs(accuracies - accuracies.mean()).argmin()
     weights = store.load_arrays(store.run_folder(real.folder, 0, read.evidence["repeat"]) / "weights.npz")
-    assert np.array_equal(read.network.layers[0].weight, weights["0/weight"])
+    assert isinstance(read.fitted, Network)
+    assert np.array_equal(read.fitted.layers[0].weight, weights["0/weight"])
     assert (read.phi, read.theta) == (2.0, 0.6)
     assert read.record["energy_uj"] == point["energy_uj"]
     assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
+
+
+def test_what_a_point_does_not_have_is_not_in_its_bundle(
+    real: study.Study, point: dict[str, Any], tmp_path: Path
+) -> None:
+    made = export(real, {**point, "fits": pd.NA, "read_out_ms": None, "energy_uj": np.nan}, tmp_path / "b")
+    assert not {"fits", "read_out_ms", "energy_uj"} & set(made.record)
+    assert bundle.read(tmp_path / "b").record == made.record
 
 
 def test_recordings_without_labels_are_answered(real: study.Study, exported: Path, tmp_path: Path) -> None:
@@ -167,6 +178,124 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> Non
         right = (answers.label == answers.target)[validation]
         assert right.mean() == pytest.approx(point["accuracy"])
         assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
+
+
+FAMILIES = """
+study: families
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label, speed: speed}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model:
+  choice:
+    - {kind: knn, channels: each, window_ms: 20}
+    - {kind: naive_bayes, channels: each, window_ms: 20}
+    - {kind: elm, hidden: 8, window_ms: 20, windows: 4}
+    - {kind: hots, layers: 1, prototypes: 4, tau_ms: 20}
+    - {kind: snn, hidden: [8]}
+training: {epochs: 2, batch_size: 9}
+decision: {phi: [1], theta: [0.6]}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+execution: {jobs: 1}
+"""
+JOINT = (
+    FAMILIES.replace("target: fabric", "target: [fabric, speed], joint: true")
+    .replace("study: families", "study: joint")
+    .replace("snn, hidden: [8]}", "snn, hidden: [8]}\n    - {kind: cascade, hidden: [6], first_hidden: [5]}")
+)
+
+
+def explored(folder: Path, text: str) -> study.Study:
+    """Train what a search space says on labelled rasters of two columns."""
+    tiny_study.write_recordings(folder / "tiny.npz")
+    with np.load(folder / "tiny.npz") as file:
+        arrays = dict(file)
+    np.savez(folder / "tiny.npz", **arrays, speed=np.arange(len(arrays["label"])) % 2)
+    (folder / "space.yaml").write_text(text)
+    return study.run(load_space(folder / "space.yaml"), folder / "results", progress=False)
+
+
+def first_and_last(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.iloc[sorted({0, len(rows) - 1})] if len(rows) else rows
+
+
+@pytest.mark.parametrize("text", [FAMILIES, JOINT], ids=["one task", "joint"])
+def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_path: Path, text: str) -> None:
+    found = explored(tmp_path, text)
+    points = found.points()
+    assert set(found.trials["status"]) == {"finished"}, found.trials["reason"].tolist()
+    kinds = ["knn", "naive_bayes", "elm", "hots", "snn", *(["cascade"] if text == JOINT else [])]
+    assert len(set(points["trial"])) == len(kinds)
+    seen = set()
+    for (trial, task), rows in points.groupby(["trial", "task"]):
+        record = found.runs(int(trial))[0]
+        validation = load(usual_root() / record["data"]).validation
+        early, decided = rows[rows["read_out_ms"].notna()], rows[rows["phi"].notna()]
+        full = rows[rows["read_out_ms"].isna() & rows["phi"].isna()]
+        assert len(full) == 1 and len(early) > 2
+        for _, point in pd.concat([full, first_and_last(early), decided]).iterrows():
+            made = export(found, point.to_dict(), tmp_path / "bundle")
+            answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
+            assert isinstance(
+                made.fitted, Network if record["sections"]["model"]["kind"] == "snn" else Parameters
+            )
+            assert len(answers.classes) == (2 if task == "speed" else 3)
+            right = (answers.label == answers.target)[validation]
+            assert right.mean() == point["accuracy"]
+            assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
+            seen.add((record["sections"]["model"]["kind"], task, bool(np.isnan(point["read_out_ms"]))))
+    tasks = ["fabric", "speed"] if text == JOINT else ["fabric"]
+    assert seen == {(kind, task, late) for kind in kinds for task in tasks for late in (True, False)}
+
+
+def test_a_joint_net_is_exported_whole_too(tmp_path: Path) -> None:
+    found = explored(tmp_path, JOINT)
+    for _, row in found.trials.iterrows():
+        export(found, row.to_dict(), tmp_path / "bundle")
+        answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
+        assert len(answers.classes) == 6
+        validation = load(usual_root() / found.runs(row["trial"])[0]["data"]).validation
+        assert (answers.label == answers.target)[validation].mean() == row["accuracy"]
+
+
+LEAKY = """
+study: leaky
+data: {kind: time_series, file: touch.npz, step_ms: 10, columns: {fabric: label, repetition: repetition}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+encoder: {kind: threshold, matching: {choice: [own_label, nearest]}}
+model: {kind: threshold_lif}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+execution: {jobs: 1}
+"""
+
+
+def test_an_encoder_that_reads_labels_is_not_deployed(tmp_path: Path) -> None:
+    write_space(tmp_path)
+    (tmp_path / "leaky.yaml").write_text(LEAKY)
+    found = study.run(load_space(tmp_path / "leaky.yaml"), tmp_path / "results", progress=False)
+    leaky, honest = (row.to_dict() for _, row in found.trials.iterrows())
+    with pytest.raises(BundleError, match="trial 0 cannot be deployed: encoder threshold reads the labels"):
+        export(found, leaky, tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+    export(found, honest, tmp_path / "b")
+
+
+def test_windows_of_a_run_on_both_sides_of_the_split_do_not_keep_it_from_being_deployed(
+    tmp_path: Path,
+) -> None:
+    write_space(tmp_path)
+    text = LEAKY.replace("own_label, nearest", "nearest")
+    text = text.replace("n_steps: 16, at: middle", "cut_steps: 8, every_steps: 4")
+    (tmp_path / "cut.yaml").write_text(text)
+    found = study.run(load_space(tmp_path / "cut.yaml"), tmp_path / "results", progress=False)
+    [row] = (row.to_dict() for _, row in found.trials.iterrows())
+    assert row["transductive"]
+    assert export(found, row, tmp_path / "b").record["transductive"] is True
 
 
 SCENE = """\

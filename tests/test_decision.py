@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dse import decision
-from dse.decision import decide, surface, t_h, t_p
+from dse.decision import decide, early, surface, t_c, t_h, t_p
 
 PHI = (0, 0.5, 1, 2, 3, 7, 1e9)
 THETA = (0.0, 1 / 3, 0.35, 0.5, 0.6, 2 / 3, 1.0)
@@ -195,8 +195,118 @@ def test_equal_times_go_to_the_smallest_phi_then_theta():
     assert t_p(of([[0.9, 0.9], [0.9, 0.9]], [[7.0, 7.0], [7.0, 7.0]])) == (7.0, 0.9, 1.0, 0.4)
 
 
+def test_undecided_samples_count_as_wrong_where_asked():
+    # Sample 0 decides at once, sample 1 never: at the end both are right.
+    output = np.concatenate([spikes_at(4, 2, (0, 0)), spikes_at(4, 2, (1, 0), (2, 1), (3, 1))])
+    found = surface(output, [0, 1], [0], [0.0, 1.0], 1.0)
+    assert found.accuracy.tolist() == [[0.5, 0.5]] == found.accuracy_strict.tolist()
+    found = surface(output, [0, 1], [0, 2], [0.6], 1.0)
+    assert t_p(found) == (4.0, 1.0, 2.0, 0.6) and t_h(found) == t_p(found)
+    assert t_p(found, strict=True) == (1.5, 0.5, 0.0, 0.6)
+    assert t_h(found, strict=True) is None
+    assert t_h(found, 0.5, strict=True) == (1.5, 0.5, 0.0, 0.6)
+
+
 def test_t_h_is_the_fastest_that_reaches_human_accuracy():
     some = of([[0.9, 0.65], [0.64, 0.7]], [[300.0, 20.0], [10.0, 30.0]])
     assert t_h(some) == (20.0, 0.65, 5.0, 0.4)
     assert t_h(some, accuracy=0.66) == (30.0, 0.7, 1.0, 0.4)
     assert t_h(some, accuracy=0.95) is None
+
+
+@given(responses(), st.data(), st.permutations(PHI), st.permutations(THETA))
+def test_early_is_the_surface_of_every_shorter_output(response, data, phi, theta):
+    output, target = response
+    lengths = data.draw(st.lists(st.integers(1, output.shape[1]), min_size=1, max_size=6))
+    found = early(output, target, lengths, phi, theta, 2.5)
+    for j, length in enumerate(lengths):
+        part = output[:, :length]
+        whole = surface(part, target, phi, theta, 2.5)
+        assert found.time_ms[j] == length * 2.5
+        assert found.accuracy[j] == np.mean(part.sum(axis=1, dtype=int).argmax(axis=1) == target)
+        assert found.accuracy_best[j] == whole.accuracy.max()
+        assert (found.t_p_ms[j], found.accuracy_best[j], found.phi_p[j], found.theta_p[j]) == t_p(whole)
+        human = t_h(whole)
+        strict = t_p(whole, strict=True)
+        assert (found.t_p_strict_ms[j], found.accuracy_best_strict[j]) == strict[:2]
+        late = t_h(whole, strict=True)
+        assert np.isnan(found.t_h_strict_ms[j]) if late is None else found.t_h_strict_ms[j] == late[0]
+        setting = found.t_h_ms[j], found.phi_h[j], found.theta_h[j]
+        assert np.isnan(setting).all() if human is None else setting == (human[0], human[2], human[3])
+
+
+def test_early_by_hand():
+    # Class 1 spikes at step 1, class 0 at steps 3, 4 and 5: right from step 4 on, a tie before.
+    output = spikes_at(6, 2, (1, 1), (3, 0), (4, 0), (5, 0))
+    found = early(output, [0], [1, 2, 3, 4, 6], [0, 2], [0.0, 0.7], 10.0)
+    assert found.time_ms.tolist() == [10, 20, 30, 40, 60]
+    assert found.accuracy.tolist() == [1, 0, 0, 1, 1]  # without spikes the lowest class, which is right here
+    assert found.accuracy_best.tolist() == [1, 0, 0, 1, 1]
+    assert found.t_p_ms.tolist() == [10, 20, 20, 40, 50]
+    assert (found.phi_p[-1], found.theta_p[-1]) == (2, 0)
+    assert found.t_h_ms[[0, 3, 4]].tolist() == [10, 40, 50] and np.isnan(found.t_h_ms[[1, 2]]).all()
+
+
+def test_early_in_hard_cases():
+    silent = np.zeros((3, 4, 2), dtype=np.uint8)
+    found = early(silent, [0, 1, 1], [1, 4], [1e9], [0.0, 1.0], 1.0)
+    assert found.accuracy.tolist() == [1 / 3, 1 / 3] == found.accuracy_best.tolist()
+    assert found.t_p_ms.tolist() == [1, 4] and np.isnan(found.t_h_ms).all()
+    one_step = early(np.ones((2, 1, 1), np.uint8), [0, 0], [1], [0, 5], [1.0], 1.0)
+    assert [float(x[0]) for x in one_step[:4]] == [1, 1, 1, 1]
+
+
+def test_early_of_more_samples_than_a_chunk_and_of_a_view():
+    rng = np.random.default_rng(0)
+    n = decision._CHUNK + 3
+    output = (rng.random((n, 9, 6)) < 0.2).astype(np.uint8)
+    target = rng.integers(0, 3, n)
+    found = early(output[..., 2:5], target, [5, 9], [0, 2], [0.5, 0.9], 1.0)
+    for j, length in enumerate((5, 9)):
+        part = surface(output[:, :length, 2:5].copy(), target, [0, 2], [0.5, 0.9], 1.0)
+        assert (found.t_p_ms[j], found.accuracy_best[j]) == t_p(part)[:2]
+
+
+@pytest.mark.parametrize(
+    ("lengths", "message"),
+    [
+        ([], "lengths must be a non-empty list of integers"),
+        ([1.0], "lengths must be a non-empty list of integers"),
+        ([[1]], "lengths must be a non-empty list of integers"),
+        ([0, 1], r"lengths must be in 1..3, got 0"),
+        ([1, 4], r"lengths must be in 1..3, got 4"),
+    ],
+)
+def test_wrong_lengths_are_named(lengths, message):
+    with pytest.raises(ValueError, match=message):
+        early(OUTPUT, [0, 1], lengths, [0], [0.5], 1.0)
+
+
+def test_t_c_is_the_shortest_length_near_the_peak():
+    times = [100, 200, 300, 400]
+    assert t_c(times, [0.1, 0.6, 0.75, 0.8]) == 300  # 0.72 is enough, 10 % of the peak below it
+    assert t_c(times, [0.1, 0.71, 0.6, 0.79]) == 400
+    assert t_c(times, [0.1, 0.72, 0.5, 0.8]) == 200, "accuracy may fall again"
+    assert t_c(times[::-1], [0.8, 0.5, 0.72, 0.1]) == 200
+    assert t_c(times, [0.1, 0.6, 0.75, 0.8], within=0) == 400
+    assert t_c([5], [0.3]) == 5 and t_c(times, [0, 0, 0, 0]) == 100
+    assert t_c([1, 2], [0.1 * 3 * 0.9, 0.3]) == 1, "equal but for rounding"
+
+
+def test_t_c_passes_over_what_is_not_known():
+    nan = float("nan")
+    assert t_c([1, 2, 3], [nan, 0.5, 0.5]) == 2
+    assert np.isnan(t_c([1, 2], [nan, nan])) and np.isnan(t_c([], []))
+
+
+@pytest.mark.parametrize(
+    ("given_", "message"),
+    [
+        (([1, 2], [0.5]), r"time_ms and accuracy must both be \(k,\), got \(2,\) and \(1,\)"),
+        (([1], [0.5], 1.0), r"within must be in \[0, 1\), got 1"),
+        (([1], [0.5], -0.1), r"within must be in \[0, 1\), got -0.1"),
+    ],
+)
+def test_t_c_checks_its_input(given_, message):
+    with pytest.raises(ValueError, match=message):
+        t_c(*given_)

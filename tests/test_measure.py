@@ -9,7 +9,19 @@ import pytest
 
 from dse.measure import measure, read_out
 from dse.metrics.accuracy import wilson_se
-from dse.records import Dataset, Layer, Network, Outcome, Response, Spikes
+from dse.metrics.information import itr_bits
+from dse.records import (
+    Answers,
+    Dataset,
+    Head,
+    Layer,
+    Network,
+    Outcome,
+    Parameters,
+    Response,
+    Spikes,
+)
+from tests.saved_data import in_a_row
 
 
 def _layer(n_out: int, n_in: int) -> Layer:
@@ -31,6 +43,7 @@ def dataset() -> Dataset:
         train=np.array([0, 1]),
         validation=np.array([2, 3, 4]),
         test=np.array([5]),
+        positions=in_a_row(3),
     )
 
 
@@ -64,6 +77,10 @@ def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
         "spikes_per_inference_no_input": pytest.approx((3 * 4 + 5) / 3),
         "spikes_total": 41,
         "synaptic_operations": 8 * 5 + 4 * 2,  # output spikes have no targets
+        "macs": 0,
+        "itr_bits": pytest.approx(itr_bits([[1, 0], [1, 1]])),
+        "itr_bits_per_s": pytest.approx(itr_bits([[1, 0], [1, 1]]) / 8e-3),
+        "t_c_ms": 8.0,  # sample 1 is answered 0 until its last spike
         "dead_neurons": 1,
         "overflows_24_bit": False,
         "train_s": 1.5,
@@ -98,9 +115,141 @@ def test_points_count_the_work_up_to_the_decision(outcome: Outcome, dataset: Dat
     assert on_chip["fits"].item() is True and full["n_cores"] == 2
 
 
+def test_every_read_out_counts_its_own_work(outcome: Outcome, dataset: Dataset) -> None:
+    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), ["loihi1_silicon"]).read_outs
+    assert found["decision_latency_ms"].tolist() == [2.0, 4.0, 6.0, 8.0]
+    assert found["spikes_per_inference"][0] == pytest.approx((3 * 3 + 1) / 3)
+    assert found["spikes_per_inference"][-1] == pytest.approx((3 * 12 + 5) / 3)
+    assert found["accuracy_test"].tolist() == [1.0] * 4
+    assert (np.diff(found["synaptic_operations"]) > 0).all()
+    assert (
+        found["t_p_ms"][-1] == measure(outcome, dataset, np.array([0]), np.array([0.6]), []).columns["t_p_ms"]
+    )
+
+
+@pytest.fixture
+def answered(dataset: Dataset) -> Outcome:
+    """A classifier on real numbers: two read-outs of the three validation samples 0, 1, 1."""
+    said = Answers(
+        label=np.array([[0, 0], [0, 1], [1, 0]]),
+        time_ms=np.array([4.0, 8.0]),
+        n_weights=np.array([10, 20]),
+        macs=np.array([100.0, 200.0]),
+        additions=np.array([3.0, 6.0]),
+        input_spikes=np.array([[2, 4], [1, 1], [0, 4]]),
+    )
+    one = replace(said, label=said.label[:1], input_spikes=said.input_spikes[:1])
+    return Outcome(Parameters({"x": np.zeros(2)}, 3), said, one, {}, {"ridge": 0.5}, train_s=0.1)
+
+
+def test_a_classifier_without_spikes_has_the_same_columns(answered: Outcome, dataset: Dataset) -> None:
+    chips = ["loihi1_silicon", "op_4.6_0.9"]
+    found = measure(answered, dataset, np.array([0]), np.array([0.5]), chips)
+    columns = found.columns
+    assert columns["accuracy"] == pytest.approx(2 / 3)
+    assert (columns["n_weights"], columns["macs"], columns["synaptic_operations"]) == (20, 200.0, 6.0)
+    assert columns["spikes_per_inference"] == 3.0 and columns["spikes_per_inference_no_input"] == 0.0
+    assert (columns["decision_latency_ms"], columns["t_c_ms"], columns["ridge"]) == (8.0, 4.0, 0.5)
+    assert columns["accuracy_test"] == 1.0 and found.points == {}
+    assert found.read_outs["n_weights"].tolist() == [10, 20]
+    assert found.read_outs["accuracy"].tolist() == pytest.approx([2 / 3, 2 / 3])
+    assert found.hardware["loihi1_silicon"] == {}  # no chip for spikes runs it
+    assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx((200 * 4.6 + 6 * 0.9) * 1e-6)
+    assert found.hardware_read_outs["op_4.6_0.9"]["energy_uj"].shape == (2,)
+
+
+def test_a_network_is_priced_by_its_additions_too(outcome: Outcome, dataset: Dataset) -> None:
+    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), ["op_4.6_0.9"])
+    assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
+    assert set(found.hardware_points["op_4.6_0.9"]) == {"energy_uj", "energy_uj_low", "energy_uj_high"}
+
+
+_HEADS = (
+    Head("texture", ("felt", "silk"), np.array([0, 1, 1])),
+    Head("speed", ("slow", "fast"), np.array([0, 0, 1])),
+)
+
+
+def test_a_joint_net_is_measured_head_by_head(outcome: Outcome, dataset: Dataset) -> None:
+    output = np.zeros((3, 4, 4), np.uint8)
+    output[0, :, 0] = output[0, :, 2] = 1  # felt, slow
+    output[1, :, 1] = output[1, :, 3] = 1  # silk, fast
+    output[2, :, 0] = output[2, :, 3] = 1  # felt, fast: nothing that was ever felt
+    said = outcome.validation
+    assert isinstance(said, Response)
+    joint = replace(
+        dataset,
+        target=np.array([0, 1, 0, 2, 1, 0]),
+        classes=("felt|slow", "silk|slow", "silk|fast"),
+        heads=_HEADS,
+    )
+    network = Network((_layer(5, 3), _layer(4, 5)), 3, (0,), 1, "integer")
+    made = replace(outcome, network=network, validation=replace(said, output=output), test=None)
+    found = measure(made, joint, np.array([0]), np.array([0.5]), [])
+    assert found.columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.columns["accuracy_texture"] == pytest.approx(2 / 3)
+    assert found.columns["accuracy_speed"] == pytest.approx(2 / 3)
+    assert found.heads["texture"].confusion.tolist() == [[1, 0], [1, 1]]
+    assert found.heads["speed"].points["accuracy"].item() == pytest.approx(2 / 3)
+    assert found.confusion.tolist() == [[1, 0, 0], [0, 0, 0], [0, 0, 1]]
+    assert found.points == {} and "t_p_ms" not in found.columns
+    assert found.heads["speed"].columns["n_weights"] == found.columns["n_weights"] == 35
+
+
+def test_answers_to_joint_classes_are_answers_of_heads(answered: Outcome, dataset: Dataset) -> None:
+    joint = replace(
+        dataset,
+        target=np.array([0, 1, 0, 2, 1, 0]),
+        classes=("felt|slow", "silk|slow", "silk|fast"),
+        heads=_HEADS,
+    )
+    found = measure(answered, joint, np.array([]), np.array([]), [])
+    assert found.columns["accuracy"] == pytest.approx(1 / 3)
+    assert found.heads["texture"].columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.heads["speed"].columns["accuracy"] == pytest.approx(2 / 3)
+
+
 def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow() -> None:
     output = np.zeros((2, 300, 3), np.uint8)
     output[0, :, 1:] = 1
     output[1, :290, 1] = 1  # 290 does not fit a byte
     output[1, :200, 0] = 1
     assert read_out(output).tolist() == [1, 1]
+
+
+def test_what_pruning_removed_costs_nothing(outcome: Outcome, dataset: Dataset) -> None:
+    assert isinstance(outcome.network, Network) and isinstance(outcome.validation, Response)
+    whole = measure(outcome, dataset, np.array([]), np.array([]), ["loihi1_silicon"])
+    first, last = outcome.network.layers
+    kept = np.array(first.weight)
+    kept[:3] = 0  # each of the 3 inputs reaches 2 of 5 neurons
+    network = replace(outcome.network, layers=(replace(first, weight=kept), last))
+    said = replace(outcome.validation, synapses=(2.0, 2.0, 0.0))
+    made = replace(outcome, network=network, validation=said)
+    found = measure(made, dataset, np.array([]), np.array([]), ["loihi1_silicon"])
+    assert found.columns["n_weights"] == 2 * 3 + 5 * 2
+    assert found.columns["synaptic_operations"] == 8 * 2 + 4 * 2
+    assert found.columns["spikes_total"] == whole.columns["spikes_total"]
+    chip = "loihi1_silicon"
+    assert found.hardware[chip]["energy_dynamic_uj"] < whole.hardware[chip]["energy_dynamic_uj"]
+
+
+def test_several_networks_in_one_are_measured_but_on_no_chip(outcome: Outcome, dataset: Dataset) -> None:
+    assert isinstance(outcome.validation, Response)
+    said = replace(outcome.validation, synapses=(5.0, 2.0, 0.0))
+    together = Parameters({"n_weights": np.array(25)}, 3)
+    made = replace(outcome, network=together, validation=said)
+    chips = ["loihi1_silicon", "op_4.6_0.9"]
+    found = measure(made, dataset, np.array([0]), np.array([0.6]), chips)
+    whole = measure(outcome, dataset, np.array([0]), np.array([0.6]), chips)
+    assert found.columns == whole.columns
+    assert all(np.array_equal(found.points[name], x) for name, x in whole.points.items())
+    assert found.hardware["op_4.6_0.9"] == whole.hardware["op_4.6_0.9"]
+    assert found.hardware["loihi1_silicon"] == {}
+
+
+def test_a_response_without_steps_is_refused(outcome: Outcome, dataset: Dataset) -> None:
+    assert isinstance(outcome.validation, Response)
+    nothing = replace(outcome.validation, output=outcome.validation.output[:, :0])
+    with pytest.raises(ValueError, match=r"must hold samples and steps, got output of shape \(3, 0, 2\)"):
+        measure(replace(outcome, validation=nothing), dataset, np.array([]), np.array([]), [])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.skyline import ExpressionError, TableError, parse_objectives, pick, read, skyline
+from dse.skyline import ExpressionError, TableError, front_ends, parse_objectives, pick, read, skyline
 
 OBJECTIVES = [("accuracy", "max"), ("energy_uj", "min")]
 
@@ -153,6 +153,13 @@ def test_ties_go_to_what_was_asked_for_then_to_the_first_row():
     assert pick(same, ["energy_uj <= 50"]).row.name == 0
 
 
+def test_a_row_that_lacks_a_tie_break_can_still_be_picked():
+    frame = table(accuracy=[0.8, 0.9, 0.8], energy_uj=[2.0, np.nan, np.inf])
+    found = pick(frame, [], tie_breaks=[("energy_uj", "min")])
+    assert found.row.name == 1 and found.notes == []
+    assert pick(frame.iloc[::-1], ["accuracy < 0.9"], tie_breaks=[("energy_uj", "min")]).row.name == 0
+
+
 def test_another_column_can_be_maximised():
     assert pick(POINTS, ["accuracy >= 0.85"], maximise="n_weights").row.name == 0
 
@@ -271,3 +278,77 @@ def test_the_nearest_are_different_designs() -> None:
     assert found.row is None
     assert found.nearest["trial"].tolist() == [0, 1]
     assert found.nearest["energy_uj"].tolist() == [5.0, 9.0]
+
+
+def published():
+    return table(
+        trial=[0, 1, 2, 3, 4, 5],
+        task=["texture", "texture", "texture", "texture", "profile", "profile"],
+        accuracy=[0.87, 0.95, 0.68, 0.66, 0.83, 0.83],
+        spikes_per_inference=[0.75, 9.07, 0.13, 0.13, 1.7, 1.6],
+        n_weights=[15, 259, 15, 14, 274, 274],
+    )
+
+
+def test_the_ends_of_a_front_with_ties_broken_by_accuracy():
+    found = front_ends(published(), by="task", design=["trial"])
+    assert found.notes == []
+    assert list(found.rows) == ["task", "end", "accuracy", "spikes_per_inference", "n_weights", "trial"]
+    assert found.rows["end"].tolist() == ["best accuracy", "least spikes", "least weights"] * 2
+    assert found.rows["trial"].tolist() == [1, 2, 3, 5, 5, 5]
+    assert found.rows.index.tolist() == [1, 2, 3, 5, 5, 5]
+    together = front_ends(published().drop(index=3), design=["trial"]).rows
+    assert together["trial"].tolist() == [1, 2, 0]  # of equal W_t, the better accuracy
+    assert "task" not in together
+
+
+def test_ends_leave_out_what_cannot_be_compared_and_what_saw_its_labels():
+    frame = published().assign(transductive=[False, True, False, False, False, False])
+    frame.loc[2, "spikes_per_inference"] = np.nan
+    found = front_ends(frame, by="task")
+    assert found.rows["accuracy"].tolist() == [0.87, 0.66, 0.66, 0.83, 0.83, 0.83]
+    assert len(found.notes) == 2 and "spikes_per_inference is NaN" in found.notes[1]
+    nothing = front_ends(frame.iloc[:0], by="task")
+    assert nothing.rows.empty and list(nothing.rows)[:2] == ["task", "end"]
+    with pytest.raises(ExpressionError, match="size"):
+        front_ends(frame, weights="size")
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([0.5, 0.7, 0.9]), st.sampled_from([1.0, 2.0]), st.sampled_from([10, 20])),
+        min_size=1,
+        max_size=12,
+    )
+)
+def test_ends_are_on_the_front(rows):
+    frame = pd.DataFrame(rows, columns=["accuracy", "spikes_per_inference", "n_weights"])
+    objectives = [("accuracy", "max"), ("spikes_per_inference", "min"), ("n_weights", "min")]
+    ends = front_ends(frame).rows
+    assert set(ends.index) <= set(skyline(frame, objectives).rows.index)
+    assert ends["accuracy"].iloc[0] == frame["accuracy"].max()
+    assert ends["spikes_per_inference"].iloc[1] == frame["spikes_per_inference"].min()
+    assert ends["n_weights"].iloc[2] == frame["n_weights"].min()
+
+
+def leaky() -> pd.DataFrame:
+    """Return three points of which the best has seen its labels, and one that does not say."""
+    frame = pd.DataFrame({"trial": [0, 1, 2, 3], "accuracy": [1.0, 0.8, 0.7, 0.9], "size": [1, 2, 1, 3]})
+    return frame.assign(transductive=pd.array([True, False, False, None], "boolean"))
+
+
+def test_what_has_seen_its_labels_is_on_no_front_unless_it_is_asked_for():
+    found = skyline(leaky(), [("accuracy", "max"), ("size", "min")])
+    assert found.rows["trial"].tolist() == [3, 1, 2]
+    assert found.notes == ["1 transductive row left out: what answers has seen the labels"]
+    asked = skyline(leaky(), [("accuracy", "max")], where="transductive == True or transductive == False")
+    assert asked.rows["trial"].tolist() == [0] and asked.notes == []
+    assert skyline(leaky().iloc[1:], [("accuracy", "max")]).notes == []
+
+
+def test_what_has_seen_its_labels_is_not_picked_unless_it_is_asked_for():
+    found = pick(leaky(), ["size <= 1"])
+    assert found.row is not None and found.row["trial"] == 2
+    assert len(found.notes) == 1 and "transductive" in found.notes[0]
+    asked = pick(leaky(), ["size <= 1", "transductive == True"])
+    assert asked.row is not None and asked.row["trial"] == 0 and asked.notes == []

@@ -87,6 +87,7 @@ def test_every_trial_has_its_record(finished: study.Study) -> None:
         trials["accuracy"].is_monotonic_increasing or trials["accuracy"].iloc[-1] > trials["accuracy"].iloc[0]
     )
     assert set(trials["task"]) == {"fabric"}
+    assert set(trials["family"]) == set(finished.points()["family"]) == {"fake"}
 
 
 def test_the_folder_says_what_was_explored_and_where(finished: study.Study) -> None:
@@ -100,7 +101,7 @@ def test_the_folder_says_what_was_explored_and_where(finished: study.Study) -> N
 
 def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
     points = finished.points()
-    assert len(points) == 6 * (1 + 2 * 3)
+    assert len(points) == 6 * (1 + 2 * 3 + 19)  # the full read-out, the grid, earlier read-outs
     for number in (0, 5):
         [record] = finished.runs(number)
         folder = store.run_folder(finished.folder, number, 0)
@@ -108,8 +109,14 @@ def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
         data = load(usual_root() / record["data"])
         target = data.target[data.validation]
         done = response.spikes.cumsum(axis=1)
-        end, grid = points[points["trial"] == number].iloc[0], points[points["trial"] == number].iloc[1:]
-        assert np.isnan(end["phi"]) and np.isnan(end["theta"]) and end["undecided"] == 0
+        own = points[points["trial"] == number]
+        end, grid, early = own.iloc[0], own[own["phi"].notna()], own[own["read_out_ms"].notna()]
+        assert (
+            np.isnan(end["read_out_ms"])
+            and np.isnan(end["phi"])
+            and np.isnan(end["theta"])
+            and end["undecided"] == 0
+        )
         for name in ("accuracy", "energy_uj", "decision_latency_ms", "spikes_total", "synaptic_operations"):
             assert end[name] == finished.trials[name][number], name
         for _, row in grid.iterrows():
@@ -122,6 +129,12 @@ def test_points_are_what_the_stored_spikes_say(finished: study.Study) -> None:
             assert row["spikes_total"] == spikes.sum()
             hidden = record["design"]["model.hidden"]
             assert row["synaptic_operations"] == pytest.approx((spikes @ [hidden, 3, 0]).mean())
+        assert early["read_out_ms"].tolist() == [5.0 * (k + 1) for k in range(19)]
+        for k, (_, row) in enumerate(early.iterrows()):
+            label = read_out(response.output[:, : k + 1])
+            assert row["accuracy"] == pytest.approx((label == target).mean())
+            assert row["decision_latency_ms"] == row["read_out_ms"]
+            assert row["spikes_total"] == done[:, k].sum()
         label = read_out(response.output)
         assert finished.trials["accuracy"][number] == pytest.approx((label == target).mean())
         confusion = store.load_arrays(folder / "confusion.npz")["validation"]
@@ -429,7 +442,7 @@ def test_a_guilty_member_fails_alone(tmp_path: Path) -> None:
     assert set(reasons["crowded"]) == {""}
     assert set(reasons["killed"]) == {"worker died: signal 9"}
     assert set(reasons["diverged"]) == {"TrainingDiverged: loss is not finite in epoch 1"}
-    assert reasons["misshapen"].str.startswith("ValueError: n_steps must be finite").all()
+    assert reasons["misshapen"].str.startswith("ValueError: a response must hold samples and steps").all()
     assert set(reasons["forgotten"]) == {"RuntimeError: Together.fit_cohort left out designs [0]"}
     assert set(reasons["raise"]) == {"ValueError: hidden must be kind"}
     details = found.runs(3)[0]["details"]
@@ -509,7 +522,7 @@ def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
         ]
     )
     points = found.points()
-    points = points[points["trial"] == number].iloc[1:]
+    points = points[(points["trial"] == number) & points["phi"].notna()]
     assert np.allclose(points["accuracy"], surfaces.mean(axis=0).ravel())
     assert np.allclose(points["accuracy_se"], (surfaces.std(axis=0, ddof=1) / np.sqrt(3)).ravel())
     assert_same(study.run(space, tmp_path / "results", progress=False), found)

@@ -51,6 +51,15 @@ def test_repeats_are_averaged(space: SearchSpace) -> None:
     assert frame["t_h_ms"].isna().all()
 
 
+def test_what_one_of_several_runs_does_not_measure_is_missing(space: SearchSpace) -> None:
+    silent = record(0, 1, 0.5)
+    runs = [record(0, 0, 0.5, first_spike_ms=4.0), silent, record(0, 2, 0.5, dead_neurons=1)]
+    for order in (runs, runs[::-1]):
+        frame = tables.trials_table(space, {0: order})
+        assert frame.loc[0, "accuracy"] == 0.5
+        assert frame[["first_spike_ms", "dead_neurons"]].isna().all(axis=None)
+
+
 def test_a_list_is_text_in_a_table(space: SearchSpace, tmp_path: Path) -> None:
     frame = tables.trials_table(space, {0: [record(0, 0, 0.5)], 1: [record(1, 0, 0.5)]})
     assert list(frame["model.hidden"]) == ["[4]", "[8, 4]"]
@@ -113,6 +122,48 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
     assert chip["fits"].tolist() == [False] * 6
     assert chip["spikes_total"].dtype == np.int64
     assert frame[frame["hardware"] == "other"]["energy_uj"].tolist()[1:] == [0.0] * 6
+
+
+def test_read_outs_before_the_end_are_points(space: SearchSpace, tmp_path: Path) -> None:
+    folder = store.run_folder(tmp_path, 0, 0)
+    folder.mkdir(parents=True)
+    arrays = {
+        "decision_latency_ms": np.array([2.0, 4.0]),
+        "accuracy": np.array([0.25, 0.5]),
+        "n_weights": np.array([14, 28]),
+        "chip/energy_uj": np.array([0.5, 1.0]),
+        "other/energy_uj": np.array([4.5, 9.0]),
+    }
+    store.save_arrays(folder / "read_out.npz", arrays)
+    run = {**record(0, 0, 0.5, itr_bits=1.5, t_c_ms=4.0), "files": {"read_out.npz": ""}}
+    frame = tables.points_table(space, tmp_path, {0: [run], 1: [record(1, 0, 0.7)]})
+    first = frame[(frame["trial"] == 0) & (frame["hardware"] == "other")]
+    assert first["read_out_ms"].isna().tolist() == [True, False]
+    assert first["read_out_ms"].iloc[1] == first["decision_latency_ms"].iloc[1] == 2.0
+    assert first["accuracy"].tolist() == [0.5, 0.25] and first["n_weights"].tolist() == [28, 14]
+    assert first["energy_uj"].tolist() == [9.0, 4.5]
+    assert first["t_c_ms"].tolist() == [4.0, 4.0]  # of the design
+    assert first["itr_bits"].isna().tolist() == [False, True]  # of one answer, which this row is not
+    assert first["model.hidden"].tolist() == ["[4]"] * 2
+    assert frame["fits"].dtype == "boolean" and frame["read_out_ms"].isna().sum() == 4
+
+
+def test_a_joint_net_has_points_of_each_head(space: SearchSpace, tmp_path: Path) -> None:
+    run = record(0, 0, 0.4)
+    heads = {
+        name: {"columns": {**run["columns"], "accuracy": accuracy}, "hardware": run["hardware"]}
+        for name, accuracy in (("texture", 0.8), ("profile", 0.5))
+    }
+    folder = store.run_folder(tmp_path, 0, 0)
+    folder.mkdir(parents=True)
+    grid = {"phi": np.array([0]), "theta": np.array([0.5]), "accuracy": np.array([[0.7]])}
+    store.save_arrays(folder / "surface_texture.npz", grid)
+    runs = {0: [{**run, "of_heads": heads, "files": {"surface_texture.npz": ""}}]}
+    frame = tables.points_table(space, tmp_path, runs)
+    chip = frame[frame["hardware"] == "chip"]
+    assert chip["task"].tolist() == ["texture", "texture", "profile"]
+    assert chip["accuracy"].tolist() == [0.8, 0.7, 0.5]
+    assert tables.trials_table(space, runs)["accuracy"].tolist() == [0.4]
 
 
 def test_the_task_of_an_axis_of_targets_is_its_columns(tmp_path: Path) -> None:

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse import trial
+from dse import store, trial
 from dse.execution import Workers
+from dse.models.knn import KNN
 from dse.models.snn import SNN
 from dse.models.training import Training
 from dse.records import Dataset, Spikes
-from tests.saved_data import save
+from tests.joint_data import joint
+from tests.saved_data import in_a_row, save
 
 
 def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
@@ -28,8 +30,9 @@ def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
     spikes = Spikes(offsets, np.nonzero(raster)[1].astype(np.int32), n_steps, n_channels, 1.0)
     start, parts = np.zeros(n, np.int32), np.split(np.arange(n), 2)
     return Dataset(
-        spikes, np.arange(n) % 2, ("a", "b"), start, start, start, n_steps, *parts, np.zeros(0, np.int64)
-    )
+        spikes, np.arange(n) % 2, ("a", "b"), start, start, start, n_steps, *parts, np.zeros(0, np.int64),
+        in_a_row(n_channels),
+    )  # fmt: skip
 
 
 def run(folder: Path, model: Any, number: int = 0, **training: Any) -> trial.Run:
@@ -110,3 +113,39 @@ def test_a_family_that_trains_alone_has_no_company(tmp_path: Path) -> None:
     demands = [trial.demand(run(tmp_path, SimpleNamespace(), k), data) for k in (0, 1)]
     assert demands[0].key != demands[1].key
     assert {one.alone_bytes for one in demands} == {trial.PROCESS_BYTES}
+
+
+def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
+    data = joint(n_steps=20)
+    save(data, tmp_path / "data")
+    grid = {"phi": (0,), "theta": (0.5, 0.9), "hardware": ("op_4.6_0.9",)}
+    spiking = dataclasses.replace(run(tmp_path, SNN((6,)), 0, epochs=1, batch_size=16), **grid)
+    counting = dataclasses.replace(run(tmp_path, KNN(window_ms=20.0, channels="each"), 1), **grid)
+    for one in (spiking, counting):
+        assert list(trial.train(trial.Cohort((one,)))) == [(0, None)]
+        record = store.load_run(one.folder)
+        assert record is not None
+        assert record["samples"] == {"train": 40, "validation": 30, "test": 10}
+        assert record["transductive"] == "" and record["columns"]["transductive"] is False
+        assert record["heads"] == {
+            "texture": {"classes": ["a", "b", "c"], "of_class": [0, 0, 1, 1, 2]},
+            "profile": {"classes": ["p", "q"], "of_class": [0, 1, 0, 1, 0]},
+        }
+        assert set(record["of_heads"]) == {"texture", "profile"}
+        for name, own in record["of_heads"].items():
+            read_out = store.load_arrays(one.folder / f"read_out_{name}.npz")
+            assert read_out["accuracy"][-1] == own["columns"]["accuracy"]
+            assert read_out["op_4.6_0.9/energy_uj"][-1] == own["hardware"]["op_4.6_0.9"]["energy_uj"]
+            assert own["columns"]["accuracy"] == record["columns"][f"accuracy_{name}"]
+            confusion = store.load_arrays(one.folder / f"confusion_{name}.npz")
+            assert confusion["validation"].sum() == 30 and confusion["test"].sum() == 10
+            assert (one.folder / f"surface_{name}.npz").exists() == (one is spiking)
+        assert not (one.folder / "read_out.npz").exists(), "both heads together have no earlier read-outs"
+        assert store.load_arrays(one.folder / "confusion.npz")["validation"].shape == (5, 5)
+        said = store.load_arrays(one.folder / "response.npz")
+        assert said["index"].tolist() == data.validation.tolist()
+        assert ("label" in said) == (one is counting)
+    fitted = store.fitted_of(store.load_arrays(counting.folder / "weights.npz"))
+    again = KNN(window_ms=20.0, channels="each").respond(fitted, data, data.test)
+    stored = store.load_arrays(counting.folder / "response_test.npz")
+    assert np.array_equal(again.label, stored["label"])

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 Objective = tuple[str, str]
 
+# Columns beside the axes that tell rows apart.
+_ABOUT = ("phi", "theta", "read_out_ms", "hardware", "task", "family")
+
 
 def front(
     points: pandas.DataFrame, objectives: Sequence[Objective], where: str | None = None, by: str | None = None
@@ -37,9 +40,11 @@ def columns(rows: pandas.DataFrame, objectives: Sequence[Objective]) -> list[str
         ]
         place = names.index("accuracy") + 1
         names[place:place] = [name for name in extra if name not in names]
-    parameters = [
-        name for name in map(str, rows.columns) if "." in name or name in ("phi", "theta", "hardware", "task")
-    ]
-    varied = [name for name in parameters if rows[name].astype(str).nunique() > 1]
+    # An axis of one family says little in a table of several; every other format has it.
+    axes = [name for name in map(str, rows.columns) if "." in name and rows[name].notna().all()]
+    if "family" in rows:  # says the same, of studies of a single family too
+        axes = [name for name in axes if name != "model.kind"]
+    parameters = [name for name in map(str, rows.columns) if name in axes or name in _ABOUT]
+    varied = [name for name in parameters if rows[name].astype(str).nunique(dropna=False) > 1]
     chosen = [*(["trial"] if "trial" in rows else []), *varied, *names]
     return [name for name in dict.fromkeys(chosen) if name in rows]

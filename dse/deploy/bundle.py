@@ -1,13 +1,13 @@
 """A bundle: the folder that `dse pick --export` writes and `dse evaluate` runs.
 
 bundle.json   schema, how recordings become spikes, the decision rule, the classes, the record, the evidence
-weights.npz   the network: float weights, 8-bit weights, decays, thresholds
+weights.npz   what was trained; of a network: float weights, 8-bit weights, decays, thresholds
 README.md     the same for people
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,10 @@ import numpy as np
 
 from dse import store
 from dse.neurons import cuba_lif
-from dse.records import Array, Network
+from dse.records import Array, Head, Network, Parameters
 from dse.store import StoreError
 
-SCHEMA = "dse/bundle/1"
+SCHEMA = "dse/bundle/2"
 _WEIGHTS = "weights.npz"
 
 
@@ -31,21 +31,26 @@ class BundleError(ValueError):
 class Bundle:
     """A classifier that can be deployed.
 
-    network: what runs.
+    fitted: what was trained; the family of section model runs it.
     sections: resolved data, task, window, preprocessing, encoder, model and training of its design.
-    classes: names of the outputs.
-    phi, theta: the decision rule; both None for the full read-out.
+    classes: names of the answers of the whole network.
+    phi, theta: the decision rule; both None where the answer comes at a fixed time.
+    read_out_ms: that time; None for the end of the window.
+    heads: of a joint target; head: the one that answers, '' for all of them together.
     record: the design point, column -> value.
     evidence: where the numbers come from.
     """
 
-    network: Network
+    fitted: Network | Parameters
     sections: Mapping[str, Any]
     classes: tuple[str, ...]
     phi: float | None
     theta: float | None
     record: Mapping[str, Any]
     evidence: Mapping[str, Any]
+    read_out_ms: float | None = None
+    heads: tuple[Head, ...] = ()
+    head: str = ""
 
 
 def write(bundle: Bundle, folder: Path) -> None:
@@ -59,7 +64,7 @@ def write(bundle: Bundle, folder: Path) -> None:
         raise BundleError(f"{folder}: exists and is no bundle; choose another folder to export to")
     with store.published(folder) as temporary:
         temporary.mkdir()
-        store.save_arrays(temporary / _WEIGHTS, weights(bundle.network))
+        store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
         document = {
             "schema": SCHEMA,
             "sections": bundle.sections,
@@ -68,7 +73,12 @@ def write(bundle: Bundle, folder: Path) -> None:
                 "phi": bundle.phi,
                 "theta": bundle.theta,
                 "undecided": "argmax at the end, lowest class on ties",
+                "read_out_ms": bundle.read_out_ms,
+                "head": bundle.head,
             },
+            "heads": [
+                {"name": x.name, "classes": x.classes, "of_class": x.of_class.tolist()} for x in bundle.heads
+            ],
             "record": bundle.record,
             "evidence": bundle.evidence,
             "files": {_WEIGHTS: store.checksum(temporary / _WEIGHTS)},
@@ -99,13 +109,16 @@ def read(folder: str | Path) -> Bundle:
             if store.checksum(path / name) != expected:
                 raise BundleError(f"{path / name}: is damaged (its checksum differs)")
         return Bundle(
-            network=store.network_of(store.load_arrays(path / _WEIGHTS)),
+            fitted=store.fitted_of(store.load_arrays(path / _WEIGHTS)),
             sections=document["sections"],
             classes=tuple(document["classes"]),
             phi=document["decision"]["phi"],
             theta=document["decision"]["theta"],
             record=document["record"],
             evidence=document["evidence"],
+            read_out_ms=document["decision"]["read_out_ms"],
+            heads=heads_of(document["heads"]),
+            head=document["decision"]["head"],
         )
     except StoreError as error:
         raise BundleError(str(error)) from error
@@ -113,13 +126,18 @@ def read(folder: str | Path) -> Bundle:
         raise BundleError(f"{path / 'bundle.json'}: lacks or garbles {error}") from error
 
 
-def weights(network: Network) -> dict[str, Array]:
-    """Return a network's arrays and, beside each float weight matrix, the 8-bit one that a chip holds.
+def heads_of(plain: Iterable[Mapping[str, Any]]) -> tuple[Head, ...]:
+    """Return heads from plain data: name, classes, of_class."""
+    return tuple(Head(x["name"], tuple(x["classes"]), np.array(x["of_class"], np.int64)) for x in plain)
+
+
+def weights(fitted: Network | Parameters) -> dict[str, Array]:
+    """Return what was trained as arrays; of a network, beside each float matrix the 8-bit one of a chip.
 
     An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.cuba_lif.quantise).
     """
-    arrays = store.network_arrays(network)
-    for k, layer in enumerate(network.layers):
+    arrays = store.fitted_arrays(fitted)
+    for k, layer in enumerate(fitted.layers if isinstance(fitted, Network) else ()):
         for name, matrix in (("weight", layer.weight), ("recurrent", layer.recurrent)):
             if matrix is not None:
                 arrays[f"{k}/{name}_8bit"] = np.rint(cuba_lif.quantise(matrix) * 32).astype(np.int8)
@@ -131,30 +149,57 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _readme(bundle: Bundle) -> str:
-    sizes = "-".join(map(str, bundle.network.sizes))
-    if bundle.phi is None:
-        rule = "The class with most output spikes at the end of the window (lowest on ties)."
-    else:
-        rule = (
-            f"At the first step with more than {bundle.phi:g} output spikes, of which one class has a share "
-            f"of {bundle.theta:g} or more: that class. Else the class with most at the end (lowest on ties)."
-        )
     record = "\n".join(f"| {name} | {value} |" for name, value in bundle.record.items())
-    return f"""# {bundle.evidence.get("study", "dse")}: a spiking classifier of {", ".join(bundle.classes)}
+    what, weights_are = _described(bundle)
+    return f"""# {bundle.evidence.get("study", "dse")}: a classifier of {", ".join(_answers(bundle))}
 
-A {sizes} network of current-based leaky integrate-and-fire neurons ({bundle.network.arithmetic} arithmetic).
+{what}
 
     dse evaluate THIS_FOLDER --data RECORDINGS
 
-**Decision.** {rule}
+**Decision.** {_rule(bundle)}
 
-**Weights.** `weights.npz` holds per layer k (0 is nearest the input): `k/weight` (neuron, input) as trained,
-`k/weight_8bit` what runs on a chip (value / 32), `k/decay_current` and `k/decay_voltage` in 1/4096, and
-`k/threshold` in 1/64. Input column d * {bundle.network.n_channels} + c is channel c, `delays[d]` steps ago.
+**Weights.** {weights_are}
 
-**Spikes.** How recordings become input spikes is in `bundle.json`, `sections`.
+**Input.** How recordings become spikes is in `bundle.json`, `sections`.
 
 | measured (validation unless it says test) | |
 | --- | --- |
 {record}
 """
+
+
+def _answers(bundle: Bundle) -> tuple[str, ...]:
+    return next((x.classes for x in bundle.heads if x.name == bundle.head), bundle.classes)
+
+
+def _rule(bundle: Bundle) -> str:
+    when = "at the end of the window" if bundle.read_out_ms is None else f"after {bundle.read_out_ms:g} ms"
+    if isinstance(bundle.fitted, Parameters):
+        return f"The class that the classifier names {when}."
+    if bundle.phi is None:
+        return f"The class with most output spikes {when} (lowest on ties)."
+    return (
+        f"At the first step with more than {bundle.phi:g} output spikes, of which one class has a share "
+        f"of {bundle.theta:g} or more: that class. Else the class with most at the end (lowest on ties)."
+    )
+
+
+def _described(bundle: Bundle) -> tuple[str, str]:
+    """Return what the classifier is, and what its arrays are."""
+    fitted = bundle.fitted
+    if isinstance(fitted, Parameters):
+        names = ", ".join(f"`own/{name}`" for name in fitted.arrays)
+        kind = bundle.sections["model"]["kind"]
+        return (
+            f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",
+            f"`weights.npz` holds what the family stores: {names}.",
+        )
+    return (
+        f"A {'-'.join(map(str, fitted.sizes))} network of current-based leaky integrate-and-fire neurons "
+        f"({fitted.arithmetic} arithmetic).",
+        "`weights.npz` holds per layer k (0 is nearest the input): `k/weight` (neuron, input) as trained, "
+        "`k/weight_8bit` what runs on a chip (value / 32), `k/decay_current`, `k/decay_voltage` in 1/4096 "
+        "and `k/threshold` in 1/64. "
+        f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago.",
+    )

@@ -12,24 +12,9 @@ declare(
     "t_p_ms", "ms", "min", "Shortest mean decision time among the settings (phi, theta) of best accuracy."
 )
 declare("t_h_ms", "ms", "min", "Shortest mean decision time among the settings that reach human accuracy.")
+declare("t_c_ms", "ms", "min", "Shortest input after which accuracy is within 10 % of its peak.")
+declare("decision_latency_ms", "ms", "min", "Mean time of the decision on the sensor's clock.")
 declare("undecided", "", "min", "Fraction of samples that never reach the confidence theta.")
-
-
-@objective(unit="ms", direction="min")
-def decision_latency_ms(step: ArrayLike, step_ms: float) -> float:
-    """Mean time of the decision on the sensor's clock.
-
-    Args:
-        step: (n,) zero-based step of each decision; it ends (step + 1) step_ms after the start.
-        step_ms: duration of a step.
-
-    Raises:
-        ValueError: no samples.
-    """
-    steps = np.asarray(step)
-    if steps.ndim != 1 or steps.size == 0:
-        raise ValueError(f"step must be (n,) with n >= 1, got {steps.shape}")
-    return float((steps + 1).mean() * step_ms)
 
 
 @objective(unit="ms", direction="min")

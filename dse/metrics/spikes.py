@@ -12,7 +12,7 @@ Source: Brayshaw et al., texture and velocity, Eq. (3) (REFERENCES.md).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dse.metrics import objective
 from dse.records import Workload
@@ -35,6 +35,11 @@ def spikes_per_inference_no_input(workload: Workload) -> NDArray[np.float64]:
 
 
 @objective(unit="", direction="min")
-def spikes_total(workload: Workload, n_samples: int) -> NDArray[np.int64]:
-    """Spikes summed over the whole set of n_samples, all layers (S as the source prints it)."""
-    return np.asarray(np.rint(spikes_per_inference(workload) * n_samples).astype(np.int64))
+def spikes_total(spikes: ArrayLike, n_samples: int) -> NDArray[np.int64]:
+    """Spikes summed over the whole set of n_samples, all layers (S as the source prints it).
+
+    Args:
+        spikes: (...,) mean spikes per inference.
+        n_samples: size of the set.
+    """
+    return np.asarray(np.rint(np.asarray(spikes, np.float64) * n_samples).astype(np.int64))

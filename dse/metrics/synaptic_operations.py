@@ -15,10 +15,12 @@ def synaptic_operations(workload: Workload) -> NDArray[np.float64]:
 
         sum over layers l of spikes_l (n_(l+1) + n_l where l is recurrent)
 
-    Effective accumulates in the sense of NeuroBench for binary inputs and dense weights, zero weights
-    counted; output spikes have no targets.
+    Effective accumulates in the sense of NeuroBench for binary inputs: weights that pruning removed do not
+    count (`Workload.synapses` in place of the brackets), those that 8 bits round to 0 do. Output spikes have
+    no targets.
 
     Returns:
         (...,), the leading axes of `workload.spikes`.
     """
-    return np.asarray(workload.spikes, dtype=np.float64) @ np.array(workload.fan_out, dtype=np.float64)
+    reached = workload.fan_out if workload.synapses is None else workload.synapses
+    return np.asarray(workload.spikes, dtype=np.float64) @ np.array(reached, dtype=np.float64)

@@ -11,6 +11,9 @@ therefore either complete or absent, and its presence is what makes the run fini
 """
 
 from dse.store.arrays import (
+    answers_arrays,
+    fitted_arrays,
+    fitted_of,
     load_arrays,
     network_arrays,
     network_of,
@@ -37,9 +40,12 @@ __all__ = [
     "SCHEMA",
     "WARNINGS",
     "StoreError",
+    "answers_arrays",
     "checksum",
     "exclusive",
     "explained",
+    "fitted_arrays",
+    "fitted_of",
     "load_arrays",
     "load_run",
     "network_arrays",

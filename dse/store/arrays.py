@@ -1,4 +1,4 @@
-"""Records as named arrays in .npz files: networks and responses."""
+"""Records as named arrays in .npz files: what was trained, and what it answered."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import cast
 
 import numpy as np
 
-from dse.records import Arithmetic, Array, Layer, Network, Response
+from dse.records import Answers, Arithmetic, Array, Layer, Network, Parameters, Response
 from dse.store.files import StoreError
+
+# In front of the names of a family's own arrays.
+_OWN = "own/"
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
@@ -79,6 +82,33 @@ def network_of(arrays: Mapping[str, Array]) -> Network:
         raise StoreError(f"a network needs the array {error}") from error
 
 
+def fitted_arrays(fitted: Network | Parameters) -> dict[str, Array]:
+    """Return what a family trained as named arrays; `fitted_of` reads them back."""
+    if isinstance(fitted, Network):
+        return network_arrays(fitted)
+    own = {f"{_OWN}{name}": np.asarray(x) for name, x in fitted.arrays.items()}
+    return {"n_channels": np.array(fitted.n_channels), **own}
+
+
+def fitted_of(arrays: Mapping[str, Array]) -> Network | Parameters:
+    """Return what `fitted_arrays` was given.
+
+    Raises:
+        StoreError: an array is missing.
+    """
+    if "n_layers" in arrays:
+        return network_of(arrays)
+    if "n_channels" not in arrays:
+        raise StoreError("a trained classifier needs the array 'n_channels'")
+    own = {name.removeprefix(_OWN): x for name, x in arrays.items() if name.startswith(_OWN)}
+    return Parameters(own, int(arrays["n_channels"]))
+
+
+def answers_arrays(answers: Answers, index: Array) -> dict[str, Array]:
+    """Return answers as named arrays; `index` (n,) are the numbers of the samples."""
+    return {"index": np.asarray(index), **{name: np.asarray(x) for name, x in vars(answers).items()}}
+
+
 def response_arrays(response: Response, index: Array) -> dict[str, Array]:
     """Return a response as named arrays; `response_of` reads them back.
 
@@ -94,6 +124,7 @@ def response_arrays(response: Response, index: Array) -> dict[str, Array]:
         "updates": response.updates,
         "step_ms": np.array(response.step_ms),
         "peak_state": np.array(response.peak_state),
+        **({} if response.synapses is None else {"synapses": np.array(response.synapses)}),
     }
 
 
@@ -102,5 +133,10 @@ def response_of(arrays: Mapping[str, Array]) -> Response:
     shape = tuple(int(n) for n in arrays["shape"])
     output = np.unpackbits(arrays["output"], count=int(np.prod(shape))).reshape(shape)
     return Response(
-        output, arrays["spikes"], arrays["updates"], float(arrays["step_ms"]), int(arrays["peak_state"])
+        output,
+        arrays["spikes"],
+        arrays["updates"],
+        float(arrays["step_ms"]),
+        int(arrays["peak_state"]),
+        tuple(arrays["synapses"].tolist()) if "synapses" in arrays else None,
     )

@@ -43,7 +43,7 @@ class Study:
         return _table(self.folder / "trials.parquet")
 
     def points(self) -> pandas.DataFrame:
-        """Return one row per trial x phi x theta x hardware profile (`dse.tables`)."""
+        """Return one row per design point: a trial, when it answers, and on which hardware (`dse.tables`)."""
         return _table(self.folder / "points.parquet")
 
     def runs(self, trial: int) -> list[Record]:

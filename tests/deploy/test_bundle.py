@@ -12,7 +12,7 @@ import pytest
 
 from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, weights, write
 from dse.neurons.cuba_lif import quantise
-from dse.records import Layer, Network
+from dse.records import Head, Layer, Network, Parameters
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def made() -> Bundle:
     weight = np.array([[-9.0, 9.0], [1 / 64, 3 / 64], [0.5, -1 / 3]], np.float32)
     network = Network((Layer(weight, ring, decay, decay, 80),), 2, (0,), 1, "integer")
     return Bundle(
-        network=network,
+        fitted=network,
         sections={"data": {"kind": "raster"}, "model": {"kind": "snn", "hidden": [3]}},
         classes=("felt", "silk", "wool"),
         phi=4.0,
@@ -38,7 +38,7 @@ def test_a_bundle_survives_the_disk(made: Bundle, tmp_path: Path) -> None:
     found = read(tmp_path / "b")
     for name in ("sections", "classes", "phi", "theta", "record", "evidence"):
         assert getattr(found, name) == getattr(made, name)
-    assert np.array_equal(found.network.layers[0].weight, made.network.layers[0].weight)
+    assert np.array_equal(found.fitted.layers[0].weight, made.fitted.layers[0].weight)
     assert sorted(path.name for path in (tmp_path / "b").iterdir()) == [
         "README.md",
         "bundle.json",
@@ -49,8 +49,8 @@ def test_a_bundle_survives_the_disk(made: Bundle, tmp_path: Path) -> None:
 
 
 def test_eight_bits_hold_exactly_what_runs(made: Bundle) -> None:
-    arrays = weights(made.network)
-    [layer] = made.network.layers
+    arrays = weights(made.fitted)
+    [layer] = made.fitted.layers
     for name, matrix in (("weight", layer.weight), ("recurrent", layer.recurrent)):
         stored = arrays[f"0/{name}_8bit"]
         assert stored.dtype == np.int8
@@ -115,3 +115,40 @@ def test_damage_is_one_line(made: Bundle, tmp_path: Path, damage: Any, message: 
     with pytest.raises(BundleError, match=message) as caught:
         read(tmp_path / "b")
     assert "\n" not in str(caught.value)
+
+
+def test_another_family_answers_at_a_time_for_one_head(made: Bundle, tmp_path: Path) -> None:
+    heads = (
+        Head("fabric", ("felt", "silk"), np.array([0, 0, 1])),
+        Head("speed", ("slow", "fast"), np.array([0, 1, 0])),
+    )
+    fitted = Parameters({"counts": np.arange(6).reshape(2, 3), "names": np.array(["a", "b"])}, 4)
+    sections = {"model": {"kind": "knn"}}
+    given = replace(
+        made,
+        fitted=fitted,
+        sections=sections,
+        phi=None,
+        theta=None,
+        read_out_ms=250.0,
+        heads=heads,
+        head="speed",
+    )
+    write(given, tmp_path / "b")
+    found = read(tmp_path / "b")
+    assert isinstance(found.fitted, Parameters)
+    assert found.fitted.n_channels == 4 and set(found.fitted.arrays) == {"counts", "names"}
+    assert np.array_equal(found.fitted.arrays["counts"], fitted.arrays["counts"])
+    assert (found.read_out_ms, found.head) == (250.0, "speed")
+    for head, put in zip(found.heads, heads, strict=True):
+        assert (head.name, head.classes) == (put.name, put.classes)
+        assert head.of_class.tolist() == put.of_class.tolist() and head.of_class.dtype == np.int64
+    text = (tmp_path / "b" / "README.md").read_text()
+    assert "a classifier of slow, fast" in text
+    assert "The class that the classifier names after 250 ms." in text
+    assert "family `knn`" in text and "`own/counts`, `own/names`" in text
+
+
+def test_a_net_that_is_read_out_early_says_when(made: Bundle, tmp_path: Path) -> None:
+    write(replace(made, phi=None, theta=None, read_out_ms=40.0), tmp_path / "b")
+    assert "most output spikes after 40 ms (lowest on ties)" in (tmp_path / "b" / "README.md").read_text()

@@ -1,7 +1,9 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
-from dse.metrics.latency import decision_latency_ms, latency_ms
+from dse.metrics.latency import latency_ms
 from dse.metrics.n_weights import n_weights
 from dse.metrics.spikes import spikes_per_inference, spikes_per_inference_no_input, spikes_total
 from dse.metrics.synaptic_operations import synaptic_operations
@@ -9,14 +11,24 @@ from dse.records import Layer, Network, Workload
 
 
 def layer(n, n_in, recurrent=False):
-    own = np.zeros((n, n), dtype=np.float32) if recurrent else None
+    own = np.ones((n, n), dtype=np.float32) if recurrent else None
     decay = np.zeros(n, dtype=np.int32)
-    return Layer(np.zeros((n, n_in), dtype=np.float32), own, decay, decay, 80)
+    return Layer(np.ones((n, n_in), dtype=np.float32), own, decay, decay, 80)
 
 
 def test_weights_count_delays_and_recurrence():
     network = Network((layer(5, 2 * 3, recurrent=True), layer(4, 5)), 3, (0, 2), 1, "integer")
     assert n_weights(network) == 5 * 6 + 5 * 5 + 4 * 5
+
+
+def test_weights_that_are_exactly_0_do_not_count():
+    pruned = layer(5, 6, recurrent=True)
+    pruned.weight[:, 2] = 0
+    pruned.recurrent[0, 0] = 0
+    network = Network((pruned, layer(4, 5)), 6, (0,), 1, "integer")
+    assert network.stored == (5 * 5 + 5 * 5 - 1, 4 * 5)
+    assert n_weights(network) == sum(network.stored)
+    assert network.n_weights_dense == 5 * 6 + 5 * 5 + 4 * 5
 
 
 def workload(sizes, recurrent, spikes):
@@ -28,13 +40,14 @@ def test_spikes_both_ways_with_and_without_input():
     found = workload((9, 4, 3), (False, False), [6.0, 1.5, 1.5])
     assert spikes_per_inference(found) == 9.0
     assert spikes_per_inference_no_input(found) == 3.0
-    assert spikes_total(found, 2) == 18
+    assert spikes_total(spikes_per_inference(found), 2) == 18
 
 
 def test_totals_are_whole_and_do_not_overflow():
     thirds = workload((9, 4), (False,), [[2**33, 1 / 3], [1, 2 / 3]])
-    assert spikes_total(thirds, 3).tolist() == [3 * 2**33 + 1, 5]
-    assert spikes_total(thirds, 3).dtype == np.int64
+    found = spikes_total(spikes_per_inference(thirds), 3)
+    assert found.tolist() == [3 * 2**33 + 1, 5]
+    assert found.dtype == np.int64
 
 
 def test_synaptic_operations_of_a_network_small_enough_to_count():
@@ -43,16 +56,19 @@ def test_synaptic_operations_of_a_network_small_enough_to_count():
     assert synaptic_operations(workload((3, 2, 4), (False, True), [7, 5, 9])) == 7 * 2 + 5 * 4 + 9 * 4
 
 
+def test_pruned_synapses_are_no_operations():
+    dense = workload((3, 2, 4), (True, False), [7, 5, 9])
+    pruned = dataclasses.replace(dense, synapses=(1.5, 2.0, 0.0), stored=(4, 3))
+    assert synaptic_operations(pruned) == 7 * 1.5 + 5 * 2
+    assert synaptic_operations(dataclasses.replace(dense, synapses=dense.fan_out)) == synaptic_operations(
+        dense
+    )
+
+
 def test_synaptic_operations_keep_leading_axes():
     spikes = np.arange(12.0).reshape(2, 2, 3)
     found = synaptic_operations(workload((3, 2, 4), (False, False), spikes))
     assert found.tolist() == (2 * spikes[..., 0] + 4 * spikes[..., 1]).tolist()
-
-
-def test_decisions_end_with_their_step():
-    assert decision_latency_ms([0, 3], 2.0) == 5.0
-    with pytest.raises(ValueError, match="step must be"):
-        decision_latency_ms([], 1.0)
 
 
 def queue(n, period, compute):

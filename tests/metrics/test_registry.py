@@ -7,13 +7,13 @@ def test_the_columns_of_the_record_are_declared():
     columns = (
         "accuracy accuracy_se accuracy_test n_weights spikes_per_inference spikes_total synaptic_operations "
         "decision_latency_ms hardware_latency_ms latency_ms energy_uj energy_uj_low energy_uj_high n_cores "
-        "fits t_p_ms t_h_ms undecided train_s"
+        "fits itr_bits t_p_ms t_h_ms t_c_ms undecided macs train_s"
     )
     assert set(columns.split()) <= set(metrics.known())
 
 
 def test_units_stand_in_the_names():
-    units = {"ms": "_ms", "uJ": "_uj", "s": "_s"}
+    units = {"ms": "_ms", "uJ": "_uj", "s": "_s", "bit": "_bits", "bit/s": "_bits_per_s"}
     for name, found in metrics.known().items():
         assert found.direction in ("max", "min")
         assert found.doc.endswith(".")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dse import store
-from dse.records import Layer, Network, Response
+from dse.records import Answers, Layer, Network, Parameters, Response
 
 
 def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:
@@ -64,3 +64,34 @@ def test_a_response_survives_the_disk(tmp_path: Path) -> None:
         assert np.array_equal(getattr(found, name), getattr(response, name))
         assert getattr(found, name).dtype == getattr(response, name).dtype
     assert (found.step_ms, found.peak_state) == (2.5, 2**31)
+
+
+def test_what_a_pruned_net_reached_survives_the_disk() -> None:
+    nothing = np.zeros((1, 2, 3), np.int32)
+    response = Response(nothing.astype(np.uint8), nothing, nothing[..., :2], 1.0, 0, (2.5, 1.0, 0.0))
+    assert store.response_of(store.response_arrays(response, np.array([0]))).synapses == (2.5, 1.0, 0.0)
+    plain = Response(nothing.astype(np.uint8), nothing, nothing[..., :2], 1.0, 0)
+    assert store.response_of(store.response_arrays(plain, np.array([0]))).synapses is None
+
+
+def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
+    own = {"n_layers": np.array([3, 4]), "names": np.array(["felt", "silk"]), "0/weight": np.eye(2)}
+    store.save_arrays(tmp_path / "w.npz", store.fitted_arrays(Parameters(own, 7)))
+    found = store.fitted_of(store.load_arrays(tmp_path / "w.npz"))
+    assert isinstance(found, Parameters)
+    assert found.n_channels == 7 and set(found.arrays) == set(own)
+    assert all(np.array_equal(found.arrays[name], x) for name, x in own.items())
+    layer = Layer(np.eye(2, dtype=np.float32), None, np.ones(2, np.int32), np.ones(2, np.int32), 80)
+    network = Network((layer,), 2, (0,), 1, "integer")
+    assert isinstance(store.fitted_of(store.fitted_arrays(network)), Network)
+    with pytest.raises(store.StoreError, match="needs the array 'n_channels'"):
+        store.fitted_of({"own/x": np.eye(2)})
+
+
+def test_answers_are_stored_with_their_samples(tmp_path: Path) -> None:
+    k = np.arange(2)
+    answers = Answers(np.eye(2, dtype=np.int64), k + 1.0, k, k * 1.0, k * 2.0, np.eye(2, dtype=np.int64))
+    store.save_arrays(tmp_path / "a.npz", store.answers_arrays(answers, np.array([4, 9])))
+    found = store.load_arrays(tmp_path / "a.npz")
+    assert found.pop("index").tolist() == [4, 9]
+    assert all(np.array_equal(x, vars(answers)[name]) for name, x in found.items()) and len(found) == 6

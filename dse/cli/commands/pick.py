@@ -67,5 +67,11 @@ def _other_tasks(points: pandas.DataFrame, budgets: list[str]) -> list[str]:
 
 def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
     """Return the columns of one row that a table shows: the design and the objectives."""
-    design = [name for name in row if name in ("trial", "phi", "theta", "hardware") or "." in name]
+    import pandas
+
+    about = ("trial", "family", "phi", "theta", "read_out_ms", "hardware")
+    axes = [
+        name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
+    ]
+    design = [name for name in row if name in about or name in axes]
     return [name for name in dict.fromkeys([*design, *(name for name, _ in goals)]) if name in row]

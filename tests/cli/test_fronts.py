@@ -1,0 +1,56 @@
+"""Which columns of design points a terminal shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.cli import main
+from dse.cli.fronts import columns
+
+GOALS = [("accuracy", "max"), ("n_weights", "min")]
+
+
+def mixed() -> pd.DataFrame:
+    """Return points of two families with axes of their own."""
+    return pd.DataFrame(
+        {
+            "trial": [0, 1],
+            "task": ["texture"] * 2,
+            "family": ["knn", "snn"],
+            "model.kind": ["knn", "snn"],
+            "model.knn.k": [3.0, np.nan],
+            "model.snn.hidden": [np.nan, 8.0],
+            "encoder.gain": [1.0, 2.0],
+            "encoder.order": [1, 1],
+            "accuracy": [0.8, 0.9],
+            "accuracy_test": [np.nan, np.nan],
+            "n_weights": [10, 20],
+            "read_out_ms": [np.nan, 250.0],
+        }
+    )
+
+
+def test_a_front_of_several_families_shows_what_all_of_them_have() -> None:
+    shown = columns(mixed(), GOALS)
+    assert shown == ["trial", "family", "encoder.gain", "read_out_ms", "accuracy", "n_weights"]
+    assert "model.kind" in columns(mixed().drop(columns="family"), GOALS)
+    assert columns(mixed().iloc[1:], GOALS) == ["trial", "accuracy", "n_weights"]
+
+
+def test_a_pick_shows_its_own_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mixed().to_csv(tmp_path / "points.csv", index=False)
+    assert main(["pick", str(tmp_path / "points.csv"), "--format", "table"]) == 0
+    shown = capsys.readouterr().out.splitlines()[0].split()
+    assert shown == [
+        "trial",
+        "family",
+        "model.snn.hidden",
+        "encoder.gain",
+        "encoder.order",
+        "read_out_ms",
+        "accuracy",
+    ]
