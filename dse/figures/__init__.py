@@ -5,19 +5,37 @@ To add one: `dse/figures/<name>.py` with both, and a line here.
 """
 
 from dse.figures.confusion import draw_confusion, gather_confusion
+from dse.figures.energy import draw_energy, gather_energy
 from dse.figures.front import draw_front, gather_front
-from dse.figures.surface import draw_surface, gather_surface
+from dse.figures.isi import draw_distances, draw_isi, draw_isi_samples, gather_distances, gather_isi
+from dse.figures.lengths import draw_lengths, gather_lengths, longest
+from dse.figures.recognition import draw_recognition, gather_recognition
+from dse.figures.surface import draw_surface, draw_surfaces, gather_surface, stored_surface
 from dse.figures.trial import TrialView, draw_course, draw_pins, gather_trial
 
 __all__ = [
     "TrialView",
     "draw_confusion",
     "draw_course",
+    "draw_distances",
+    "draw_energy",
     "draw_front",
+    "draw_isi",
+    "draw_isi_samples",
+    "draw_lengths",
     "draw_pins",
+    "draw_recognition",
     "draw_surface",
+    "draw_surfaces",
     "gather_confusion",
+    "gather_distances",
+    "gather_energy",
     "gather_front",
+    "gather_isi",
+    "gather_lengths",
+    "gather_recognition",
     "gather_surface",
     "gather_trial",
+    "longest",
+    "stored_surface",
 ]

@@ -1,9 +1,10 @@
-"""The decision surface: what phi and theta trade, for one trained design."""
+"""The decision surface: what phi and theta trade, for one trained design; accuracy and time side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +32,11 @@ class SurfaceMap:
     best: tuple[float, float]
 
 
+def stored_surface(arrays: Mapping[str, Array]) -> Surface:
+    """Return the decision surface of a run, of whose surface.npz these are the arrays."""
+    return Surface(**{name: arrays[name] for name in ("phi", "theta", *QUANTITIES)}, work=np.empty(0))
+
+
 def gather_surface(surface: Surface, quantity: str = "accuracy") -> SurfaceMap:
     """Gather one quantity of a decision surface, and the setting that reaches t_p.
 
@@ -52,31 +58,42 @@ def gather_surface(surface: Surface, quantity: str = "accuracy") -> SurfaceMap:
 
 def draw_surface(surface: SurfaceMap) -> plotly.graph_objects.Figure:
     """Draw one quantity over phi and theta; the cross marks the setting that reaches t_p."""
+    return draw_surfaces([surface])
+
+
+def draw_surfaces(surfaces: Sequence[SurfaceMap]) -> plotly.graph_objects.Figure:
+    """Draw quantities side by side over phi and theta; a cross marks the setting that reaches t_p."""
+    from plotly.subplots import make_subplots
+
+    n = len(surfaces)
+    figure = make_subplots(rows=1, cols=n, horizontal_spacing=0.25 / n, shared_yaxes=True)
+    for column, surface in enumerate(surfaces, 1):
+        right = figure.get_subplot(1, column).xaxis.domain[1]
+        for trace in _traces(surface, bar_x=right + 0.01):
+            figure.add_trace(trace, row=1, col=column)
+        figure.update_xaxes(title_text="θ: share of spikes that decides", row=1, col=column)
+    figure.update_yaxes(title_text="φ: spikes before any decision", row=1, col=1)
+    return figure
+
+
+def _traces(surface: SurfaceMap, bar_x: float) -> tuple[Any, Any]:
     import plotly.graph_objects as go
 
-    title = axis_title(surface.quantity)
-    figure = go.Figure(
-        go.Heatmap(
-            x=surface.theta,
-            y=surface.phi,
-            z=surface.values,
-            colorscale="Cividis",
-            colorbar={"title": {"text": title}},
-            hovertemplate="θ %{x:.3g}, φ %{y:.3g}: %{z:.3g}<extra></extra>",
-        )
+    heat = go.Heatmap(
+        x=surface.theta,
+        y=surface.phi,
+        z=surface.values,
+        colorscale="Cividis",
+        colorbar={"title": {"text": axis_title(surface.quantity)}, "x": bar_x, "xanchor": "left"},
+        hovertemplate="θ %{x:.3g}, φ %{y:.3g}: %{z:.3g}<extra></extra>",
     )
-    figure.add_trace(
-        go.Scatter(
-            x=[surface.best[1]],
-            y=[surface.best[0]],
-            mode="markers",
-            marker={"symbol": "cross", "size": 12, "color": "#D55E00"},
-            name="t_p",
-            hovertemplate="t_p: θ %{x:.3g}, φ %{y:.3g}<extra></extra>",
-        )
+    mark = go.Scatter(
+        x=[surface.best[1]],
+        y=[surface.best[0]],
+        mode="markers",
+        marker={"symbol": "cross", "size": 12, "color": "#D55E00"},
+        name="t_p",
+        showlegend=False,
+        hovertemplate="t_p: θ %{x:.3g}, φ %{y:.3g}<extra></extra>",
     )
-    figure.update_layout(
-        xaxis={"title": {"text": "θ: share of spikes that decides"}},
-        yaxis={"title": {"text": "φ: spikes before any decision"}},
-    )
-    return figure
+    return heat, mark

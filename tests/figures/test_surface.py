@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from dse.figures.surface import draw_surface, gather_surface
+from dse.decision import surface as decision_surface
+from dse.figures.surface import QUANTITIES, draw_surface, draw_surfaces, gather_surface, stored_surface
 from dse.records import Surface
 
 
@@ -35,3 +36,26 @@ def test_drawing_puts_theta_across_and_phi_up(surface):
 def test_unknown_quantity(surface):
     with pytest.raises(ValueError, match=r"quantity must be one of accuracy, .* got 'speed'"):
         gather_surface(surface, "speed")
+
+
+def test_accuracy_and_time_stand_side_by_side(surface):
+    figure = draw_surfaces([gather_surface(surface, name) for name in ("accuracy", "decision_latency_ms")])
+    heats = [trace for trace in figure.data if trace.type == "heatmap"]
+    assert [heat.colorbar.title.text for heat in heats] == ["accuracy", "decision latency (ms)"]
+    assert [heat.z[0][1] for heat in heats] == [0.9, 30.0]
+    assert [trace.x[0] for trace in figure.data if trace.type == "scatter"] == [0.9, 0.9]
+    assert (
+        heats[0].colorbar.x
+        < figure.layout.xaxis2.domain[0]
+        < figure.layout.xaxis2.domain[1]
+        < heats[1].colorbar.x
+    )
+
+
+def test_a_stored_surface_is_the_one_that_was_measured():
+    output = (np.random.default_rng(0).random((5, 9, 3)) < 0.3).astype(np.uint8)
+    found = decision_surface(output, [0, 1, 2, 0, 1], [0, 3], [0.4, 0.8], 2.0)
+    arrays = {name: getattr(found, name) for name in ("phi", "theta", *QUANTITIES)}
+    again = stored_surface(arrays | {"energy_uj": np.zeros((2, 2))})
+    assert all(np.array_equal(getattr(again, name), x) for name, x in arrays.items())
+    assert gather_surface(again).best == gather_surface(found).best

@@ -1,0 +1,117 @@
+"""Accuracy against energy while one parameter moves, such as the gain that sets the spike rate."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse.figures.front import front_mask, interval, numbers
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
+
+@dataclass(frozen=True)
+class Trade:
+    """Points of two columns, in the order of the parameter that labels them.
+
+    x, y: the two columns. parameter: the column that labels the points.
+    values: (point, 2) float64 of x and y.
+    low, high: (point, 2) distance from the value to the ends of its interval, 0 where none is known.
+    labels: (point,) the parameter, in words.
+    on_front: (point,) whether no other point is better in both columns.
+    n_left_out: rows that miss one of the two columns, and are not shown.
+    """
+
+    x: str
+    y: str
+    parameter: str
+    values: Array
+    low: Array
+    high: Array
+    labels: tuple[str, ...]
+    on_front: Array
+    n_left_out: int
+
+
+def gather_energy(
+    frame: pandas.DataFrame,
+    parameter: str,
+    x: str = "energy_uj",
+    y: str = "accuracy",
+    objectives: Mapping[str, str] | None = None,
+) -> Trade:
+    """Gather two columns of a table of design points, labelled by a parameter.
+
+    Args:
+        frame: one row per design point.
+        parameter: column of the parameter, numbers or words.
+        x: cost column.
+        y: quality column.
+        objectives: column -> 'max' or 'min'; absent: x falls and y rises.
+
+    Raises:
+        ValueError: a column is not in the table, or has no direction.
+    """
+    unknown = [column for column in (parameter, x, y) if column not in frame.columns]
+    if unknown:
+        raise ValueError(f"columns must be in the table, got {unknown}")
+    directions = {x: "min", y: "max"} if objectives is None else objectives
+    undirected = [column for column in (x, y) if column not in directions]
+    if undirected:
+        raise ValueError(f"objectives must say 'max' or 'min' for both columns, got none for {undirected}")
+    values = np.column_stack([numbers(frame, x), numbers(frame, y)])
+    shown = np.isfinite(values).all(axis=1)
+    points = frame[shown]
+    number = numbers(points, parameter)
+    words = np.argsort(points[parameter].astype(str).to_numpy(), kind="stable")
+    order = words[np.argsort(number[words], kind="stable")]  # numbers first, words in their own order after
+    points = points.iloc[order]
+    ends = [interval(points, column) for column in (x, y)]
+    return Trade(
+        x=x,
+        y=y,
+        parameter=parameter,
+        values=values[shown][order],
+        low=np.column_stack([low for low, _ in ends]),
+        high=np.column_stack([high for _, high in ends]),
+        labels=tuple(short(value) for value in points[parameter].tolist()),
+        on_front=front_mask(points, {x: directions[x], y: directions[y]}),
+        n_left_out=int((~shown).sum()),
+    )
+
+
+def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
+    """Draw the points with their labels; those on the front are strong and joined."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    colour = OKABE_ITO_LIGHT[0]
+    for best in (False, True):
+        rows = np.flatnonzero(trade.on_front == best)
+        rows = rows[np.argsort(trade.values[rows, 0], kind="stable")]
+        bars = {"type": "data", "symmetric": False, "color": colour, "thickness": 1}
+        figure.add_scatter(
+            x=trade.values[rows, 0],
+            y=trade.values[rows, 1],
+            error_x={**bars, "array": trade.high[rows, 0], "arrayminus": trade.low[rows, 0]},
+            error_y={**bars, "array": trade.high[rows, 1], "arrayminus": trade.low[rows, 1]},
+            text=[html.escape(trade.labels[row], quote=False) for row in rows],
+            textposition="top center",
+            mode="lines+markers+text" if best else "markers+text",
+            marker={"color": colour, "size": 9 if best else 5, "opacity": 1.0 if best else 0.25},
+            line={"color": colour, "width": 1.5},
+            name="front" if best else "dominated",
+            hovertemplate=f"{axis_title(trade.parameter)} %{{text}}<extra></extra>",
+        )
+    figure.update_layout(
+        xaxis={"title": {"text": axis_title(trade.x)}}, yaxis={"title": {"text": axis_title(trade.y)}}
+    )
+    return figure

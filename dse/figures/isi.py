@@ -1,0 +1,222 @@
+"""Spike trains before any classifier: intervals between spikes, and how far classes lie apart over time.
+
+Sources: Rasouli et al., an extreme learning machine for texture recognition, Figs. 8, 10 and 13; Rongala et
+al., IEEE Trans. Biomed. Circuits Syst. 11, 2017 (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.records import Array, Dataset
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Intervals between consecutive spikes of a channel, over groups of channels.
+
+    edges_ms: (bin + 1,) borders of the histogram; a bin holds one interval length in steps.
+    counts: (group, class, bin) int64 intervals. beyond: (group, class) int64, longer than the last bin.
+    mean_ms, cv: (group, sample) mean and coefficient of variation (deviation / mean) of a sample's intervals;
+        NaN where it has none.
+    target: (sample,) class of each.
+    """
+
+    groups: tuple[str, ...]
+    classes: tuple[str, ...]
+    edges_ms: Array
+    counts: Array
+    beyond: Array
+    mean_ms: Array
+    cv: Array
+    target: Array
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Mean Euclidean distance between samples' cumulative spike counts per channel, after each time.
+
+    within: (k,) of pairs of one class. between: (k,) of pairs of two. NaN where there is no such pair.
+    ratio: (k,) between / within; NaN where within is 0 or NaN.
+    """
+
+    time_ms: Array
+    within: Array
+    between: Array
+    ratio: Array
+
+
+def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_bins: int = 40) -> Intervals:
+    """Gather the intervals of samples' windows; intervals across channels do not count.
+
+    Args:
+        dataset: spikes and windows.
+        samples: (n,) sample numbers.
+        groups: name -> channels, such as those of one plane of `dataset.positions`.
+        n_bins: of the histogram, from one step on.
+
+    Raises:
+        ValueError: no group, or a channel that there is not.
+    """
+    n_channels, step_ms = dataset.spikes.n_channels, dataset.spikes.step_ms
+    for name, channels in groups.items():
+        if not np.isin(channels, np.arange(n_channels)).all():
+            raise ValueError(f"channels of group '{name}' must be in 0..{n_channels - 1}, got {channels}")
+    if not groups:
+        raise ValueError("groups must name at least one group of channels, got none")
+    shape = len(groups), len(samples)
+    mean_ms, cv = np.full(shape, np.nan), np.full(shape, np.nan)
+    counts = np.zeros((len(groups), len(dataset.classes), n_bins), np.int64)
+    beyond = np.zeros(counts.shape[:2], np.int64)
+    for k, (i, step, channel) in enumerate(_windows(dataset, samples)):
+        order = np.lexsort((step, channel))
+        intervals = np.diff(step[order])
+        of = channel[order]
+        same = of[1:] == of[:-1]
+        intervals, of = intervals[same], of[1:][same]
+        for g, channels in enumerate(groups.values()):
+            found = intervals[np.isin(of, channels)]
+            if not found.size:
+                continue
+            mean_ms[g, k] = found.mean() * step_ms
+            cv[g, k] = found.std() / found.mean()
+            label = dataset.target[i]
+            binned = np.bincount(found - 1, minlength=n_bins)
+            counts[g, label] += binned[:n_bins]
+            beyond[g, label] += binned[n_bins:].sum()
+    return Intervals(
+        tuple(groups), dataset.classes, (np.arange(n_bins + 1) + 0.5) * step_ms,
+        counts, beyond, mean_ms, cv, np.asarray(dataset.target[samples]),
+    )  # fmt: skip
+
+
+def gather_distances(dataset: Dataset, samples: Array, every_ms: float) -> Distances:
+    """Gather how far classes lie apart over time; work and memory grow with the square of the samples.
+
+    Args:
+        dataset: spikes and windows.
+        samples: (n,) sample numbers.
+        every_ms: time between looks, rounded to steps, at least one; the last is at the end of the window.
+
+    Raises:
+        ValueError: fewer than two samples.
+    """
+    if len(samples) < 2:
+        raise ValueError(f"samples must be at least 2, got {len(samples)}")
+    width = max(1, round(every_ms / dataset.spikes.step_ms))
+    ends = np.arange(dataset.n_steps, 0, -width)[::-1]
+    m = dataset.spikes.n_channels
+    counts = np.zeros((len(ends), len(samples), m))
+    for k, (_, step, channel) in enumerate(_windows(dataset, samples)):
+        look = np.searchsorted(ends, step, side="right")
+        counts[:, k] = np.bincount(look * m + channel, minlength=len(ends) * m).reshape(-1, m)
+    counts = counts.cumsum(axis=0)
+    target = dataset.target[samples]
+    first, second = np.triu_indices(len(samples), 1)
+    same = target[first] == target[second]
+    within, between = np.full((2, len(ends)), np.nan)
+    for k, x in enumerate(counts):
+        square = (x**2).sum(axis=1)
+        gap = np.maximum(square[:, None] + square - 2 * x @ x.T, 0.0)[first, second] ** 0.5
+        within[k] = gap[same].mean() if same.any() else np.nan
+        between[k] = gap[~same].mean() if not same.all() else np.nan
+    ratio = np.divide(between, within, out=np.full(len(ends), np.nan), where=within > 0)
+    return Distances(ends * dataset.spikes.step_ms, within, between, ratio)
+
+
+def _windows(dataset: Dataset, samples: Array) -> Iterator[tuple[int, Array, Array]]:
+    """Yield sample, and step and channel of every spike of its window."""
+    spikes = dataset.spikes
+    for i in np.asarray(samples, np.int64).tolist():
+        first = i * spikes.n_steps + int(dataset.start[i])
+        borders = np.asarray(spikes.row_offsets[first : first + dataset.n_steps + 1])
+        step = np.repeat(np.arange(dataset.n_steps), np.diff(borders))
+        yield i, step, np.asarray(spikes.channel[borders[0] : borders[-1]], np.int64)
+
+
+def draw_isi(intervals: Intervals) -> plotly.graph_objects.Figure:
+    """Draw the share of every interval length, a panel per group and a line per class."""
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(
+        rows=1, cols=len(intervals.groups), subplot_titles=[_safe(name) for name in intervals.groups]
+    )
+    middle = (intervals.edges_ms[1:] + intervals.edges_ms[:-1]) / 2
+    total = intervals.counts.sum(axis=2) + intervals.beyond
+    for g in range(len(intervals.groups)):
+        for c, name in enumerate(intervals.classes):
+            figure.add_scatter(
+                x=middle,
+                y=intervals.counts[g, c] / max(1, int(total[g, c])),
+                name=_safe(name),
+                legendgroup=str(c),
+                showlegend=g == 0,
+                mode="lines",
+                line={"color": OKABE_ITO_LIGHT[c % len(OKABE_ITO_LIGHT)], "width": 1.5},
+                row=1,
+                col=g + 1,
+            )
+    figure.update_xaxes(title={"text": "interval (ms)"})
+    figure.update_yaxes(title={"text": "share of intervals"}, col=1)
+    return figure
+
+
+def draw_isi_samples(intervals: Intervals) -> plotly.graph_objects.Figure:
+    """Draw every sample by mean and variation of its intervals, a panel per group and a colour per class."""
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(
+        rows=1, cols=len(intervals.groups), subplot_titles=[_safe(name) for name in intervals.groups]
+    )
+    for g in range(len(intervals.groups)):
+        for c, name in enumerate(intervals.classes):
+            mine = intervals.target == c
+            figure.add_scatter(
+                x=intervals.mean_ms[g, mine],
+                y=intervals.cv[g, mine],
+                name=_safe(name),
+                legendgroup=str(c),
+                showlegend=g == 0,
+                mode="markers",
+                marker={"color": OKABE_ITO_LIGHT[c % len(OKABE_ITO_LIGHT)], "size": 5},
+                row=1,
+                col=g + 1,
+            )
+    figure.update_xaxes(title={"text": "mean interval (ms)"})
+    figure.update_yaxes(title={"text": "coefficient of variation"}, col=1)
+    return figure
+
+
+def draw_distances(distances: Distances) -> plotly.graph_objects.Figure:
+    """Draw distances within and between classes over time, and their ratio on an axis of its own."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for k, (name, values) in enumerate(
+        (("within a class", distances.within), ("between classes", distances.between))
+    ):
+        line = {"color": OKABE_ITO_LIGHT[k]}
+        figure.add_scatter(x=distances.time_ms, y=values, name=name, mode="lines", line=line)
+    figure.add_scatter(
+        x=distances.time_ms, y=distances.ratio, name="between / within", mode="lines", yaxis="y2",
+        line={"color": OKABE_ITO_LIGHT[2], "dash": "dot"},
+    )  # fmt: skip
+    figure.update_layout(
+        xaxis={"title": {"text": "time since the start (ms)"}},
+        yaxis={"title": {"text": "distance of spike counts"}, "rangemode": "tozero"},
+        yaxis2={"title": {"text": "ratio"}, "overlaying": "y", "side": "right", "showgrid": False},
+    )
+    return figure
+
+
+def _safe(name: str) -> str:
+    return html.escape(name, quote=False)

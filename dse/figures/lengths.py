@@ -1,0 +1,123 @@
+"""Sample length: nets trained on samples of each length, beside one net that is read out early."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse.figures.front import interval, numbers
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
+LENGTH = "window.n_steps"
+QUANTITIES = ("accuracy", "t_p_ms", "t_h_ms")
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Accuracy and decision times over sample length; NaN where there is none.
+
+    trained_ms: (k,) rising lengths that nets were trained on. trial: (k,) the best net of each.
+    trained: quantity -> (k,). accuracy_se: (k,) of the accuracy of the trained nets.
+    early_ms: (m,) rising lengths after which one net was read out. early: quantity -> (m,).
+    """
+
+    trained_ms: Array
+    trial: Array
+    trained: Mapping[str, Array]
+    accuracy_se: Array
+    early_ms: Array
+    early: Mapping[str, Array]
+
+
+def longest(trials: pandas.DataFrame) -> int:
+    """Return the trial of the longest samples, the most accurate of several: the net to read out early.
+
+    Raises:
+        ValueError: no trial is finished, or the table has no sample length.
+    """
+    return int(_best(trials)["trial"].iloc[-1])
+
+
+def gather_lengths(trials: pandas.DataFrame, read_outs: Sequence[Mapping[str, Array]]) -> Lengths:
+    """Gather the most accurate trial of every sample length, and the early read-outs of one net.
+
+    The length of a trial is the time of its full read-out.
+
+    Args:
+        trials: one row per trial, with the axis `window.n_steps`.
+        read_outs: what read_out.npz of each run of one trial holds (that of `longest`); runs are averaged.
+
+    Raises:
+        ValueError: no trial is finished, no read-out, or the table has no sample length.
+    """
+    if not read_outs:
+        raise ValueError("read_outs must be those of at least one run, got none")
+    best = _best(trials)
+    early_ms = np.asarray(read_outs[0]["decision_latency_ms"], dtype=np.float64)
+    nothing = np.full(len(early_ms), np.nan)
+    return Lengths(
+        trained_ms=numbers(best, "decision_latency_ms"),
+        trial=best["trial"].to_numpy(),
+        trained={name: numbers(best, name) for name in QUANTITIES},
+        accuracy_se=interval(best, "accuracy")[0],
+        early_ms=early_ms,
+        early={
+            name: np.mean([np.asarray(run.get(name, nothing), np.float64) for run in read_outs], axis=0)
+            for name in QUANTITIES
+        },
+    )
+
+
+def draw_lengths(lengths: Lengths) -> plotly.graph_objects.Figure:
+    """Draw accuracy, t_p and t_h over sample length, a panel each: trained per length, and read out early."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(rows=1, cols=len(QUANTITIES), subplot_titles=[axis_title(x) for x in QUANTITIES])
+    sources = (
+        ("trained per length", lengths.trained_ms, lengths.trained, "solid"),
+        ("one net, read out early", lengths.early_ms, lengths.early, "dash"),
+    )
+    for column, quantity in enumerate(QUANTITIES, 1):
+        for index, (name, times, values, dash) in enumerate(sources):
+            colour = OKABE_ITO_LIGHT[index]
+            bars = {"array": lengths.accuracy_se, "thickness": 1}
+            figure.add_trace(
+                go.Scatter(
+                    x=times,
+                    y=values[quantity],
+                    mode="lines+markers",
+                    name=name,
+                    legendgroup=name,
+                    showlegend=column == 1,
+                    line={"color": colour, "dash": dash, "width": 1.5},
+                    error_y=bars if quantity == "accuracy" and values is lengths.trained else None,
+                    hovertemplate="%{x:.4g} ms: %{y:.3g}<extra></extra>",
+                ),
+                row=1,
+                col=column,
+            )
+        figure.update_xaxes(title_text="sample length (ms)", row=1, col=column)
+    return figure
+
+
+def _best(trials: pandas.DataFrame) -> pandas.DataFrame:
+    """Return the most accurate finished trial of every length, shortest first; the first of equal ones."""
+    if LENGTH not in trials.columns:
+        raise ValueError(f"trials must differ in {LENGTH}, got a table without it")
+    finished = trials[np.isfinite(numbers(trials, "accuracy"))]
+    if finished.empty:
+        raise ValueError("trials must hold at least one that is finished, got none")
+    ordered = finished.sort_values(
+        [LENGTH, "accuracy", "trial"], ascending=[True, False, True], kind="stable"
+    )
+    first: pandas.DataFrame = ordered.drop_duplicates(LENGTH)
+    return first

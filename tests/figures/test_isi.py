@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dse.figures.isi import draw_distances, draw_isi, draw_isi_samples, gather_distances, gather_isi
+from dse.records import Dataset, Spikes
+from tests.saved_data import in_a_row
+
+NONE = np.zeros(0, np.int64)
+
+
+def of(x: np.ndarray, target: list[int], start: int = 0, classes: tuple[str, ...] = ("a", "<b>")) -> Dataset:
+    """Return a data set of spikes (sample, step, channel) at 10 ms, its windows from `start` on."""
+    n, n_steps, m = x.shape
+    flat = x.reshape(-1, m)
+    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1, dtype=np.int64))])
+    spikes = Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), n_steps, m, 10.0)
+    begin = np.full(n, start, np.int32)
+    codes = np.array(target, np.int64)
+    return Dataset(
+        spikes, codes, classes, begin, begin, begin, n_steps - start, np.arange(n), NONE, NONE, in_a_row(m)
+    )
+
+
+def trains(*steps_of_channels: list[list[int]], n_steps: int = 12) -> np.ndarray:
+    x = np.zeros((len(steps_of_channels), n_steps, len(steps_of_channels[0])), bool)
+    for i, sample in enumerate(steps_of_channels):
+        for c, steps in enumerate(sample):
+            x[i, steps, c] = True
+    return x
+
+
+def test_intervals_by_hand():
+    data = of(trains([[0, 2, 6], [1, 4]], [[], [3]]), [0, 1])
+    found = gather_isi(data, np.array([0, 1]), {"both": np.array([0, 1]), "first": np.array([0])}, n_bins=3)
+    assert found.edges_ms.tolist() == [5, 15, 25, 35]
+    assert found.counts.tolist() == [[[0, 1, 1], [0, 0, 0]], [[0, 1, 0], [0, 0, 0]]]
+    assert found.beyond.tolist() == [[1, 0], [1, 0]]
+    assert found.mean_ms[:, 0].tolist() == [30.0, 30.0]
+    assert found.cv[:, 0] == pytest.approx([np.std([2, 4, 3]) / 3, 1 / 3])
+    assert np.isnan(found.mean_ms[:, 1]).all() and np.isnan(found.cv[:, 1]).all()
+
+
+def test_a_window_sees_its_own_spikes_alone():
+    x = trains([[0, 2, 5, 9]])
+    found = gather_isi(of(x, [0], start=3), np.array([0]), {"all": np.array([0])})
+    assert found.mean_ms.tolist() == [[40.0]]
+
+
+def test_a_regular_train_does_not_vary():
+    found = gather_isi(of(trains([[0, 3, 6, 9]]), [1]), np.array([0]), {"all": np.array([0])})
+    assert (found.mean_ms.item(), found.cv.item()) == (30.0, 0.0)
+
+
+def test_distances_by_hand():
+    # Counts after 6 and 12 steps: (1, 0) (1, 1);  (2, 0) (2, 1);  (0, 1) (0, 4)
+    data = of(trains([[0], [8]], [[0, 1], [8]], [[], [5, 6, 7, 8]]), [0, 0, 1])
+    found = gather_distances(data, np.arange(3), 60.0)
+    assert found.time_ms.tolist() == [60, 120]
+    assert found.within.tolist() == [1.0, 1.0]
+    assert found.between == pytest.approx(
+        [(2**0.5 + 5**0.5) / 2, (10**0.5 + 13**0.5) / 2]
+    )  # fmt: skip
+    assert found.ratio == pytest.approx(found.between)
+
+
+@given(seed=st.integers(0, 100), every_ms=st.sampled_from([1.0, 25.0, 70.0, 1e4]))
+@settings(max_examples=25)
+def test_distances_are_those_of_all_pairs(seed, every_ms):
+    rng = np.random.default_rng(seed)
+    x = rng.random((7, 12, 3)) < 0.4
+    data = of(x, rng.integers(0, 2, 7).tolist(), start=2)
+    found = gather_distances(data, np.arange(7), every_ms)
+    assert found.time_ms[-1] == 100
+    pairs = [(i, j) for i in range(7) for j in range(i)]
+    for k, time_ms in enumerate(found.time_ms):
+        counts = x[:, 2 : 2 + round(time_ms / 10)].sum(axis=1)
+        for same, values in ((True, found.within), (False, found.between)):
+            expected = [
+                np.linalg.norm(counts[i] - counts[j])
+                for i, j in pairs
+                if (data.target[i] == data.target[j]) == same
+            ]
+            assert values[k] == pytest.approx(np.mean(expected) if expected else np.nan, nan_ok=True)
+
+
+def test_silence_and_single_classes():
+    quiet = gather_distances(of(trains([[]], [[]], [[]]), [0, 0, 1]), np.arange(3), 60.0)
+    assert quiet.within.tolist() == quiet.between.tolist() == [0.0, 0.0]
+    assert np.isnan(quiet.ratio).all()
+    alone = gather_distances(of(trains([[1]], [[2]]), [0, 0]), np.arange(2), 120.0)
+    assert np.isnan(alone.between).all() and alone.within.tolist() == [0.0]
+
+
+def test_what_they_refuse():
+    data = of(trains([[1]]), [0])
+    with pytest.raises(ValueError, match=r"channels of group 'x' must be in 0..0, got \[1\]"):
+        gather_isi(data, np.array([0]), {"x": np.array([1])})
+    with pytest.raises(ValueError, match="at least one group of channels, got none"):
+        gather_isi(data, np.array([0]), {})
+    with pytest.raises(ValueError, match="samples must be at least 2, got 1"):
+        gather_distances(data, np.array([0]), 10.0)
+
+
+def test_drawings_show_the_numbers():
+    data = of(trains([[0, 2, 6], [1, 4]], [[0, 5], [3]]), [0, 1])
+    found = gather_isi(data, np.arange(2), {"SA": np.array([0]), "FA": np.array([1])}, n_bins=4)
+    figure = draw_isi(found)
+    assert [trace.name for trace in figure.data] == ["a", "&lt;b&gt;"] * 2
+    assert list(figure.data[0].y) == [0, 0.5, 0, 0.5]
+    assert list(figure.data[1].y) == [0, 0, 0, 0], "what is beyond the last bin is part of the whole"
+    points = draw_isi_samples(found)
+    assert (list(points.data[0].x), list(points.data[0].y)) == ([30.0], [pytest.approx(1 / 3)])
+    lines = draw_distances(gather_distances(data, np.arange(2), 60.0))
+    assert [trace.name for trace in lines.data] == ["within a class", "between classes", "between / within"]
