@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "dse"
 
 LAYERS = (
     ("cli",),
-    ("bundles", "dashboard"),
+    ("bundles", "dashboard", "report"),
     ("figures", "study"),
     ("runs", "tables"),
     ("ledger", "trial"),
@@ -36,7 +36,7 @@ LAYERS = (
         "store",
     ),
     ("scene",),
-    ("constraints", "neurons", "pareto", "preprocessing"),
+    ("constraints", "correlation", "heads", "neurons", "pareto", "preprocessing"),
     ("config",),
     ("registry", "seeds"),
     ("native", "records"),

@@ -25,6 +25,7 @@ class Answer:
     columns: what a table on a terminal shows; all columns if empty. Other formats hold every column.
     text: shown in place of a table.
     code: exit code.
+    all_rows: whether a terminal shows every row, however many.
     """
 
     rows: Sequence[Row]
@@ -32,6 +33,7 @@ class Answer:
     columns: Sequence[str] = ()
     text: str = ""
     code: int = 0
+    all_rows: bool = False
 
 
 def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table", "json")) -> None:
@@ -106,7 +108,7 @@ def _print_table(answer: Answer) -> None:
     columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
     rows = list(answer.rows)
     shown = rows
-    if len(rows) > _MOST_ROWS:
+    if len(rows) > _MOST_ROWS and not answer.all_rows:
         places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
         shown = [rows[place] for place in places]
     table = Table(box=None, pad_edge=False, header_style="bold")

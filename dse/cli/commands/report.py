@@ -1,0 +1,74 @@
+"""`dse report`: the published systems, their figures beside ours."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dse.cli.answer import FORMATS, Answer, add_format
+
+if TYPE_CHECKING:
+    from dse.study import Study
+
+HELP = "print the figures of the published systems beside those of studies"
+_SHOWN = ("system", "figure", "task", "published", "ours", "se", "test", "runs", "family", "trial", "study")
+_NOTHING = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "results", nargs="+", metavar="RESULTS", help="folders of studies, or a folder that holds some"
+    )
+    parser.add_argument(
+        "--system", metavar="LETTERS", help="rows of these published systems only, such as A or DE"
+    )
+    add_format(parser, FORMATS)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Return the rows of every study that is named or lies in a named folder."""
+    from dse.report import report
+    from dse.report.rows import published
+
+    known = published()
+    wanted = _wanted(arguments.system, list(known))
+    studies = {one.folder.resolve(): one for text in arguments.results for one in _studies(Path(text))}
+    found = report(list(studies.values()))
+    rows = [row for row in found.rows if wanted is None or row.system in wanted]
+    shown = {row.system for row in rows}
+    titles = [f"{name}: {known[name]['title']} ({known[name]['source']})" for name in known if name in shown]
+    splits = dict.fromkeys((row.study, row.task, row.split) for row in rows if row.split)
+    told = [f"{study}, {task}: {split}" for study, task, split in splits]
+    code = 0 if rows else _NOTHING
+    return Answer([row.columns for row in rows], [*titles, *told, *found.notes], _SHOWN, "", code, True)
+
+
+def _wanted(text: str | None, known: list[str]) -> set[str] | None:
+    """Return the systems that are asked for; None: all, and our families against each other.
+
+    Raises:
+        ExpressionError: one is unknown, or none is named.
+    """
+    from dse.constraints import ExpressionError
+
+    if text is None:
+        return None
+    wanted = dict.fromkeys(text.upper().replace(",", "").replace(" ", ""))
+    unknown = [name for name in wanted if name not in known]
+    if unknown or not wanted:
+        raise ExpressionError(f"--system must be letters of {', '.join(known)}, such as DE, got '{text}'")
+    return set(wanted)
+
+
+def _studies(path: Path) -> list[Study]:
+    from dse import study
+    from dse.store import StoreError
+
+    if (path / "search_space.yaml").is_file():
+        return [study.open(path)]
+    inside = sorted(x.parent for x in path.glob("*/points.parquet")) if path.is_dir() else []
+    if not inside:
+        raise StoreError(f"{path}: must be the folder of a study with results, or hold some")
+    return [study.open(folder) for folder in inside]

@@ -1,0 +1,11 @@
+"""`dse report`: what the published systems print beside what our studies measured.
+
+Each file of `systems/` turns what studies found for a task into rows for one published system; to add a
+system, add a file there and its printed figures to `published.yaml`. Designs are chosen on validation; test
+accuracy is printed beside.
+"""
+
+from dse.report.gather import Report, report
+from dse.report.rows import FAMILIES, Row
+
+__all__ = ["FAMILIES", "Report", "Row", "report"]

@@ -1,0 +1,243 @@
+"""The designs of a study, task by task: full read-outs on its first hardware profile, and their runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse import store
+from dse.records import Array
+from dse.study import Study
+
+if TYPE_CHECKING:
+    import pandas
+
+_MOVEMENT = ("profile", "velocity", "speed", "motion")
+_LONGEST_LIST = 4
+_SETTINGS = ("phi", "theta", "read_out_ms")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a study found for one task.
+
+    table: one row per design: the columns of its full read-out.
+    target: label columns that the task predicts.
+    data: where the recordings lie.
+    split: how recordings were divided, in words.
+    joint: whether a network answers this task beside another one.
+    n_validation: recordings behind an accuracy; 0 where records do not say.
+    """
+
+    study: Study
+    task: str
+    table: pandas.DataFrame
+    target: tuple[str, ...]
+    data: str
+    split: str
+    joint: bool
+    n_validation: int
+
+    @property
+    def name(self) -> str:
+        """The name of the study."""
+        return self.study.folder.name
+
+    @property
+    def about(self) -> str:
+        """The task and its recordings, in words."""
+        return f"{self.task} on {Path(self.data).name}"
+
+    @property
+    def of_movement(self) -> bool:
+        """Whether the task is a movement, not a texture or an object."""
+        return any(word in column for column in self.target for word in _MOVEMENT)
+
+    def of(self, families: Iterable[str], *, transductive: bool = False) -> pandas.DataFrame:
+        """Return the designs of some families that are, or are not, transductive."""
+        own = self.table["family"].isin(list(families))
+        return self.table[own & (self.table["transductive"] == transductive)]
+
+    def model(self, trial: int) -> Mapping[str, Any]:
+        """Return the settings of a design's family."""
+        found: Mapping[str, Any] = record(self.study.folder, trial)["sections"]["model"]
+        return found
+
+    def classes(self, trial: int) -> list[str]:
+        """Return the classes of this task."""
+        found = record(self.study.folder, trial)
+        return list(found["heads"][self.task]["classes"] if self.joint else found["classes"])
+
+    def arrays(self, trial: int, kind: str) -> list[dict[str, Array]]:
+        """Return an artefact such as 'read_out' or 'confusion' of every run of a design for this task.
+
+        Raises:
+            StoreError: it is damaged, or the runs are too old to have it.
+        """
+        name = f"{kind}_{self.task}.npz" if self.joint else f"{kind}.npz"
+        runs = sorted(store.run_folder(self.study.folder, trial, 0).parent.glob("repeat_*"))
+        for run in runs:
+            if not (run / name).is_file():
+                raise store.StoreError(
+                    f"{run}: has no {name}: trained by a version of dse without `dse report`; train it again "
+                    "in another folder"
+                )
+        return [store.load_arrays(run / name) for run in runs]
+
+
+def found(study: Study) -> list[Found]:
+    """Return what a study found, task by task; nothing where every design failed.
+
+    Raises:
+        StoreError: a file is damaged, or was written before tables named families.
+    """
+    points = study.points()
+    if points.empty:
+        return []
+    if "family" not in points:
+        raise store.StoreError(
+            f"{study.folder / 'points.parquet'}: has no column 'family': written by a version of dse without "
+            "`dse report`; the `dse run` that made the study writes it again"
+        )
+    full = points
+    for name in _SETTINGS:
+        if name in full:
+            full = full[full[name].isna()]
+    if "hardware" in full:
+        full = full[full["hardware"] == full["hardware"].iloc[0]]
+    leaky = full["transductive"].fillna(False).astype(bool) if "transductive" in full else False
+    full = full.assign(transductive=leaky)
+    if "macs" not in full:  # runs of before there were families that multiply
+        full = full.assign(macs=0.0)
+    parts = []
+    for named, rows in full.groupby("task", sort=False):
+        task = str(named)
+        first = record(study.folder, int(rows["trial"].iloc[0]))
+        joint = task in first.get("of_heads", {})
+        sections = first["sections"]
+        target = (task,) if joint else _columns(sections["task"])
+        n = int(first.get("samples", {}).get("validation", 0))
+        parts.append(Found(study, task, rows, target, _data(sections["data"]), _split(first), joint, n))
+    return parts
+
+
+def record(study: Path, trial: int) -> Mapping[str, Any]:
+    """Return record.json of a design's first run.
+
+    Raises:
+        StoreError: it is missing or damaged.
+    """
+    path = store.run_folder(study, trial, 0) / "record.json"
+    content = store.read_json(path)
+    if not isinstance(content, dict) or "sections" not in content:
+        raise store.StoreError(f"{path}: is no record of a run")
+    return content
+
+
+def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
+    """Return the most accurate design, or the one with more runs that is as accurate within standard errors.
+
+    Of many designs with a single run the luckiest would win; of those that do not differ from it by more than
+    the standard error of the difference, the ones with the most runs are taken, the most accurate first, then
+    fewer weights, then the earlier trial.
+    """
+    known = rows[np.isfinite(rows["accuracy"].astype(float))]
+    if known.empty:
+        return None
+    top = known.iloc[int(known["accuracy"].to_numpy().argmax())]
+    error = np.hypot(known["accuracy_se"].astype(float).fillna(0.0), _se(top))
+    near = known[known["accuracy"] >= top["accuracy"] - error]
+    order = near.sort_values(
+        ["repeats", "accuracy", "n_weights", "trial"], ascending=[False, False, True, True]
+    )
+    first: pandas.Series[Any] = order.iloc[0]
+    return first
+
+
+def best_of(
+    several: Sequence[tuple[Found, pandas.DataFrame]],
+) -> tuple[Found, pandas.Series[Any]] | None:
+    """Return the best design of several studies, and where it is from."""
+    import pandas
+
+    tables = [rows.assign(place=place) for place, (_, rows) in enumerate(several) if not rows.empty]
+    row = best(pandas.concat(tables, ignore_index=True)) if tables else None
+    return None if row is None else (several[int(row["place"])][0], row.drop("place"))
+
+
+def _se(row: pandas.Series[Any]) -> float:
+    error = float(row["accuracy_se"])
+    return error if np.isfinite(error) else 0.0
+
+
+def described(row: pandas.Series[Any]) -> str:
+    """Return a design as its axes: `receptors, hidden 80, true_rate 0.4`."""
+    axes = [name for name in map(str, row.index) if "." in name and _is_there(row[name])]
+    axes = [name for name in axes if name not in ("model.kind", "task.target")]
+    short = [name.rsplit(".", 1)[-1] for name in axes]
+    cells = []
+    for name, own in zip(axes, short, strict=True):
+        told = name if short.count(own) > 1 else own
+        cells.append(_plain(row[name]) if own == "kind" else f"{told} {_plain(row[name])}")
+    return ", ".join(cells)
+
+
+def _is_there(value: Any) -> bool:
+    import pandas
+
+    return bool(pandas.notna(value))
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _columns(task: Mapping[str, Any]) -> tuple[str, ...]:
+    target = task["target"]
+    parts = target if isinstance(target, list | tuple) else [target]
+    return tuple(x["column"] if isinstance(x, Mapping) else str(x) for x in parts)
+
+
+def _data(section: Mapping[str, Any]) -> str:
+    place = next((section[name] for name in ("file", "folder", "scene") if section.get(name)), "")
+    return str(place)
+
+
+def _split(record: Mapping[str, Any]) -> str:
+    """Return how the recordings of a run were divided, such as `train: repetition 0 (322); ...`."""
+    keys, counts = record["sections"]["split"], record.get("samples", {})
+    parts = ("train", "validation", "test")
+    sizes = ", ".join(f"{part} {counts[part]}" for part in parts if counts.get(part))
+    own_file = record["sections"].get("test")
+    beside = f"; test: {Path(_data(own_file)).name}" if own_file else ""
+    rule = next((name for name in ("k_fold", "stratified", "leave_out") if keys.get(name)), None)
+    if rule is None:
+        chosen = [f"{part}: {_chosen(keys[part])}" for part in parts if keys.get(part)]
+        return f"{'; '.join(chosen)}{beside} ({sizes})"
+    settings = {name: x for name, x in keys[rule].items() if x is not None and name not in ("seed", "fold")}
+    told = ", ".join(f"{name} {_values(x)}" for name, x in settings.items())
+    return f"{rule.replace('_', '-')}: {told}{beside} ({sizes})"
+
+
+def _chosen(columns: Mapping[str, Any]) -> str:
+    return " and ".join(f"{name} {_values(x)}" for name, x in columns.items())
+
+
+def _values(values: Any) -> str:
+    """Return the values of a split as people say them: `0 to 13`, `0 1 4`, `repetition 1`."""
+    if isinstance(values, Mapping):
+        return _chosen(values)
+    several = list(values) if isinstance(values, list | tuple) else [values]
+    if len(several) > _LONGEST_LIST:
+        whole = all(isinstance(x, int | float) and x == several[0] + k for k, x in enumerate(several))
+        return (
+            f"{several[0]} to {several[-1]}"
+            if whole
+            else f"{json.dumps(several[:3])[1:-1]}, ... ({len(several)})"
+        )
+    return " ".join(map(str, several))

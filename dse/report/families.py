@@ -1,0 +1,144 @@
+"""Our families against each other: what accuracy costs, spiking or not, and who wins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from dse.report.designs import Found, best_of
+from dse.report.leaks import Chosen
+from dse.report.rows import FAMILIES, Row, measured
+
+if TYPE_CHECKING:
+    import pandas
+
+WITHIN = 0.02
+"""How much accuracy below the best of its side a cheaper design may give up."""
+
+_SPIKES = "spikes_per_inference_no_input"
+_SHORT = {"n_weights": "W_t", _SPIKES: "own spikes", "energy_uj": "energy_uj"}
+_COSTS = tuple(_SHORT)
+# Own spikes are those of hidden and output neurons, per inference.
+_BUDGETS = (("n_weights", 10_000), ("n_weights", 20_000), (_SPIKES, 400))
+
+
+@dataclass(frozen=True)
+class _Side:
+    """The designs of the spiking families, or of the others; `best` is the most accurate one."""
+
+    name: str
+    is_spiking: bool
+    designs: list[tuple[Found, pandas.DataFrame]]
+
+    def best(self, column: str = "", limit: float = float("inf")) -> Chosen | None:
+        """Return the best design whose column is within a limit."""
+        return best_of(
+            [
+                (part, rows[rows[column].astype(float) <= limit] if column else rows)
+                for part, rows in self.designs
+            ]
+        )
+
+    def least(self, column: str, accuracy: float) -> Chosen | None:
+        """Return the design of at least some accuracy that costs least."""
+        picked = []
+        for part, rows in self.designs:
+            if column in rows:
+                among = rows[(rows["accuracy"] >= accuracy) & rows[column].notna()]
+                picked += [(part, row) for _, row in among.iterrows()]
+        return min(picked, key=lambda x: (float(x[1][column]), -float(x[1]["accuracy"])), default=None)
+
+
+def compared(parts: Sequence[Found]) -> tuple[list[Row], list[str]]:
+    """Return what accuracy costs on each side for one task on the same recordings, and who wins.
+
+    Designs meet where their recordings are divided alike. With designs of one side only there is nothing to
+    set against each other; a sentence says so where both sides exist, under different splits.
+    """
+    by_split: dict[str, list[Found]] = {}
+    for part in parts:
+        by_split.setdefault(part.split, []).append(part)
+    rows: list[Row] = []
+    notes: list[str] = []
+    for own in by_split.values():
+        found = _against(own)
+        if found is not None:
+            rows += found[0]
+            notes.append(f"{own[0].about}: {found[1]}")
+    if not rows and _against(parts) is not None:
+        text = "spiking and other designs are of different splits, and do not compare"
+        notes.append(f"{parts[0].about}: {text}")
+    return rows, notes
+
+
+def _against(parts: Sequence[Found]) -> tuple[list[Row], str] | None:
+    """Return the rows of a comparison and who wins; None where a side has no design."""
+    sides = [_side(parts, is_spiking=True), _side(parts, is_spiking=False)]
+    tops = [top for side in sides if (top := side.best()) is not None]
+    if len(tops) < 2:
+        return None
+    rows = [_row(*top, f"best accuracy, {side.name}") for side, top in zip(sides, tops, strict=True)]
+    for column, limit in _BUDGETS:
+        for side in sides:
+            found = side.best(column, limit) if side.is_spiking or column == "n_weights" else None
+            if found is not None:
+                rows.append(_row(*found, f"best accuracy, {side.name}, {_SHORT[column]} <= {limit}"))
+    accuracies = [float(row["accuracy"]) for _, row in tops]
+    names = [f"{row['family']} " for _, row in tops]
+    error = math.hypot(*(row.se or 0.0 for row in rows[:2]))
+    verdicts = [_verdict("accuracy", accuracies, names, error, lower=False)]
+    profiles = {str(name) for part in parts if "hardware" in part.table for name in part.table["hardware"]}
+    for column in _COSTS if len(profiles) < 2 else _COSTS[:-1]:  # energies of two chips do not compare
+        costs = []
+        for side, accuracy in zip(sides, accuracies, strict=True):
+            found = side.least(column, accuracy - WITHIN)
+            if found is not None and (side.is_spiking or column != _SPIKES):
+                figure = f"least {_SHORT[column]}, {side.name}, within {WITHIN:g}"
+                rows.append(_row(*found, figure, column))
+                costs.append(float(found[1][column]))
+        if len(costs) == len(sides):
+            on = f" on {', '.join(profiles)}" if column == "energy_uj" else ""
+            verdicts.append(_verdict(f"least {_SHORT[column]}{on}", costs, lower=True))
+    return rows, "; ".join(verdicts)
+
+
+def _side(parts: Sequence[Found], *, is_spiking: bool) -> _Side:
+    """Return the honest designs of the families that spike, or of those that do not."""
+    designs = []
+    for part in parts:
+        honest = part.table[~part.table["transductive"]]
+        # A spiking network adds, and multiplies nothing.
+        spikes = honest.groupby("family")["macs"].transform("max") == 0
+        rows = honest[spikes == is_spiking]
+        if not rows.empty:
+            designs.append((part, rows))
+    return _Side("spiking" if is_spiking else "not spiking", is_spiking, designs)
+
+
+def _row(part: Found, row: pandas.Series[Any], figure: str, column: str = "accuracy") -> Row:
+    return measured(part, FAMILIES, figure, None, row, column)
+
+
+def _verdict(
+    what: str,
+    values: Sequence[float],
+    names: Sequence[str] = ("", ""),
+    error: float = 0.0,
+    *,
+    lower: bool,
+) -> str:
+    """Return who wins, such as `accuracy: not spiking wins (knn 0.91 against snn 0.89)`.
+
+    A difference of no more than its standard error is a draw.
+    """
+    told = [
+        f"{name}{value:.0f}" if value >= 1000 else f"{name}{value:.4g}"
+        for name, value in zip(names, values, strict=True)
+    ]
+    if abs(values[0] - values[1]) <= error:
+        return f"{what}: a draw ({told[0]} against {told[1]})"
+    spiking_wins = (values[0] < values[1]) == lower
+    winner, loser = told if spiking_wins else told[::-1]
+    return f"{what}: {'spiking' if spiking_wins else 'not spiking'} wins ({winner} against {loser})"

@@ -1,0 +1,117 @@
+"""Studies -> the report: every system's rows, our families against each other, and what must be said."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dse.report.designs import Found, found, record
+from dse.report.families import WITHIN, compared
+from dse.report.rows import FAMILIES, Row, published
+from dse.study import Study
+
+_HOW = (
+    "designs are chosen on validation: the most accurate, or one with more runs that is as accurate within "
+    "the standard errors; `test` is the same design on the test set",
+    "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
+    "recordings where there is one run or all agree",
+    "the recordings of the papers are not public: `published` stands beside, and is not reproduced",
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Rows in the order of the systems, and sentences about them."""
+
+    rows: list[Row]
+    notes: list[str] = field(default_factory=list)
+
+
+def report(studies: Sequence[Study]) -> Report:
+    """Return what some studies found beside what is published, system by system.
+
+    Raises:
+        StoreError: a study's folder is damaged, or older than this.
+    """
+    parts = [part for study in studies for part in found(study)]
+    rows: list[Row] = []
+    for module in _systems():
+        for group in alike(parts):
+            rows += module.rows(group)
+    order = {system: place for place, system in enumerate(published())}
+    told = {row.system for row in rows}
+    for module in _systems():
+        rows += [row for row in getattr(module, "printed", list)() if row.system in told]
+    rows.sort(key=lambda row: order[row.system])  # stable: studies and tasks stay together
+    notes = list(_HOW) if rows else []
+    if any(part.of_movement for part in parts):
+        notes.append("published figures are of textures, those of E of velocity profiles, whatever our task")
+    for group in alike(parts):
+        against, verdicts = compared(group)
+        rows += against
+        notes += verdicts
+    if any(row.system == FAMILIES for row in rows):
+        notes.append(
+            f"{FAMILIES}: within {WITHIN:g} of the best accuracy of the same side; own spikes are those of "
+            "hidden and output neurons; accuracies that differ by no more than the standard error are a draw"
+        )
+    notes += [
+        f"{part.name}, {part.task}: answered by classifiers of several tasks" for part in parts if part.joint
+    ]
+    notes += [text for part in parts for text in _leaks(part)]
+    for study in studies:
+        notes += _failures(study)
+        notes += _warnings(study)
+    silent = [name for name in published() if name not in told]
+    if silent:
+        missing = (f"{name} ({' or '.join(published()[name]['families'])})" for name in silent)
+        notes.append(f"nothing to show for these systems: {', '.join(missing)}")
+    return Report(rows, list(dict.fromkeys(notes)))
+
+
+def alike(parts: Sequence[Found]) -> list[list[Found]]:
+    """Return what is of one task on the same recordings together, in the order of the first of each."""
+    groups: dict[tuple[str, str], list[Found]] = {}
+    for part in parts:
+        groups.setdefault((part.data, part.task), []).append(part)
+    return list(groups.values())
+
+
+def _leaks(part: Found) -> list[str]:
+    """Return why designs are transductive, one sentence per reason."""
+    leaky = part.table.loc[part.table["transductive"], "trial"]
+    why = [str(record(part.study.folder, int(trial)).get("transductive", "")) for trial in leaky]
+    told = "transductive designs, only in rows that say so"
+    return [f"{part.name}, {part.task}: {why.count(text)} {told}: {text}" for text in dict.fromkeys(why)]
+
+
+def _warnings(study: Study) -> list[str]:
+    """Return the warnings of a study's data sets; of those that differ in numbers only, the first."""
+    kinds: dict[str, list[str]] = {}
+    for text in study.warnings:
+        kinds.setdefault(re.sub(r"\d+", "", text), []).append(text)
+    return [
+        f"{study.folder.name}: warning: {first}" + (f" (and {len(more)} of the kind)" if more else "")
+        for first, *more in kinds.values()
+    ]
+
+
+def _failures(study: Study) -> list[str]:
+    trials = study.trials
+    failed = trials[trials["status"] == "failed"]
+    if failed.empty:
+        return []
+    return [
+        f"{study.folder.name}: {len(failed)} of {len(trials)} designs failed; "
+        f"the first: {failed['reason'].iloc[0]}"
+    ]
+
+
+def _systems() -> Iterator[Any]:
+    package = importlib.import_module("dse.report.systems")
+    for module in pkgutil.iter_modules(package.__path__):
+        yield importlib.import_module(f"dse.report.systems.{module.name}")

@@ -1,0 +1,48 @@
+"""Rows of a system whose published evaluation saw its own answers: as printed, honest, size of the leak."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from dse.report.designs import Found, best_of
+from dse.report.rows import Row, measured
+
+if TYPE_CHECKING:
+    import pandas
+
+Chosen = tuple[Found, "pandas.Series[Any]"]
+
+
+def chosen(parts: Sequence[Found], families: Sequence[str], *, transductive: bool) -> Chosen | None:
+    """Return the best design of some families in several studies, and where it is from."""
+    return best_of([(part, part.of(families, transductive=transductive)) for part in parts])
+
+
+def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chosen | None) -> list[Row]:
+    """Return accuracy as printed, honest accuracy, and their difference where both are known."""
+    if leaky is None and honest is None:
+        return []
+    base, row = leaky or (honest[0], None)  # type: ignore[index]
+    found = [measured(base, system, "accuracy, as printed (transductive)", printed, row)]
+    if honest is None:
+        return found
+    found.append(measured(honest[0], system, "accuracy, honest", None, honest[1]))
+    if leaky is not None:
+        ours, errors = [x.ours for x in found], [x.se for x in found]
+        assert ours[0] is not None and ours[1] is not None  # `best` returns finite accuracies
+        se = math.hypot(*errors) if None not in errors else None  # type: ignore[arg-type]
+        leak = replace(
+            found[1],
+            figure="size of the leak (as printed less honest)",
+            ours=ours[0] - ours[1],
+            se=se,
+            test=None,
+            runs=None,
+            trial=None,
+            design="",
+        )
+        found.append(leak)
+    return found

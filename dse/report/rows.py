@@ -1,0 +1,104 @@
+"""Rows of the report: one figure of one published system each, ours beside the printed one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from dse.metrics.accuracy import wilson_se
+from dse.report.designs import Found, described
+
+if TYPE_CHECKING:
+    import pandas
+
+FAMILIES = "families"
+"""What `system` says in rows that set our families against each other."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure.
+
+    system: row A to G, or FAMILIES. figure: what is compared, with its unit.
+    published, ours: the figures; None where one of them does not exist.
+    se: standard error of ours; test: the same design on the test set; runs: behind ours.
+    """
+
+    system: str
+    figure: str
+    task: str = ""
+    published: float | str | None = None
+    ours: float | None = None
+    se: float | None = None
+    test: float | None = None
+    runs: int | None = None
+    family: str = ""
+    trial: int | None = None
+    design: str = ""
+    split: str = ""
+    study: str = ""
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The row as columns."""
+        return dict(vars(self))
+
+
+@cache
+def published() -> Mapping[str, Mapping[str, Any]]:
+    """Return what the papers print, by system."""
+    text = (resources.files("dse.report") / "published.yaml").read_text(encoding="utf-8")
+    content: Mapping[str, Mapping[str, Any]] = yaml.safe_load(text)
+    return content
+
+
+def measured(
+    part: Found,
+    system: str,
+    figure: str,
+    printed: float | str | None,
+    row: pandas.Series[Any] | None,
+    column: str = "accuracy",
+) -> Row:
+    """Return the row of one figure of one design; `ours` is missing where there is no such design."""
+    if row is None:
+        return Row(system, figure, part.task, printed, split=part.split, study=part.name)
+    found = Row(
+        system,
+        figure,
+        part.task,
+        printed,
+        number(row.get(column)),
+        runs=int(row["repeats"]),
+        family=str(row["family"]),
+        trial=int(row["trial"]),
+        design=described(row),
+        split=part.split,
+        study=part.name,
+    )
+    if column != "accuracy":
+        return found
+    return replace(found, se=_standard_error(part, row), test=number(row.get("accuracy_test")))
+
+
+def _standard_error(part: Found, row: pandas.Series[Any]) -> float | None:
+    """Return the error of a design's accuracy; where all runs agree, that of so many recordings."""
+    error = number(row.get("accuracy_se"))
+    if error == 0 and part.n_validation:
+        error = float(wilson_se(round(row["accuracy"] * part.n_validation), part.n_validation))
+    return error
+
+
+def number(value: Any) -> float | None:
+    """Return a finite number, or None."""
+    try:
+        plain = float(value)
+    except (TypeError, ValueError):
+        return None
+    return plain if math.isfinite(plain) else None

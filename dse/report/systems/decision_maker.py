@@ -1,0 +1,114 @@
+"""A: peak accuracy and decision times over the length of a sample, trained per length and read out early.
+
+Shown for textures and objects; networks for movements and joint ones are under D and E.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.metrics.accuracy import seeds_se
+from dse.report.designs import Found, best
+from dse.report.rows import Row, measured, number, published
+from dse.store import StoreError
+
+if TYPE_CHECKING:
+    import pandas
+
+_TIMES = {"t_p_ms": ("phi_p", "theta_p"), "t_h_ms": ("phi_h", "theta_h")}
+
+
+def rows(parts: Sequence[Found]) -> list[Row]:
+    """Return accuracy, t_p and t_h with their settings: nets of each trained length, and early read-outs."""
+    found: list[Row] = []
+    for part in parts:
+        designs = part.of(published()["A"]["families"])
+        if designs.empty or part.of_movement or part.joint:  # D and E show those
+            continue
+        lengths = designs["decision_latency_ms"]
+        for length in sorted(lengths.unique()):
+            chosen = best(designs[lengths == length])
+            if chosen is not None:
+                found += _of_length(part, chosen, length, lengths.max() if lengths.nunique() > 1 else None)
+        longest = best(designs[lengths == lengths.max()])
+        if longest is not None:
+            shorter = sorted(lengths.unique())[:-1]
+            found += _early(part, longest, shorter)
+            found += _hardware(part, longest)
+    return found
+
+
+def printed() -> Iterator[Row]:
+    """Return the power of the paper's platforms."""
+    for platform, watts in published()["A"]["power_w"].items():
+        told = "; ".join(f"{power:g}" for power in watts)
+        yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=told)
+
+
+def _of_length(
+    part: Found, chosen: pandas.Series[Any], length: float, longest: float | None
+) -> Iterator[Row]:
+    """Yield the figures of one trained length beside the printed length that is as much of the longest."""
+    paper = published()["A"]
+    printed_ms = np.array(paper["length_ms"])
+    at = int(np.abs(printed_ms - (length if longest is None else length / longest * printed_ms[-1])).argmin())
+    where = f"{length:g} ms (printed: {printed_ms[at]} ms)"
+    yield measured(part, "A", f"accuracy, {where}", paper["accuracy"][at], chosen)
+    last = _last(part, chosen)
+    if "accuracy_best" in last:
+        peak = measured(part, "A", f"peak over phi and theta, {length:g} ms", paper["accuracy"][at], chosen)
+        yield replace(peak, ours=last["accuracy_best"], se=None, test=None)
+    for time, settings in _TIMES.items():
+        row = measured(part, "A", f"{time}, {where}", paper[time][at], chosen, time)
+        if row.ours is None and time not in chosen.index:
+            continue  # no decision grid
+        yield row
+        for name in settings:
+            yield replace(
+                row, figure=f"{name}, {length:g} ms", published=paper[name][at], ours=last.get(name)
+            )
+
+
+def _last(part: Found, chosen: pandas.Series[Any]) -> Mapping[str, float | None]:
+    """Return peak accuracy and the settings behind the times of the full read-out, mean over the runs."""
+    runs = part.arrays(int(chosen["trial"]), "read_out")
+    wanted = ["accuracy_best", *(name for settings in _TIMES.values() for name in settings)]
+    names = [name for name in wanted if name in runs[0]]
+    return {name: number(np.mean([run[name][-1] for run in runs])) for name in names}
+
+
+def _early(part: Found, row: pandas.Series[Any], lengths: Sequence[float]) -> Iterator[Row]:
+    """Yield what one network answers when it is read out after shorter lengths than it was trained on."""
+    if not lengths:
+        return
+    runs = part.arrays(int(row["trial"]), "read_out")
+    times = runs[0]["decision_latency_ms"]
+    if any(len(run["decision_latency_ms"]) != len(times) for run in runs):
+        raise StoreError(f"{part.study.folder}: trial {row['trial']}: its runs have different read-outs")
+    for k in dict.fromkeys(int(np.abs(times - length).argmin()) for length in lengths):
+        for column in ("accuracy", *_TIMES):
+            if column not in runs[0]:
+                continue
+            each = np.array([run[column][k] for run in runs])
+            test = [run["accuracy_test"][k] for run in runs if "accuracy_test" in run]
+            figure = f"{column}, longest net read out at {times[k]:g} ms"
+            error = seeds_se(each) if len(each) > 1 else runs[0]["accuracy_se"][k]
+            yield replace(
+                measured(part, "A", figure, None, row, column),
+                ours=number(each.mean()),
+                se=number(error) if column == "accuracy" else None,
+                test=number(np.mean(test)) if test and column == "accuracy" else None,
+            )
+
+
+def _hardware(part: Found, row: pandas.Series[Any]) -> Iterator[Row]:
+    paper = published()["A"]
+    if number(row.get("n_cores")) is not None:
+        figure = f"n_cores, {row['hardware']} (printed: of {paper['n_cores_of']})"
+        yield measured(part, "A", figure, paper["n_cores"], row, "n_cores")
+    if "energy_uj" in row.index:
+        yield measured(part, "A", f"energy_uj per inference, {row['hardware']}", None, row, "energy_uj")

@@ -1,0 +1,94 @@
+"""D, E: networks for texture and for velocity profile: ends of the front, and what goes with accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.correlation import spearman
+from dse.report.designs import Found, best
+from dse.report.rows import Row, measured, number, published
+from dse.skyline import front_ends
+
+if TYPE_CHECKING:
+    import pandas
+
+_FIGURES = {"accuracy": "accuracy", "spikes": "spikes_total", "n_weights": "n_weights"}
+# What the figures of the published table are called here.
+_TOLD = {
+    "accuracy": "accuracy",
+    "spikes": "spikes_total (printed S)",
+    "n_weights": "n_weights",
+}
+
+
+def rows(parts: Sequence[Found]) -> list[Row]:
+    """Return the ends of the front, rank correlations, and accuracy by kind of profile."""
+    found: list[Row] = []
+    for part in parts:
+        system = "E" if part.of_movement else "D"
+        for family in published()[system]["families"]:
+            designs = part.of([family])
+            if not designs.empty:
+                found += _of_family(part, system, designs, _kind(part, family))
+    return found
+
+
+def _kind(part: Found, family: str) -> str:
+    """Return what marks rows of networks that are not of one task."""
+    return f"{family}: " if family == "cascade" else "joint net: " if part.joint else ""
+
+
+def _of_family(part: Found, system: str, designs: pandas.DataFrame, kind: str) -> Iterator[Row]:
+    paper = published()[system]
+    peak = best(designs)
+    if peak is None:
+        return
+    ends = front_ends(designs, spikes="spikes_total").rows
+    for index, end in zip(ends.index, ends["end"], strict=True):
+        chosen = peak if end == "best accuracy" else designs.loc[index]
+        for figure, column in _FIGURES.items():
+            printed = paper["ends"][end][figure]
+            yield measured(part, system, f"{kind}{end}: {_TOLD[figure]}", printed, chosen, column)
+        figure = f"{kind}{end}: spikes_per_inference (Eq. 3)"
+        yield measured(part, system, figure, None, chosen, "spikes_per_inference")
+    yield from _peak(part, system, peak, kind)
+    for figure, printed in paper["spearman"].items():
+        pair = designs[["accuracy", _FIGURES[figure]]].astype(float)
+        rho = spearman(pair["accuracy"].to_numpy(), pair[_FIGURES[figure]].to_numpy())
+        text = f"{kind}Spearman of accuracy and {figure}, {len(pair)} designs"
+        yield Row(system, text, part.task, printed, number(rho), split=part.split, study=part.name)
+    if system == "E":
+        yield from _groups(part, peak, paper["groups"], kind)
+
+
+def _peak(part: Found, system: str, peak: pandas.Series[Any], kind: str) -> Iterator[Row]:
+    """Yield the printed settings of the most accurate network beside ours."""
+    model = part.model(int(peak["trial"]))
+    for name, printed in published()[system]["peak"].items():
+        if name in model:
+            base = measured(part, system, f"{kind}best accuracy: {name}", printed, peak)
+            yield replace(base, ours=number(np.sum(model[name])), se=None, test=None)
+
+
+def _groups(part: Found, peak: pandas.Series[Any], printed: dict[str, float], kind: str) -> Iterator[Row]:
+    """Yield the best network's accuracy on each kind of profile, where classes are named after them."""
+    classes = part.classes(int(peak["trial"]))
+    runs = part.arrays(int(peak["trial"]), "confusion")
+    for group, figure in printed.items():
+        members = [k for k, name in enumerate(classes) if name.startswith(group)]
+        shares = [_right(run["validation"], members) for run in runs]
+        tests = [_right(run["test"], members) for run in runs if "test" in run]
+        if members and None not in shares:
+            base = measured(part, "E", f"{kind}best accuracy: {group} profiles", figure, peak)
+            test = float(np.mean(tests)) if tests and None not in tests else None  # type: ignore[arg-type]
+            yield replace(base, ours=float(np.mean(shares)), se=None, test=test)  # type: ignore[arg-type]
+
+
+def _right(matrix: np.ndarray, members: list[int]) -> float | None:
+    """Return the share of samples of some classes that are answered right; None without samples."""
+    total = matrix[members].sum()
+    return float(matrix[members, members].sum() / total) if total else None

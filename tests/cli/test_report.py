@@ -1,0 +1,130 @@
+"""`dse report` from its arguments to exit code, stdout and stderr."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from dse import store, study
+from dse.cli import main
+from dse.config import load_space
+from tests.report.made import write
+from tests.spaces import write_space
+
+Captured = pytest.CaptureFixture[str]
+COLUMNS = [
+    *("system", "figure", "task", "published", "ours", "se", "test", "runs", "family", "trial", "design"),
+    *("split", "study"),
+]
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """A folder of two studies."""
+    write(tmp_path / "all" / "nets", [{"accuracy": 0.9, "model.hidden": 8}])
+    write(tmp_path / "all" / "windows", [{"accuracy": 0.8, "family": "knn", "macs": 4.0, "t_c_ms": 300.0}])
+    (tmp_path / "all" / "notes").mkdir()
+    return tmp_path / "all"
+
+
+def test_json_is_keyed_by_the_columns(results: Path, capsys: Captured) -> None:
+    assert main(["report", str(results), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "dse/report/1"
+    assert all(list(row) == COLUMNS for row in found["rows"])
+    assert {row["study"] for row in found["rows"]} == {"nets", "windows", ""}
+    [accuracy] = [row for row in found["rows"] if row["figure"] == "accuracy, knn"]
+    assert (accuracy["ours"], accuracy["test"], accuracy["trial"]) == (0.8, None, 0)
+    assert any(note.startswith("B: rate windows with kNN") for note in found["notes"])
+    assert (
+        "windows, texture: train: repetition 0 1; validation: repetition 2 (train 20, validation 10)"
+        in found["notes"]
+    )
+
+
+def test_the_table_fits_a_terminal_and_shows_every_row(results: Path, capsys: Captured) -> None:
+    assert main(["report", str(results), "--format", "table"]) == 0
+    text = capsys.readouterr().out
+    table, _, _ = text.partition("A: real-time texture SNN")
+    lines = table.splitlines()
+    assert max(map(len, lines)) <= 160
+    assert lines[0].split()[:5] == ["system", "figure", "task", "published", "ours"]
+    main(["report", str(results), "--json"])
+    assert len(lines) - 1 == len(json.loads(capsys.readouterr().out)["rows"]) > 24
+
+
+def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
+    assert main(["report", str(results), "--system", "b,D", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {row["system"] for row in found["rows"]} == {"B", "D"}
+    assert not any(note.startswith("A: ") for note in found["notes"])
+    for wrong in ("Z", "BZ", " "):
+        assert main(["report", str(results), "--system", wrong]) == 2
+        told = capsys.readouterr()
+        assert told.err == f"--system must be letters of A, B, C, D, E, F, G, such as DE, got '{wrong}'\n"
+        assert told.out == ""
+    assert main(["report", str(results), "--system", "C", "--json"]) == 1, "nothing to show"
+
+
+def test_a_study_named_twice_counts_once(results: Path, capsys: Captured) -> None:
+    assert main(["report", str(results), "--format", "csv"]) == 0
+    once = capsys.readouterr().out
+    assert main(["report", str(results), str(results / "nets"), "--format", "csv"]) == 0
+    assert capsys.readouterr().out == once
+
+
+def test_what_is_no_study_is_one_line(results: Path, tmp_path: Path, capsys: Captured) -> None:
+    for path in (results / "notes", tmp_path / "nowhere", results / "nets" / "points.parquet"):
+        assert main(["report", str(path)]) == 2
+        assert (
+            capsys.readouterr().err == f"{path}: must be the folder of a study with results, or hold some\n"
+        )
+    (results / "nets" / "trials.parquet").unlink()
+    assert main(["report", str(results / "nets")]) == 2
+    assert "is no folder of a study with results: it has no trials.parquet" in capsys.readouterr().err
+
+
+def test_damage_is_one_line(results: Path, capsys: Captured) -> None:
+    store.run_folder(results / "nets", 0, 0).joinpath("record.json").unlink()
+    assert main(["report", str(results)]) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1 and "record.json" in told.err
+    (results / "nets" / "points.parquet").write_bytes(b"PAR1")
+    assert main(["report", str(results)]) == 2
+    assert "points.parquet: cannot be read" in capsys.readouterr().err
+
+
+def test_a_study_that_failed_says_why_and_exits_with_1(tmp_path: Path, capsys: Captured) -> None:
+    write(tmp_path / "bad", [], failed=2)
+    assert main(["report", str(tmp_path / "bad"), "--format", "table"]) == 1
+    assert "bad: 2 of 2 designs failed; the first: ValueError: hidden must be kind" in capsys.readouterr().out
+
+
+def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
+    choice = "{choice: [{kind: snn, hidden: [4]}, {kind: knn, window_ms: 40}]}"
+    space = write_space(
+        tmp_path,
+        ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"),
+        ("model: {kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}", f"model: {choice}"),
+    )
+    found = study.run(load_space(space), tmp_path / "results", progress=False)
+    assert main(["report", str(found.folder), "--json"]) == 0
+    rows = {row["figure"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
+    for figure, family in (("accuracy, knn", "knn"), ("best accuracy: accuracy", "snn")):
+        [trial] = found.trials[found.trials["family"] == family].to_dict("records")
+        assert rows[figure]["ours"] == trial["accuracy"]
+        assert rows[figure]["se"] == pytest.approx(trial["accuracy_se"])
+        assert rows[figure]["split"].startswith("train: repetition 0; validation: repetition 1 (train 12")
+    assert rows["best accuracy, not spiking"]["family"] == "knn"
+    assert rows["accuracy, 160 ms (printed: 250 ms)"]["published"] == 0.93
+
+
+def test_parquet_holds_every_column(
+    results: Path, capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path
+) -> None:
+    assert main(["report", str(results), "--system", "B", "--format", "parquet"]) == 0
+    (tmp_path / "rows.parquet").write_bytes(capfdbinary.readouterr().out)
+    assert list(pd.read_parquet(tmp_path / "rows.parquet")) == COLUMNS

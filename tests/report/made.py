@@ -1,0 +1,108 @@
+"""Studies on disk whose every number a test chooses: what `dse run` leaves, without training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from dse import store, study
+
+SECTIONS = {
+    "data": {"kind": "raster", "file": "recordings/tiny.npz"},
+    "task": {"name": "texture", "target": "fabric"},
+    "split": {"train": {"repetition": [0, 1]}, "validation": {"repetition": [2]}},
+    "model": {"kind": "snn", "hidden": [8], "true_rate": 0.5},
+}
+LENGTHS_MS = np.array([250.0, 500.0, 1000.0])
+
+
+def write(
+    folder: Path,
+    designs: Sequence[Mapping[str, Any]],
+    sections: Mapping[str, Any] | None = None,
+    failed: int = 0,
+    **of_record: Any,
+) -> study.Study:
+    """Write a study with a row of columns per design.
+
+    Args:
+        folder: of the study.
+        designs: columns of each design's full read-out; `model` holds settings of its family, `runs` the
+            accuracies of its runs where there are several.
+        sections: sections of every design's record that differ from SECTIONS.
+        failed: how many designs failed.
+        of_record: what record.json holds beside.
+    """
+    folder.mkdir(parents=True)
+    rows, space = [], {"study": folder.name, "objectives": ["accuracy:max"]}
+    (folder / "search_space.yaml").write_text(yaml.safe_dump(space))
+    for trial, given in enumerate(designs):
+        design = dict(given)
+        model, runs = design.pop("model", {}), design.pop("runs", None)
+        accuracies = runs or [design["accuracy"]]
+        row = {
+            "trial": trial,
+            "task": "texture",
+            "family": "snn",
+            "repeats": len(accuracies),
+            "accuracy": float(np.mean(accuracies)),
+            "accuracy_se": 0.01,
+            "n_weights": 100,
+            "spikes_per_inference": 50.0,
+            "spikes_per_inference_no_input": 20.0,
+            "spikes_total": 5000,
+            "macs": 0.0,
+            "decision_latency_ms": 1000.0,
+            "transductive": False,
+            **design,
+        }
+        rows += [row, {**row, "read_out_ms": 500.0, "accuracy": 0.999}]
+        own = {**SECTIONS, **(sections or {})}
+        own["model"] = {**own["model"], "kind": row["family"], **model}
+        record = {
+            "trial": trial,
+            "sections": own,
+            "classes": ["constant 20", "constant 40", "triangular 30"],
+            "samples": {"train": 20, "validation": 10, "test": 0},
+            "transductive": "windows of a recording are on both sides" if row["transductive"] else "",
+            **of_record,
+        }
+        for repeat, accuracy in enumerate(accuracies):
+            store.save_run(
+                store.run_folder(folder, trial, repeat),
+                {**record, "repeat": repeat, "status": "finished"},
+                {name: _writer(x) for name, x in _arrays(float(accuracy), design).items()},
+            )
+    trials = pd.DataFrame({"trial": range(len(designs) + failed)})
+    trials["status"] = ["finished"] * len(designs) + ["failed"] * failed
+    trials["reason"] = [""] * len(designs) + ["ValueError: hidden must be kind"] * failed
+    trials.to_parquet(folder / "trials.parquet")
+    pd.DataFrame(rows).to_parquet(folder / "points.parquet")
+    return study.open(folder)
+
+
+def _arrays(accuracy: float, design: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    read_out = {
+        "decision_latency_ms": LENGTHS_MS,
+        "accuracy": np.array([accuracy / 2, accuracy, accuracy]),
+        "accuracy_se": np.full(3, 0.02),
+        "accuracy_test": np.array([0.1, 0.2, 0.3]),
+    }
+    if "t_p_ms" in design:
+        read_out |= {name: np.array([1.0, 2.0, 3.0]) + k for k, name in enumerate(("t_p_ms", "t_h_ms"))}
+        read_out["accuracy_best"] = np.array([0.6, 0.7, 0.97])
+        read_out |= {name: np.array([5.0, 6.0, 7.0]) for name in ("phi_p", "theta_p", "phi_h", "theta_h")}
+    matrix = np.array([[4, 1, 0], [1, 3, 1], [2, 0, 3]])
+    return {
+        "read_out.npz": read_out,
+        "confusion.npz": {"validation": matrix, "test": 2 * np.eye(3, dtype=int)},
+    }
+
+
+def _writer(arrays: Mapping[str, Any]) -> Any:
+    return lambda path: store.save_arrays(path, arrays)
