@@ -108,7 +108,7 @@ def spike_rate(
     """Return SLAYER's SpikeRate loss of output spikes (step, sample, class), summed over the batch."""
     rate = output.mean(0)
     target = torch.full_like(rate, false_rate)
-    target[torch.arange(len(labels)), labels] = true_rate
+    target[torch.arange(len(labels))[:, None], labels.reshape(len(labels), -1)] = true_rate
     return ((rate - target) ** 2).sum()
 
 
@@ -129,7 +129,7 @@ def gradients(
         x: (sample, step, input) spikes.
         layers: weights, input side first.
         surrogates: ds/dv of each layer.
-        labels: (sample,) class numbers.
+        labels: output neurons of the labels, (sample,) or (sample, head).
         true_rate: target rate of the label's output.
         false_rate: target rate of the other outputs.
         integer: truncate states to 1/4096.
