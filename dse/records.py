@@ -193,8 +193,24 @@ class Network:
 
     @property
     def n_weights(self) -> int:
-        """Number of weights W_t, recurrent and delayed-input weights included."""
+        """Number of weights W_t, recurrent and delayed-input weights included; one that is exactly 0 is none.
+
+        Training leaves no weight at exactly 0; pruning stores what it removes, or what rounds to 0, as 0.
+        """
+        return sum(self.stored)
+
+    @property
+    def n_weights_dense(self) -> int:
+        """Number of weights with those that are 0."""
         return sum(x.weight.size + (0 if x.recurrent is None else x.recurrent.size) for x in self.layers)
+
+    @property
+    def stored(self) -> tuple[int, ...]:
+        """Weights into each layer that are not 0, its recurrent ones included."""
+        return tuple(
+            int(np.count_nonzero(x.weight) + (0 if x.recurrent is None else np.count_nonzero(x.recurrent)))
+            for x in self.layers
+        )
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -211,6 +227,7 @@ class Response:
     updates: (n, T, layer - 1) int32 neurons with a non-zero membrane potential before reset, or with input.
     step_ms: duration of a network step.
     peak_state: largest |u| or |v| in integer units; above 2**23 - 1 the 24-bit registers of Loihi overflow.
+    synapses: per layer, input first, weights other than 0 that a spike reached in the mean; None: all.
     """
 
     output: Array
@@ -218,6 +235,7 @@ class Response:
     updates: Array
     step_ms: float
     peak_state: int
+    synapses: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -261,6 +279,9 @@ class Workload:
     spikes: (..., layer) spikes, input first.
     updates: (..., layer - 1) neuron updates, or None for "every neuron, every step".
     step_ms: period of a network step on the sensor's clock.
+    synapses: per layer, input first, weights other than 0 that a spike reaches in the mean (output spikes: 0
+        unless recurrent); None: all. Counted over whole inferences: a mean for what decides earlier.
+    stored: per layer after the input, weights into it that are not 0; None: all.
     """
 
     sizes: tuple[int, ...]
@@ -270,6 +291,8 @@ class Workload:
     updates: Array | None
     step_ms: float
     weight_bits: int = 8
+    synapses: tuple[float, ...] | None = None
+    stored: tuple[int, ...] | None = None
 
     @property
     def fan_out(self) -> tuple[int, ...]:
@@ -277,6 +300,12 @@ class Workload:
         forward = (*self.sizes[1:], 0)
         own = (0, *(n * back for n, back in zip(self.sizes[1:], self.recurrent, strict=True)))
         return tuple(a + b for a, b in zip(forward, own, strict=True))
+
+    @property
+    def dense(self) -> tuple[int, ...]:
+        """Weights into each layer after the input, those that are 0 included."""
+        pairs = zip(self.sizes, self.sizes[1:], self.recurrent, strict=False)
+        return tuple(n * (before + n * back) for before, n, back in pairs)
 
 
 @dataclass(frozen=True)
