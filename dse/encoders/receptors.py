@@ -29,7 +29,7 @@ from typing import Self
 
 import numpy as np
 
-from dse.encoders.threshold import moving_average
+from dse.encoders.sampled import copied, smoothed
 from dse.native.compiled import compiled
 from dse.neurons import izhikevich
 from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method, Params
@@ -73,10 +73,7 @@ class Receptors:
         Args:
             inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
         """
-        copies = self._copies
-        found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
-        found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
-        return found
+        return copied(inputs, self._copies)
 
     def fitted(
         self, signals: Signals, first: Array, n_steps: int, target: Array, n_classes: int, train: Array
@@ -159,8 +156,7 @@ class Receptors:
 
     def _smooth(self, signals: Signals, i: int, first: int, length: int) -> Array:
         """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
-        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-        found = moving_average(values, round(self.smoothing_ms / signals.step_ms), first, length)
+        found = smoothed(signals, i, first, length, self.smoothing_ms)
         if not np.isfinite(found).all():
             raise ValueError(f"recording {i} must hold finite numbers, got NaN or infinite ones")
         return found

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from dse.encoders.sampled import copied
 from dse.records import Array, Signals, Spikes
 from dse.registry import param, register
 
@@ -50,10 +51,7 @@ class SendOnDelta:
         Args:
             inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
         """
-        copies = 2 * len(self.thresholds)
-        found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
-        found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
-        return found
+        return copied(inputs, 2 * len(self.thresholds))
 
     def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.

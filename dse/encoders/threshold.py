@@ -28,6 +28,7 @@ from typing import Self
 
 import numpy as np
 
+from dse.encoders.sampled import copied, smoothed
 from dse.records import Array, Signals, Spikes
 from dse.registry import param, register
 
@@ -83,10 +84,7 @@ class Threshold:
         Args:
             inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
         """
-        copies = self._n_copies()
-        found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
-        found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
-        return found
+        return copied(inputs, self._n_copies())
 
     def fitted(
         self, signals: Signals, first: Array, n_steps: int, target: Array, n_classes: int, train: Array
@@ -173,9 +171,7 @@ class Threshold:
 
     def _piece(self, signals: Signals, i: int, first: int, length: int) -> Array:
         """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
-        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-        window = round(self.smoothing_ms / signals.step_ms)
-        return moving_average(values, window, first, length)
+        return smoothed(signals, i, first, length, self.smoothing_ms)
 
     def _matched(self, statistic: Array, i: int) -> Array:
         """Return which classes the channels of recording i match, (1 or step, copy, channel) bool."""
@@ -223,25 +219,6 @@ def statistics(values: Array, past: bool) -> tuple[Array, Array]:
     mean = moved.cumsum(axis=0) / n
     square = (moved**2).cumsum(axis=0) / n
     return values.cumsum(axis=0) / n, np.sqrt(np.maximum(square - mean**2, 0.0))
-
-
-def moving_average(values: Array, window: int, first: int, length: int) -> Array:
-    """Return the mean of the last `window` samples at some steps, (length, channel) float64.
-
-    Args:
-        values: (step, channel) samples of a recording; at its start the average is over those there are.
-        window: samples; 0 and 1 average nothing.
-        first: first step that is returned.
-        length: steps that are returned.
-    """
-    if window <= 1:
-        return values[first : first + length].astype(np.float64)
-    begin = max(0, first - window + 1)
-    total = np.zeros((first + length - begin + 1, values.shape[1]))
-    np.cumsum(values[begin : first + length], axis=0, dtype=np.float64, out=total[1:])
-    end = np.arange(first, first + length) + 1 - begin
-    start = np.maximum(end - window, 0)
-    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
 
 
 def _hash(signals: Signals) -> str:

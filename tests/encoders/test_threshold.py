@@ -9,7 +9,8 @@ from hypothesis.extra import numpy as arrays
 
 from dse import registry
 from dse.dataset.sections import section
-from dse.encoders.threshold import Threshold, moving_average, statistics
+from dse.encoders.sampled import moving_average
+from dse.encoders.threshold import Threshold, statistics
 from dse.records import Signals, Spikes
 
 

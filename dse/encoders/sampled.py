@@ -1,0 +1,46 @@
+"""What encoders of sampled signals have in common: copies of the channels, and smoothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dse.records import Array, Signals
+
+
+def copied(inputs: Array, copies: int) -> Array:
+    """Return x, y and plane of several copies of the channels, (copies n_in, 3) int32, copy by copy.
+
+    Copy k of plane q is plane q copies + k.
+
+    Args:
+        inputs: (n_in, 3) x, y and plane of the sampled channels.
+        copies: spike trains of each channel.
+    """
+    found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
+    found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
+    return found
+
+
+def smoothed(signals: Signals, i: int, first: int, length: int, smoothing_ms: float) -> Array:
+    """Return some steps of recording i, (length, channel) float64, smoothed from its first sample on."""
+    values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+    return moving_average(values, round(smoothing_ms / signals.step_ms), first, length)
+
+
+def moving_average(values: Array, window: int, first: int, length: int) -> Array:
+    """Return the mean of the last `window` samples at some steps, (length, channel) float64.
+
+    Args:
+        values: (step, channel) samples of a recording; at its start the average is over those there are.
+        window: samples; 0 and 1 average nothing.
+        first: first step that is returned.
+        length: steps that are returned.
+    """
+    if window <= 1:
+        return values[first : first + length].astype(np.float64)
+    begin = max(0, first - window + 1)
+    total = np.zeros((first + length - begin + 1, values.shape[1]))
+    np.cumsum(values[begin : first + length], axis=0, dtype=np.float64, out=total[1:])
+    end = np.arange(first, first + length) + 1 - begin
+    start = np.maximum(end - window, 0)
+    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
