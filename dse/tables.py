@@ -85,7 +85,9 @@ def points_table(
         }
     )
     claims = [name for name in frame if any(part[name].dtype == bool for part in parts if name in part)]
-    return frame.astype(dict.fromkeys(claims, "boolean"))
+    # A chip that no design can run on has no energies; fronts of the study's objectives still look for them.
+    lacking = {} if frame.empty else {name: np.nan for name, _ in space.objectives if name not in frame}
+    return frame.astype(dict.fromkeys(claims, "boolean")).assign(**lacking)
 
 
 # Columns of one answer, not of its design: rows that do not measure them have none.

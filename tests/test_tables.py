@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,14 @@ def test_what_one_of_several_runs_does_not_measure_is_missing(space: SearchSpace
         frame = tables.trials_table(space, {0: order})
         assert frame.loc[0, "accuracy"] == 0.5
         assert frame[["first_spike_ms", "dead_neurons"]].isna().all(axis=None)
+
+
+def test_objectives_that_no_run_measures_are_columns_of_points(space: SearchSpace, tmp_path: Path) -> None:
+    searched = dataclasses.replace(space, objectives=(("accuracy", "max"), ("energy_uj", "min")))
+    run = record(0, 0, 0.5) | {"hardware": {"chip": {}}}
+    points = tables.points_table(searched, tmp_path, {0: [run]})
+    assert points["energy_uj"].isna().all() and list(points["hardware"]) == ["chip"]
+    assert tables.points_table(searched, tmp_path, {}).empty
 
 
 def test_a_list_is_text_in_a_table(space: SearchSpace, tmp_path: Path) -> None:

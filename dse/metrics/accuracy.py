@@ -68,4 +68,5 @@ def seeds_se(values: ArrayLike) -> np.ndarray:
     runs = np.asarray(values, dtype=np.float64)
     if runs.ndim < 1 or len(runs) < 2:
         raise ValueError(f"values must be at least two runs, got shape {runs.shape}")
-    return np.asarray(runs.std(axis=0, ddof=1) / np.sqrt(len(runs)))
+    spread = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    return np.where(np.ptp(runs, axis=0) == 0, 0.0, spread)  # a mean that is rounded would leave a trace

@@ -60,3 +60,8 @@ def test_confusion_names_classes_out_of_range():
         confusion([0, 1], [-1, 1], 2)
     with pytest.raises(ValueError, match="label and target must be"):
         confusion([0], [0, 1], 2)
+
+
+def test_runs_that_agree_have_no_error_at_all():
+    assert seeds_se([0.9006211180124224] * 3) == 0.0
+    assert seeds_se([[0.1, 0.3], [0.1, 0.5], [0.1, 0.7]]).tolist() == [0.0, pytest.approx(0.2 / np.sqrt(3))]
