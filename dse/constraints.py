@@ -1,7 +1,7 @@
 """Conditions on the rows of a table, as text: "energy_uj <= 50 and task == 'texture'".
 
     EXPR  = EXPR and EXPR | EXPR or EXPR | not EXPR | ( EXPR ) | TEST
-    TEST  = VALUE (== | != | < | <= | > | >=) VALUE ... | VALUE [not] in [constant, ...]
+    TEST  = VALUE (== | != | < | <= | > | >=) VALUE ... | VALUE [not] in [constant, ...] | a column of True, False
     VALUE = a column name, dots allowed (model.hidden) | number | 'text' | True | False
 
 Python's own parser reads the text and this file walks the tree; nothing is evaluated as code.
@@ -170,6 +170,9 @@ def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> NDArray[np.bool_]:
             result = result & _compare(left, sign, right, frame, text)
             left = right
         return result
+    name = _name(node)
+    if name in frame.columns and pd.api.types.is_bool_dtype(frame[name].dtype):
+        return _compare(node, ast.Eq(), ast.Constant(True), frame, text)
     raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is no comparison")
 
 

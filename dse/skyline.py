@@ -215,7 +215,7 @@ def pick(
     rows = frame
     for condition in conditions:
         rows = rows[matches(condition, rows)]
-    rows, leaky = _honest(rows, " ".join(conditions))
+    rows, leaky = _honest(rows, " ".join([*conditions, *(limit.column for limit in limits)]))
     empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
     rows, notes = _comparable(rows, list(dict.fromkeys([maximise, *(limit.column for limit in limits)])))
     notes = leaky + empty + notes
