@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 
+# Where there are more classes than colours, they differ in these as well.
+_N_COLORS = len(OKABE_ITO_LIGHT)
+_DASHES = ("solid", "dash", "dot", "dashdot")
+_SYMBOLS = ("circle", "x", "square", "triangle-up")
+
+
 @dataclass(frozen=True)
 class Intervals:
     """Intervals between consecutive spikes of a channel, over groups of channels.
@@ -154,18 +160,21 @@ def draw_isi(intervals: Intervals) -> plotly.graph_objects.Figure:
     total = intervals.counts.sum(axis=2) + intervals.beyond
     for g in range(len(intervals.groups)):
         for c, name in enumerate(intervals.classes):
+            share = intervals.counts[g, c] / max(1, int(total[g, c]))
             figure.add_scatter(
                 x=middle,
-                y=intervals.counts[g, c] / max(1, int(total[g, c])),
+                y=np.where(share > 0, share, np.nan),  # a gap on the logarithmic axis
                 name=_safe(name),
                 legendgroup=str(c),
                 showlegend=g == 0,
                 mode="lines",
-                line={"color": OKABE_ITO_LIGHT[c % len(OKABE_ITO_LIGHT)], "width": 1.5},
+                line={"color": _color(c), "width": 1.5, "dash": _DASHES[c // _N_COLORS % len(_DASHES)]},
                 row=1,
                 col=g + 1,
             )
     figure.update_xaxes(title={"text": "interval (ms)"})
+    # The shortest interval is most of them; the others would lie on the axis.
+    figure.update_yaxes(type="log")
     figure.update_yaxes(title={"text": "share of intervals"}, col=1)
     return figure
 
@@ -187,7 +196,11 @@ def draw_isi_samples(intervals: Intervals) -> plotly.graph_objects.Figure:
                 legendgroup=str(c),
                 showlegend=g == 0,
                 mode="markers",
-                marker={"color": OKABE_ITO_LIGHT[c % len(OKABE_ITO_LIGHT)], "size": 5},
+                marker={
+                    "color": _color(c),
+                    "size": 5,
+                    "symbol": _SYMBOLS[c // _N_COLORS % len(_SYMBOLS)],
+                },
                 row=1,
                 col=g + 1,
             )
@@ -214,8 +227,13 @@ def draw_distances(distances: Distances) -> plotly.graph_objects.Figure:
         xaxis={"title": {"text": "time since the start (ms)"}},
         yaxis={"title": {"text": "distance of spike counts"}, "rangemode": "tozero"},
         yaxis2={"title": {"text": "ratio"}, "overlaying": "y", "side": "right", "showgrid": False},
+        legend={"orientation": "h", "y": 1.08},  # the right side is the second axis's
     )
     return figure
+
+
+def _color(c: int) -> str:
+    return OKABE_ITO_LIGHT[c % _N_COLORS]
 
 
 def _safe(name: str) -> str:
