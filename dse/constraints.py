@@ -1,7 +1,7 @@
 """Conditions on the rows of a table, as text: "energy_uj <= 50 and task == 'texture'".
 
     EXPR  = EXPR and EXPR | EXPR or EXPR | not EXPR | ( EXPR ) | TEST
-    TEST  = VALUE (== | != | < | <= | > | >=) VALUE ... | VALUE [not] in [constant, ...] | a column of True, False
+    TEST  = VALUE (== | != | < | <= | > | >=) VALUE ... | VALUE [not] in [constant, ...] | column of booleans
     VALUE = a column name, dots allowed (model.hidden) | number | 'text' | True | False
 
 Python's own parser reads the text and this file walks the tree; nothing is evaluated as code.

@@ -8,7 +8,7 @@ decays within the step, which is what makes decisions, energy and export those o
 structural  as printed: the output of a class is joined to that class's copy of the channels by weights of 1,
             and to nothing else: n_in connections per output. `threshold` counts input spikes.
 learnt      for spikes of any encoder. With X (sample, channel) the mean spikes per step of training windows
-            and Y (sample, class) 1 for the label, else 0: W minimises |X W' - Y|^2 + ridge |X|^2 / n |W|^2,
+            and Y (sample, output) 1 for the label of each head, else 0: W minimises |X W' - Y|^2 + ridge |X|^2 / n |W|^2,
             by singular values, n = min(X.shape). The label's mean input is then about 1 per step and
             `threshold` counts such steps. W and threshold are scaled together so that W fills its 8 bits.
 
@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.engine.events import gather
+from dse.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models import response
 from dse.models.training import Generators, Training
 from dse.neurons import cuba_lif, lif
@@ -68,16 +69,16 @@ class ThresholdLIF:
         with an output spike, in ms from the window's start, at the end of its step), and their share.
 
         Raises:
-            ValueError: structural weights need as many copies of the channels as there are classes.
+            ValueError: structural weights need as many copies of the channels as there are classes, and a single
+                target.
         """
         began = time.perf_counter()
         network = self.network(dataset)
         validation = self.respond(network, dataset, dataset.validation)
         test = self.respond(network, dataset, dataset.test) if dataset.test.size else None
-        train = (
-            self.respond(network, dataset, dataset.train).output.sum(axis=1, dtype=np.int64).argmax(axis=1)
-        )
-        history = {"accuracy_train": np.array([(train == dataset.target[dataset.train]).mean()])}
+        counts = self.respond(network, dataset, dataset.train).output.sum(axis=1, dtype=np.int64)
+        right = head_answers(dataset, counts) == head_targets(dataset, dataset.train)
+        history = {"accuracy_train": np.array([right.all(axis=1).mean()])}
         first = first_spike(validation.output)
         spoke = first >= 0
         times = (first[spoke] + 1) * validation.step_ms
@@ -103,13 +104,17 @@ class ThresholdLIF:
         Raises:
             ValueError: as for `fit`.
         """
-        n_channels, n_classes = dataset.spikes.n_channels, len(dataset.classes)
+        n_channels, n_outputs = dataset.spikes.n_channels, sum(head_sizes(dataset))
         if self.weights == "structural":
-            weight, threshold = structural_weights(n_channels, n_classes), self.threshold
+            if dataset.heads:
+                raise ValueError("model.weights must be learnt for a joint target, got structural")
+            weight, threshold = structural_weights(n_channels, n_outputs), self.threshold
         else:
             counts = mean_spikes(dataset, dataset.train)
-            own = dataset.target[dataset.train][:, None] == np.arange(n_classes)
-            weight = ridge_weights(counts, own.astype(np.float64), self.ridge)
+            own = np.zeros((len(counts), n_outputs))
+            neurons = output_labels(dataset, dataset.train).reshape(len(counts), -1)
+            np.put_along_axis(own, neurons, 1.0, axis=1)
+            weight = ridge_weights(counts, own, self.ridge)
             scale = min(
                 _LARGEST_WEIGHT / max(np.abs(weight).max(), 1e-9), _LARGEST_THRESHOLD / self.threshold
             )
@@ -117,9 +122,9 @@ class ThresholdLIF:
         layer = Layer(
             weight.astype(np.float32),
             None,
-            np.full(n_classes, cuba_lif.DECAY_SCALE, np.int32),
+            np.full(n_outputs, cuba_lif.DECAY_SCALE, np.int32),
             np.full(
-                n_classes, cuba_lif.round_decay(lif.leak(dataset.spikes.step_ms, self.tau_m_ms)), np.int32
+                n_outputs, cuba_lif.round_decay(lif.leak(dataset.spikes.step_ms, self.tau_m_ms)), np.int32
             ),
             cuba_lif.round_threshold(threshold),
         )

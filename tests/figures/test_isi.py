@@ -108,8 +108,8 @@ def test_drawings_show_the_numbers():
     found = gather_isi(data, np.arange(2), {"SA": np.array([0]), "FA": np.array([1])}, n_bins=4)
     figure = draw_isi(found)
     assert [trace.name for trace in figure.data] == ["a", "&lt;b&gt;"] * 2
-    assert list(figure.data[0].y) == [0, 0.5, 0, 0.5]
-    assert list(figure.data[1].y) == [0, 0, 0, 0], "what is beyond the last bin is part of the whole"
+    np.testing.assert_equal(np.array(figure.data[0].y), [np.nan, 0.5, np.nan, 0.5])
+    assert np.isnan(figure.data[1].y).all(), "what is beyond the last bin is part of the whole"
     points = draw_isi_samples(found)
     assert (list(points.data[0].x), list(points.data[0].y)) == ([30.0], [pytest.approx(1 / 3)])
     lines = draw_distances(gather_distances(data, np.arange(2), 60.0))
