@@ -95,7 +95,7 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
         repair: whether to go on after faults in event files.
 
     Raises:
-        BundleError: the bundle is damaged or of a newer schema.
+        BundleError: the bundle is damaged or of a newer schema, or its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
     """
     found = read(bundle)
@@ -114,7 +114,11 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
         )
     model = component("models", found.sections["model"])
     data = dataclasses.replace(data, heads=found.heads)
-    label, time_ms, decided = _answered(found, data, model.respond(found.fitted, data, data.test))
+    try:
+        said = model.respond(found.fitted, data, data.test)
+    except ValueError as error:  # recordings of another length, for one
+        raise BundleError(f"{data_file}: {error}") from None
+    label, time_ms, decided = _answered(found, data, said)
     target, classes = np.asarray(data.target[data.test]), found.classes
     for head in found.heads:
         if head.name == found.head:

@@ -118,12 +118,13 @@ def measure(
     first = next(iter(heads.values()))
     n, correct = len(truth), int(right.sum())
     matrix, matrix_test = confusion(labels[labels >= 0], truth[labels >= 0], n_classes), None
+    unnamed = np.bincount(truth[labels < 0], minlength=n_classes)  # combinations that no class is
     columns = {
         **first.columns,
         "accuracy": correct / n,
         "accuracy_se": float(wilson_se(correct, n)),
         **{f"accuracy_{name}": found.columns["accuracy"] for name, found in heads.items()},
-        **_information(matrix, first.columns["decision_latency_ms"]),
+        **_information(np.column_stack([matrix, unnamed]), first.columns["decision_latency_ms"]),
     }
     if outcome.test is not None:
         right, labels = _joint_labels(outcome.test, dataset, truth_test)

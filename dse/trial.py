@@ -15,6 +15,7 @@ import numpy as np
 
 from dse import dataset, seeds, store
 from dse.execution import Failure
+from dse.heads import head_sizes
 from dse.measure import Measurement, measure
 from dse.models.training import Design
 from dse.records import Answers, Array, Dataset, Outcome, Response
@@ -88,10 +89,11 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
         return Demand((run.trial, run.repeat), 0, PROCESS_BYTES, 1.0)
     n_used = data.train.size + data.validation.size + data.test.size
     n_events = len(data.spikes.channel) / max(1, n_used * data.spikes.n_steps) * data.n_steps
-    shape = data.spikes.n_channels, len(data.classes), data.n_steps
+    n_outputs = sum(head_sizes(data))
+    shape = data.spikes.n_channels, n_outputs, data.n_steps
     steps = data.n_steps * model.steps_per_sample
     batch = training.batch_size * (n_events * len(model.input_delays) * _SPIKE_BYTES + steps * 8)
-    answers = (data.validation.size + data.test.size) * steps * (_ANSWER_BYTES + 2 * len(data.classes))
+    answers = (data.validation.size + data.test.size) * steps * (_ANSWER_BYTES + 2 * n_outputs)
     return Demand(
         (run.data, run.repeat, type(model), model.shares(training)),
         model.memory_bytes(*shape, training),

@@ -250,6 +250,18 @@ def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_pat
     assert seen == {(kind, task, late) for kind in kinds for task in tasks for late in (True, False)}
 
 
+def test_recordings_of_a_length_that_a_family_refuses_are_one_line(tmp_path: Path) -> None:
+    text = FAMILIES.replace("window: {n_steps: 16, at: middle}\n", "")
+    model, after = text.index("model:"), text.index("training:")
+    found = explored(tmp_path, f"{text[:model]}model: {{kind: naive_bayes, window_ms: 20}}\n{text[after:]}")
+    export(found, found.trials.iloc[0].to_dict(), tmp_path / "bundle")
+    with np.load(tmp_path / "tiny.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "short.npz", **arrays | {"spikes": arrays["spikes"][:, :10]})
+    with pytest.raises(BundleError, match=r"short.npz: samples must have .* windows of 20 ms as in training"):
+        evaluate(tmp_path / "bundle", tmp_path / "short.npz")
+
+
 def test_a_joint_net_is_exported_whole_too(tmp_path: Path) -> None:
     found = explored(tmp_path, JOINT)
     for _, row in found.trials.iterrows():

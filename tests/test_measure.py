@@ -193,6 +193,7 @@ def test_a_joint_net_is_measured_head_by_head(outcome: Outcome, dataset: Dataset
     assert found.heads["speed"].points["accuracy"].item() == pytest.approx(2 / 3)
     assert found.confusion.tolist() == [[1, 0, 0], [0, 0, 0], [0, 0, 1]]
     assert found.points == {} and "t_p_ms" not in found.columns
+    assert found.columns["itr_bits"] == pytest.approx(np.log2(3))  # no two of them are answered alike
     assert found.heads["speed"].columns["n_weights"] == found.columns["n_weights"] == 35
 
 

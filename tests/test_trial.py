@@ -17,7 +17,7 @@ from dse.execution import Workers
 from dse.models.knn import KNN
 from dse.models.snn import SNN
 from dse.models.training import Training
-from dse.records import Dataset, Spikes
+from dse.records import Dataset, Head, Spikes
 from tests.joint_data import joint
 from tests.saved_data import in_a_row, save
 
@@ -104,6 +104,9 @@ def test_what_a_family_is_asked(tmp_path: Path) -> None:
     per_window = len(data.spikes.channel) / (4 * 10) * 4  # four samples in use, windows of 4 of 10 steps
     assert asked["cost"] == (5, 2, 4, per_window, 3, one.training)
     assert (found.memory_bytes, found.cost, found.key) == (1000, 2.5, (one.data, 0, SimpleNamespace, 7))
+    heads = tuple(Head(name, ("x", "y"), np.array([0, 1])) for name in "abc")
+    trial.demand(one, dataclasses.replace(unused, heads=heads))
+    assert asked["memory"][1] == 6  # outputs, not joint classes
     beside = found.workspace_bytes - trial.PROCESS_BYTES - 200
     assert beside >= 2 * per_window * 2 * 8  # a batch's spikes, twice delayed, as rows and channels
 

@@ -93,6 +93,9 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
                 return found
         if not hasattr(model, "fit_cohort"):  # only networks know it before training
             return found
-        n_classes = len(target(recordings.columns, resolved["task"]["target"])[1])
-        weights.add(model.n_weights(n_channels, n_classes))
+        settings = resolved["task"]["target"]
+        own, names = target(recordings.columns, settings)
+        parts_of = heads(recordings.columns, settings, own) if resolved["task"]["joint"] else ()
+        n_outputs = sum(len(head.classes) for head in parts_of) or len(names)
+        weights.add(model.n_weights(n_channels, n_outputs))
     return found | {"n_weights_low": min(weights), "n_weights_high": max(weights)}

@@ -3,7 +3,8 @@
     Rep(w) = sum over channels n of the spikes of n in window w             (channels: sum, as printed)
     Rep(n, w) = spikes of n in window w                                     (channels: each)
 
-A step belongs to the window in which it begins; the last window may be shorter and is counted as it is.
+A step belongs to the window in which it begins; the last window may be shorter and is counted as it is. What
+is counted are spikes, of which a channel has one per step: fast sensors need steps short enough for theirs.
 Source: [Brayshaw et al., temporal and spatio-temporal domains in REFERENCES.md], Eq. (1).
 """
 

@@ -8,9 +8,10 @@ decays within the step, which is what makes decisions, energy and export those o
 structural  as printed: the output of a class is joined to that class's copy of the channels by weights of 1,
             and to nothing else: n_in connections per output. `threshold` counts input spikes.
 learnt      for spikes of any encoder. With X (sample, channel) the mean spikes per step of training windows
-            and Y (sample, output) 1 for the label of each head, else 0: W minimises |X W' - Y|^2 + ridge |X|^2 / n |W|^2,
-            by singular values, n = min(X.shape). The label's mean input is then about 1 per step and
-            `threshold` counts such steps. W and threshold are scaled together so that W fills its 8 bits.
+            and Y (sample, output) 1 for the label (of every head), else 0: W minimises
+            |X W' - Y|^2 + ridge |X|^2 / n |W|^2, by singular values, n = min(X.shape). The label's mean input
+            is then about 1 per step and `threshold` counts such steps. W and threshold are scaled together so
+            that W fills its 8 bits.
 
 Source: threshold encoding for texture recognition, section III.B (REFERENCES.md); learnt weights are ours.
 """
@@ -69,8 +70,7 @@ class ThresholdLIF:
         with an output spike, in ms from the window's start, at the end of its step), and their share.
 
         Raises:
-            ValueError: structural weights need as many copies of the channels as there are classes, and a single
-                target.
+            ValueError: structural weights need a single target, and a copy of the channels for each class.
         """
         began = time.perf_counter()
         network = self.network(dataset)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from dse.report.designs import Found, best_of
+from dse.dataset.encoding import transductive as reads_labels
+from dse.report.designs import Found, best_of, record
 from dse.report.rows import Row, measured
 
 if TYPE_CHECKING:
@@ -16,9 +17,33 @@ if TYPE_CHECKING:
 Chosen = tuple[Found, "pandas.Series[Any]"]
 
 
-def chosen(parts: Sequence[Found], families: Sequence[str], *, transductive: bool) -> Chosen | None:
-    """Return the best design of some families in several studies, and where it is from."""
-    return best_of([(part, part.of(families, transductive=transductive)) for part in parts])
+def chosen(
+    parts: Sequence[Found], families: Sequence[str], *, transductive: bool, encoders: bool = True
+) -> Chosen | None:
+    """Return the best design of some families in several studies, and where it is from.
+
+    Args:
+        parts: studies of one task.
+        families: kinds of models.
+        transductive: whether the designs have seen their answers.
+        encoders: whether those count whose encoder reads labels, which is another leak than that of a split.
+    """
+    several = [(part, part.of(families, transductive=transductive)) for part in parts]
+    if not encoders:
+        several = [
+            (
+                part,
+                rows.loc[[index for index, trial in rows["trial"].items() if not _by_encoder(part, trial)]],
+            )
+            for part, rows in several
+        ]
+    return best_of(several)
+
+
+def _by_encoder(part: Found, trial: int) -> bool:
+    """Return whether the encoder of a design reads labels."""
+    told = record(part.study.folder, int(trial))
+    return reads_labels(told["sections"].get("encoder"))
 
 
 def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chosen | None) -> list[Row]:

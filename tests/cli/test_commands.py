@@ -259,6 +259,13 @@ def test_pick_says_when_it_went_across_tasks(table: Path, capsys: Captured) -> N
     assert document(capsys.readouterr().out)["notes"] == []
 
 
+def test_pick_says_when_it_went_across_hardware(tmp_path: Path, capsys: Captured) -> None:
+    (tmp_path / "x.csv").write_text("accuracy,energy_uj,hardware\n0.9,40,chip\n0.9,0.1,counted\n")
+    assert main(["pick", str(tmp_path / "x.csv"), "--budget", "energy_uj <= 50", "--json"]) == 0
+    (note,) = document(capsys.readouterr().out)["notes"]
+    assert note.startswith("best over the hardware profiles chip, counted; --budget \"hardware == 'chip'\"")
+
+
 def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: Captured) -> None:
     assert main(["pick", str(table), "--budget", "n_weights<=30", "--json"]) == 3
     found = document(capsys.readouterr().out)

@@ -67,6 +67,13 @@ def test_a_scene_is_counted_and_not_simulated(scene: Path) -> None:
     assert (row["n_weights_low"], row["n_weights_high"]) == (10 * (2 * 96 + 2), 20 * (2 * 384 + 4))
 
 
+def test_a_joint_net_has_an_output_per_class_of_each_head(scene: Path) -> None:
+    task = {"target": ["texture", "profile", "force_n"], "joint": True}
+    row = shown(scene, task=task, model={"kind": "snn", "hidden": 10}, preprocessing={"bin_ms": 5, "pool": 8})
+    assert len(row["classes"]) == 8
+    assert row["n_weights_low"] == 10 * (2 * 96 + 2 + 2 + 2)
+
+
 def test_a_scene_knows_where_its_pins_are(scene: Path) -> None:
     row = shown(scene, preprocessing={"bin_ms": 5, "pool": 1, "crop": "pins", "polarity": "merge"})
     width, height = Trials(load_scene(str(scene / "fingertip.yaml"))).pins()[2:]

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from dse import registry
 from dse.deploy import bundle
 from dse.encoders.threshold import Threshold
+from dse.measure import measure
 from dse.models.response import respond
 from dse.models.threshold_lif import (
     ThresholdLIF,
@@ -21,6 +22,7 @@ from dse.neurons import lif
 from dse.recordings.raster import sparse
 from dse.recordings.time_series import TimeSeries
 from dse.records import Dataset, Network, Response
+from tests.joint_data import joint
 
 
 def dataset(raster, target, n_classes, train, validation, test=(), *, n_steps=None, start=None, step_ms=10.0):
@@ -175,6 +177,17 @@ def test_hard_cases_of_learning(arithmetic):
             assert not outcome.health["overflows_24_bit"]
             assert outcome.validation.output.shape == (1, 4, len(data.classes))
     assert fit(ThresholdLIF("learnt", 50.0, 0.5, arithmetic=arithmetic), one).validation.output[0, 1:].all()
+
+
+def test_a_joint_target_has_an_output_per_class_of_each_head():
+    data = joint()
+    outcome = fit(ThresholdLIF(weights="learnt", threshold=2.0), data)
+    found = measure(outcome, data, np.zeros(0), np.zeros(0), ())
+    assert outcome.network.sizes == (12, 5)
+    assert found.columns["accuracy_texture"] > 0.9 and found.columns["accuracy_profile"] > 0.9
+    assert outcome.history["accuracy_train"][0] > 0.9
+    with pytest.raises(ValueError, match="must be learnt for a joint target"):
+        fit(ThresholdLIF(), data)
 
 
 def test_it_is_exported_like_any_network(tmp_path):

@@ -211,6 +211,12 @@ def test_a_leak_of_the_split_is_measured_across_studies(tmp_path: Path) -> None:
     assert (rows["hidden nodes"].published, rows["hidden nodes"].ours) == (128, 64)
     time = rows["time of the highest accuracy, ms"]
     assert (time.published, time.ours) == (1000, 500)
+    # An encoder that reads labels is the leak of another system.
+    encoder = {"encoder": {"kind": "threshold", "matching": "own_label"}}
+    fourth = write(tmp_path / "read", [leaky(0.99, "elm", **model)], encoder)
+    rows = rows_of(report([one, fourth]), "G")
+    assert rows["accuracy, as printed (transductive)"].ours is None
+    assert "size of the leak (as printed less honest)" not in rows
     # Another task's leak says nothing about this one.
     objects = {"task": {"name": "object", "target": "object"}}
     third = write(tmp_path / "objects", [leaky(0.99, "elm", **model, task="object")], objects)

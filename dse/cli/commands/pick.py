@@ -48,7 +48,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
         shown = [*columns(found.nearest, goals), *missed]
         return Answer(records(found.nearest), notes, shown, code=_NOTHING_FEASIBLE)
     row: dict[str, Any] = {str(name): value for name, value in found.row.items()}
-    notes = [*found.notes, *_other_tasks(points, arguments.budget)]
+    # Accuracies of tasks do not compare; nor do energies of a chip and of counted operations.
+    notes = [
+        *found.notes,
+        *_others(points, arguments.budget, "task", "tasks"),
+        *_others(points, arguments.budget, "hardware", "hardware profiles"),
+    ]
     if arguments.export:
         from dse import bundles
 
@@ -57,12 +62,14 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer([row], notes, _telling(row, goals))
 
 
-def _other_tasks(points: pandas.DataFrame, budgets: list[str]) -> list[str]:
-    """Return a hint where the pick went across tasks, whose accuracies do not compare."""
-    tasks = list(dict.fromkeys(map(str, points["task"]))) if "task" in points else []
-    if len(tasks) < 2 or any("task" in budget for budget in budgets):
+def _others(points: pandas.DataFrame, budgets: list[str], column: str, plural: str) -> list[str]:
+    """Return a hint where the pick went across values of a column whose rows do not compare."""
+    values = list(dict.fromkeys(map(str, points[column]))) if column in points else []
+    if len(values) < 2 or any(column in budget for budget in budgets):
         return []
-    return [f"best over the tasks {', '.join(tasks)}; --budget \"task == '{tasks[0]}'\" picks within one"]
+    return [
+        f"best over the {plural} {', '.join(values)}; --budget \"{column} == '{values[0]}'\" picks within one"
+    ]
 
 
 def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:

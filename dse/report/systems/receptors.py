@@ -18,7 +18,7 @@ from dse.report.rows import Row, measured, published
 def rows(parts: Sequence[Found]) -> list[Row]:
     """Return both accuracies, the leak, information transfer, size and time to recognition."""
     paper = published()["G"]
-    leaky = chosen(parts, paper["families"], transductive=True)
+    leaky = chosen(parts, paper["families"], transductive=True, encoders=False)
     honest = chosen(parts, paper["families"], transductive=False)
     found = rows_of_leak("G", paper["accuracy"], leaky, honest)
     if honest is None:
