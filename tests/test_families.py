@@ -65,6 +65,14 @@ def test_a_front_goes_across_kinds(done: study.Study) -> None:
     assert set(few.rows["model.together.true_rate"]) == {0.2}
 
 
+def test_the_best_of_every_kind_is_repeated(tmp_path: Path) -> None:
+    search = {"sampler": "grid", "repeats_on_front": 2}
+    space = tiny_study.make_space(tmp_path, model=MODEL, execution={"jobs": 1}, search=search)
+    found = study.run(space, tmp_path / "results", progress=False)
+    fine = found.trials[found.trials["status"] == "finished"]
+    assert fine.groupby("family")["repeats"].max().to_dict() == {"fake": 2, "together": 2}
+
+
 def test_the_page_and_the_figure_take_missing_cells(done: study.Study) -> None:
     frame = pd.concat([done.points(), done.trials[done.trials["status"] == "failed"]], ignore_index=True)
     page = gather_page(frame, name="families", objectives=done.objectives)

@@ -133,7 +133,7 @@ def _search(
 def _repeat_front(
     space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
 ) -> None:
-    """Train designs of each family's front again until all have their repeats; each may move the front."""
+    """Train designs of each family's fronts again until all have their repeats; each may move a front."""
     wanted = space.search.repeats_on_front
     while wanted > space.search.repeats:
         points = tables.points_table(space, folder, runs.trials())
@@ -141,8 +141,9 @@ def _repeat_front(
             return
         from dse.skyline import skyline
 
-        # Families are compared with each other: the best of each deserves the same confidence.
-        fronts = [skyline(own, space.objectives, by="task") for _, own in points.groupby("family")]
+        # Families are compared with each other, and costs on one chip alone: each has a front of its own.
+        apart = ["family", *(["hardware"] if "hardware" in points else [])]
+        fronts = [skyline(own, space.objectives, by="task") for _, own in points.groupby(apart)]
         front = {trial for found in fronts for trial in found.rows["trial"]}
         short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < wanted]
         if not short:

@@ -116,6 +116,14 @@ def test_run_leaves_a_study_and_its_page(results: Path) -> None:
     assert "tiny" in page
 
 
+def test_run_compares_costs_on_one_chip(tmp_path: Path, capsys: Captured) -> None:
+    path = write_space(tmp_path, ("hardware: [loihi1_silicon]", "hardware: [loihi1_silicon, op_4.6_0.9]"))
+    assert main(["run", str(path), "--results", str(tmp_path / "r"), "--json", "--quiet"]) == 0
+    found = document(capsys.readouterr().out)
+    assert {row["hardware"] for row in found["rows"]} == {"loihi1_silicon"}
+    assert [note for note in found["notes"] if note.startswith("costs are those on loihi1_silicon")]
+
+
 def test_run_again_trains_nothing_and_prints_the_same(results: Path, capsys: Captured) -> None:
     space = results.parent.parent / "tiny.yaml"
     arguments = ["run", str(space), "--results", str(results.parent), "--jobs", "2", "--json", "--quiet"]

@@ -53,6 +53,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
     points = done.points()
     if points.empty:
         return Answer([], notes, code=_NOTHING_TRAINED)
+    if "hardware" in points and points["hardware"].nunique() > 1:  # costs on different chips do not compare
+        first = points["hardware"].iloc[0]
+        points = points[points["hardware"] == first]
+        notes.append(f"costs are those on {first}; dse skyline --where \"hardware == '...'\" shows another's")
     several = points["task"].nunique() > 1  # accuracies of different tasks do not compare
     result = front(points, done.objectives, by="task" if several else None)
     return dataclasses.replace(result, notes=[*result.notes, *notes])
