@@ -82,7 +82,9 @@ class Lines:
 
     def note(self, text: str) -> None:
         """Print a line."""
-        print(text, file=sys.stderr, flush=True)
+        # In one piece: `print` writes the line's end apart, and Ctrl-C may fall between the two.
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
 
 
 @contextmanager
