@@ -89,7 +89,10 @@ def gather_energy(
 
 
 def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
-    """Draw the points with their labels; those on the front are strong and joined."""
+    """Draw the points; those on the front are strong, joined, and have labels and bars.
+
+    The labels of the others show on hovering: dozens of designs would hide the front behind theirs.
+    """
     import plotly.graph_objects as go
 
     figure = go.Figure()
@@ -97,7 +100,7 @@ def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
     for best in (False, True):
         rows = np.flatnonzero(trade.on_front == best)
         rows = rows[np.argsort(trade.values[rows, 0], kind="stable")]
-        bars = {"type": "data", "symmetric": False, "color": colour, "thickness": 1}
+        bars = {"type": "data", "symmetric": False, "color": colour, "thickness": 1, "visible": best}
         figure.add_scatter(
             x=trade.values[rows, 0],
             y=trade.values[rows, 1],
@@ -105,8 +108,8 @@ def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
             error_y={**bars, "array": trade.high[rows, 1], "arrayminus": trade.low[rows, 1]},
             text=[html.escape(trade.labels[row], quote=False) for row in rows],
             textposition="top center",
-            mode="lines+markers+text" if best else "markers+text",
-            marker={"color": colour, "size": 9 if best else 5, "opacity": 1.0 if best else 0.25},
+            mode="lines+markers+text" if best else "markers",
+            marker={"color": colour, "size": 9 if best else 6, "opacity": 1.0 if best else 0.4},
             line={"color": colour, "width": 1.5},
             name="front" if best else "dominated",
             hovertemplate=f"{axis_title(trade.parameter)} %{{text}}<extra></extra>",

@@ -34,10 +34,11 @@ def test_any_columns_in_any_direction():
     assert found.values[found.on_front].tolist() == [[0.02, 10], [0.04, 12], [0.05, 30]]
 
 
-def test_the_drawing_joins_the_front_and_labels_every_point():
+def test_the_drawing_joins_and_labels_the_front():
     dominated, front = draw_energy(gather_energy(table(), "split")).data
     assert (list(front.x), list(front.text)) == ([10, 20], ["a", "&lt;c&gt;"])
-    assert (list(dominated.x), dominated.mode) == ([12, 40], "markers+text")
+    assert (list(dominated.x), dominated.mode, dominated.error_x.visible) == ([12, 40], "markers", False)
+    assert len(dominated.text) == 2, "for whoever hovers"
     assert front.mode == "lines+markers+text"
 
 
