@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dse import dataset, decision, store
+from dse import dataset, decision, precision, store
 from dse.dataset import encoding
 from dse.dataset.sections import component
 from dse.deploy.bundle import Bundle, BundleError, heads_of, read, write
@@ -19,9 +19,10 @@ from dse.heads import head_answers, head_slices, joint_label
 from dse.measure import read_out
 from dse.metrics.accuracy import wilson_se
 from dse.metrics.confusion import confusion
+from dse.models.quantisation import BITS, exponents, rounded
 from dse.recordings import RecordingError, npz
 from dse.recordings.scene import COLUMNS
-from dse.records import Answers, Array, Dataset, Response
+from dse.records import Answers, Array, Dataset, Network, Response
 from dse.study import Study
 
 _SECTIONS = ("data", "task", "window", "preprocessing", "encoder", "model", "training")
@@ -208,7 +209,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         folder: where the bundle is published; a bundle that is there is replaced.
 
     Raises:
-        ValueError: the point names no trial, or phi and theta that the study did not evaluate.
+        ValueError: the point names no trial, or a phi, theta or precision that the study did not evaluate.
         BundleError: the folder holds something else, or the design's encoder must know the label.
         StoreError: an artefact is damaged, or the bundle cannot be written.
     """
@@ -222,7 +223,10 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         why = f"encoder {encoder['kind']} reads the labels of the recordings it encodes"
         raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
     head = str(point.get("task", "")) if point.get("task") in records[0].get("of_heads", {}) else ""
-    accuracies = np.array([_accuracy(study, record, head, phi, theta, read_out_ms) for record in records])
+    setting = _precision(point)
+    accuracies = np.array(
+        [_accuracy(study, record, setting, head, phi, theta, read_out_ms) for record in records]
+    )
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
     artefacts = store.run_folder(study.folder, trial, chosen["repeat"])
     evidence = {
@@ -235,8 +239,15 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         "warnings": study.warnings,
         "environment": store.read_json(study.folder / "environment.json"),
     }
+    fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
+    if setting != precision.AS_TRAINED:
+        assert isinstance(fitted, Network)  # nothing else was evaluated at another precision
+        fitted = rounded(fitted, *setting)
+        weight_bits, pruned = setting
+        shared = exponents(fitted, weight_bits)
+        evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned, "exponents": shared}
     made = Bundle(
-        fitted=store.fitted_of(store.load_arrays(artefacts / "weights.npz")),
+        fitted=fitted,
         sections={name: chosen["sections"][name] for name in _SECTIONS if chosen["sections"].get(name)},
         classes=tuple(chosen["classes"]),
         phi=phi,
@@ -251,6 +262,12 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     return made
 
 
+def _precision(point: Mapping[str, Any]) -> precision.Setting:
+    """Return the precision of a point: as trained where it says none, or more bits than can be taken away."""
+    bits, pruned = (_setting(point.get(name)) for name in ("weight_bits", "pruned_after"))
+    return BITS if bits is None else min(int(bits), BITS), pruned or 0.0
+
+
 def _setting(value: Any) -> float | None:
     """Return phi or theta of a point; None for the full read-out, which has neither."""
     return None if _is_missing(value) else float(value)
@@ -259,6 +276,7 @@ def _setting(value: Any) -> float | None:
 def _accuracy(
     study: Study,
     record: Mapping[str, Any],
+    setting: precision.Setting,
     head: str,
     phi: float | None,
     theta: float | None,
@@ -274,16 +292,27 @@ def _accuracy(
         raise ValueError(f"{where} failed: {record['reason']}")
     suffix = f"_{head}" if head else ""
     folder = store.run_folder(study.folder, record["trial"], record["repeat"])
+    numbers, files = record, None
+    if setting != precision.AS_TRAINED:
+        evaluated = {x.setting: x for x in precision.rows(folder)}.get(setting)
+        if evaluated is None:
+            weight_bits, pruned = setting
+            raise ValueError(f"{where} was not evaluated at {weight_bits} bits with {pruned:g} pruned")
+        numbers, files = evaluated.numbers, evaluated.files
+
+    def arrays(name: str) -> Mapping[str, Array]:
+        return store.load_arrays(folder / name) if files is None else files[name]
+
     if phi is not None and theta is not None:
-        found = store.load_arrays(folder / f"surface{suffix}.npz")
+        found = arrays(f"surface{suffix}.npz")
         at = np.isclose(found["phi"], phi)[:, None] & np.isclose(found["theta"], theta)
         missing = f"phi {phi:g}, theta {theta:g}"
     elif read_out_ms is not None:
-        found = store.load_arrays(folder / f"read_out{suffix}.npz")
+        found = arrays(f"read_out{suffix}.npz")
         at = np.isclose(found["decision_latency_ms"], read_out_ms)
         missing = f"{read_out_ms:g} ms"
     else:
-        own = record["of_heads"][head] if head else record
+        own = numbers["of_heads"][head] if head else numbers
         return float(own["columns"]["accuracy"])
     if not at.any():
         raise ValueError(f"{where} was not evaluated at {missing}")

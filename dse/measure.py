@@ -17,23 +17,37 @@ from typing import Any
 import numpy as np
 
 from dse import decision
-from dse.hardware import operations
-from dse.hardware.cost import cost
-from dse.hardware.profile import load as load_profile
+from dse.hardware.cost import NotApplicable, cost, drawn
+from dse.hardware.profile import Figures, Profile
 from dse.heads import head_answers, head_slices, joint_label
 from dse.metrics.accuracy import accuracy, wilson_se
 from dse.metrics.confusion import confusion
 from dse.metrics.information import itr_bits, itr_bits_per_s
 from dse.metrics.latency import latency_ms
+from dse.metrics.memory_bytes import memory_bytes
 from dse.metrics.n_weights import n_weights
 from dse.metrics.spikes import spikes_per_inference, spikes_per_inference_no_input, spikes_total
 from dse.metrics.synaptic_operations import synaptic_operations
-from dse.records import Answers, Array, Dataset, Head, Network, Outcome, Parameters, Response, Workload
+from dse.records import (
+    Answers,
+    Array,
+    Dataset,
+    Head,
+    Network,
+    Operations,
+    Outcome,
+    Parameters,
+    Response,
+    Workload,
+)
 
 READ_OUTS = 20
 """Input lengths, evenly spaced, after which a spiking network is read out."""
 
 Columns = dict[str, Array]
+
+DRAWN = ("energy_uj", "energy_throttled_uj", "hardware_latency_ms", "latency_ms")
+"""Hardware columns that depend on a chip's figures; `drawn_on` draws them."""
 
 # What the decision maker reaches when the input ends after each length, and the settings that do it.
 _OF_DECISIONS = (
@@ -49,7 +63,8 @@ class Measurement:
     columns: the full read-out, column -> number.
     points: column -> (phi, theta); empty without a decision grid.
     read_outs: column -> (k,), after time_ms[j] of the input.
-    hardware, hardware_points, hardware_read_outs: the same per hardware profile.
+    points_load, read_outs_load: mean work of the same answers, which any hardware can be asked the cost of.
+    hardware: profile -> `columns_on` of the full read-out.
     confusion, confusion_test: (true class, answered class) counts of the full read-out.
     heads: of a joint target, head -> its own measurement.
     """
@@ -57,9 +72,9 @@ class Measurement:
     columns: dict[str, Any]
     points: Columns
     read_outs: Columns
+    points_load: Workload | Operations | None
+    read_outs_load: Workload | Operations | None
     hardware: dict[str, dict[str, Any]]
-    hardware_points: dict[str, Columns]
-    hardware_read_outs: dict[str, Columns]
     confusion: Array
     confusion_test: Array | None
     heads: dict[str, Measurement] = field(default_factory=dict)
@@ -81,17 +96,22 @@ class _Question:
 
 @dataclass(frozen=True)
 class _Work:
-    """Mean work per inference, each (...,); load: of a spiking network, else None."""
+    """Mean work per inference, each (...,), and the same as hardware is asked for its cost."""
 
     spikes: Array
     spikes_no_input: Array
     additions: Array
     macs: Array
-    load: Workload | None
+    load: Workload | Operations
 
 
 def measure(
-    outcome: Outcome, dataset: Dataset, phi: Array, theta: Array, hardware: Sequence[str]
+    outcome: Outcome,
+    dataset: Dataset,
+    phi: Array,
+    theta: Array,
+    hardware: Sequence[Profile],
+    weight_bits: int = 8,
 ) -> Measurement:
     """Measure one run.
 
@@ -100,7 +120,8 @@ def measure(
         dataset: what it was trained on.
         phi: spike offsets of the decision grid.
         theta: its confidences; both empty for the full read-out only. Spiking families alone have one.
-        hardware: names of hardware profiles.
+        hardware: profiles that the full read-out is priced on.
+        weight_bits: bits per weight of a spiking network.
 
     Raises:
         ValueError: a response holds no samples, or the grid is out of range.
@@ -108,9 +129,11 @@ def measure(
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     if not dataset.heads:
         asked = _Question(truth, truth_test, len(dataset.classes), slice(None))
-        return _measured(outcome, asked, phi, theta, hardware)
+        return _measured(outcome, asked, phi, theta, hardware, weight_bits)
     heads = {
-        head.name: _measured(outcome, _of_head(head, outputs, truth, truth_test), phi, theta, hardware)
+        head.name: _measured(
+            outcome, _of_head(head, outputs, truth, truth_test), phi, theta, hardware, weight_bits
+        )
         for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True)
     }
     n_classes = len(dataset.classes)
@@ -133,7 +156,7 @@ def measure(
         columns |= {f"accuracy_test_{name}": found.columns["accuracy_test"] for name, found in heads.items()}
     for name in ("t_p_ms", "t_h_ms", "t_c_ms"):  # times of a head's own decisions
         columns.pop(name, None)
-    return Measurement(columns, {}, {}, first.hardware, {}, {}, matrix, matrix_test, heads)
+    return Measurement(columns, {}, {}, None, None, first.hardware, matrix, matrix_test, heads)
 
 
 def read_out(output: Array) -> Array:
@@ -141,39 +164,66 @@ def read_out(output: Array) -> Array:
     return np.asarray(output.sum(axis=1, dtype=np.int64).argmax(axis=1))
 
 
-def columns_on(profile: str, load: Workload | None, macs: Array, additions: Array) -> Columns:
-    """Return the hardware columns of some work on one profile, in the shape of `macs`.
+def columns_on(profile: Profile, load: Workload | Operations) -> Columns:
+    """Return the hardware columns of some work on one profile, in the shape of its counts.
 
-    A chip for spiking networks has no columns for a classifier that is none (`load` is None).
+    A chip that cannot run such a classifier has no columns, and counted operations have energies only.
     """
-    chip = load_profile(profile)
-    columns: Mapping[str, Any]
-    if isinstance(chip, operations.OperationProfile):
-        columns = dict(
-            zip(
-                ("energy_uj", "energy_uj_low", "energy_uj_high"),
-                operations.energy_uj(chip, macs, additions),
-                strict=True,
-            )
-        )
-    elif load is None:
+    try:
+        found = cost(profile, load)
+    except NotApplicable:
         return {}
-    else:
-        found = cost(chip, load)
-        decision_ms = load.n_steps * load.step_ms
+    columns: Mapping[str, Any] = {
+        "energy_uj": found.energy_uj,
+        "energy_uj_low": found.energy_uj_low,
+        "energy_uj_high": found.energy_uj_high,
+    }
+    if found.timed:
         columns = {
-            "energy_uj": found.energy_uj,
+            **columns,
             "energy_dynamic_uj": found.dynamic_uj,
             "energy_static_uj": found.static_uj,
             "energy_static_throttled_uj": found.static_throttled_uj,
-            "energy_uj_low": found.energy_uj_low,
-            "energy_uj_high": found.energy_uj_high,
+            "energy_throttled_uj": found.energy_throttled_uj,
+            "energy_throttled_uj_low": found.energy_throttled_uj_low,
+            "energy_throttled_uj_high": found.energy_throttled_uj_high,
             "hardware_latency_ms": found.hardware_latency_ms,
-            "latency_ms": latency_ms(decision_ms, load.step_ms, found.step_time_us),
+            "latency_ms": _latency_ms(load, found.step_time_us) + found.pipeline_ms,
             "n_cores": found.n_cores,
+            "n_cores_high": found.n_cores_high,
             "fits": found.fits,
         }
-    return {name: np.broadcast_to(np.asarray(x), np.shape(macs)).copy() for name, x in columns.items()}
+    shape = np.shape(found.energy_uj)
+    return {name: np.broadcast_to(np.asarray(x), shape).copy() for name, x in columns.items()}
+
+
+def drawn_on(profile: Profile, load: Workload | Operations, figures: Figures) -> Columns:
+    """Return the hardware columns that depend on a chip's figures, under draws of them: (draw, ...) each.
+
+    Args:
+        profile: the chip.
+        load: counts (...).
+        figures: `profile.drawn`, the same for all that are to be compared.
+
+    Returns:
+        Some of `columns_on`; none where the chip cannot run the classifier.
+    """
+    try:
+        found = drawn(profile, load, figures)
+    except NotApplicable:
+        return {}
+    return {
+        "energy_uj": found.energy_uj,
+        "energy_throttled_uj": found.energy_throttled_uj,
+        "hardware_latency_ms": found.hardware_latency_ms,
+        "latency_ms": _latency_ms(load, found.step_time_us),
+    }
+
+
+def _latency_ms(load: Workload | Operations, step_time_us: Array) -> Array:
+    if isinstance(load, Operations):  # computes once, when the input is complete
+        return np.asarray(load.duration_ms + step_time_us * 1e-3)
+    return latency_ms(load.n_steps * load.step_ms, load.step_ms, step_time_us)
 
 
 def _of_head(head: Head, outputs: slice, truth: Array, truth_test: Array) -> _Question:
@@ -192,20 +242,28 @@ def _joint_labels(said: Response | Answers, dataset: Dataset, truth: Array) -> t
 
 
 def _measured(
-    outcome: Outcome, asked: _Question, phi: Array, theta: Array, hardware: Sequence[str]
+    outcome: Outcome,
+    asked: _Question,
+    phi: Array,
+    theta: Array,
+    hardware: Sequence[Profile],
+    weight_bits: int,
 ) -> Measurement:
     found, points, points_work = (
-        _of_spikes(outcome, asked, phi, theta)
+        _of_spikes(outcome, asked, phi, theta, weight_bits)
         if isinstance(outcome.validation, Response)
         else (_of_answers(outcome, asked), {}, None)
     )
     n = len(asked.target)
-    read_outs, work = found.read_outs, found.work
+    work = found.work
+    bits = work.load.weight_bits if isinstance(work.load, Workload) else work.load.number_bits
+    read_outs = found.read_outs | {"memory_bytes": memory_bytes(found.read_outs["n_weights"], np.array(bits))}
     columns = {
         "accuracy": read_outs["accuracy"][-1].item(),
         "accuracy_se": read_outs["accuracy_se"][-1].item(),
         **({} if found.label_test is None else {"accuracy_test": read_outs["accuracy_test"][-1].item()}),
         "n_weights": int(read_outs["n_weights"][-1]),
+        "memory_bytes": read_outs["memory_bytes"][-1].item(),
         "decision_latency_ms": read_outs["decision_latency_ms"][-1].item(),
         **{name: x[-1].item() for name, x in _activity(work, n).items()},
     }
@@ -216,19 +274,14 @@ def _measured(
     # Health that is one number is a column; the rest stays in the record.
     columns |= {name: x for name, x in outcome.health.items() if isinstance(x, bool | int | float)}
     columns["train_s"] = outcome.train_s
-    priced = {name: columns_on(name, work.load, work.macs, work.additions) for name in hardware}
+    full = work.load.mapped(lambda counts: counts[-1])
     return Measurement(
         columns,
         points,
         {**read_outs, **_activity(work, n)},
-        {name: {column: x[-1].item() for column, x in own.items()} for name, own in priced.items()},
-        {
-            name: columns_on(name, points_work.load, points_work.macs, points_work.additions)
-            for name in hardware
-        }
-        if points_work
-        else {},
-        priced,
+        points_work.load if points_work else None,
+        work.load,
+        {chip.name: {column: x.item() for column, x in columns_on(chip, full).items()} for chip in hardware},
         matrix,
         None if found.label_test is None else confusion(found.label_test, asked.target_test, asked.n_classes),
     )
@@ -262,12 +315,16 @@ def _of_answers(outcome: Outcome, asked: _Question) -> _ReadOuts:
     }
     if test_label is not None:
         read_outs["accuracy_test"] = (test_label == asked.target_test[:, None]).mean(axis=0)
-    work = _Work(spikes, np.zeros_like(spikes), np.asarray(said.additions), np.asarray(said.macs), None)
+    macs, additions = np.asarray(said.macs, np.float64), np.asarray(said.additions, np.float64)
+    load = Operations(
+        macs, additions, np.zeros_like(macs), np.asarray(said.n_weights), np.asarray(said.time_ms, np.float64)
+    )
+    work = _Work(spikes, np.zeros_like(spikes), additions, macs, load)
     return _ReadOuts(read_outs, work, label[:, -1], None if test_label is None else test_label[:, -1], {})
 
 
 def _of_spikes(
-    outcome: Outcome, asked: _Question, phi: Array, theta: Array
+    outcome: Outcome, asked: _Question, phi: Array, theta: Array, weight_bits: int
 ) -> tuple[_ReadOuts, Columns, _Work | None]:
     network, said, test = outcome.network, outcome.validation, outcome.test
     assert isinstance(said, Response) and not isinstance(test, Answers)  # a family answers in one way
@@ -280,7 +337,7 @@ def _of_spikes(
     label = _labels_after(output, lengths)
     per_step = np.concatenate([said.spikes, said.updates], axis=2)
     done = per_step.cumsum(axis=1, dtype=np.int64)
-    work = _spiking_work(network, said, done[:, lengths - 1].mean(axis=0), lengths)
+    work = _spiking_work(network, said, done[:, lengths - 1].mean(axis=0), lengths, weight_bits)
     read_outs = {
         **_accuracies(label, asked.target),
         "decision_latency_ms": lengths * said.step_ms,
@@ -296,7 +353,8 @@ def _of_spikes(
     points_work = None
     if len(phi) and len(theta):
         found = decision.surface(output, asked.target, phi, theta, said.step_ms, done)
-        points_work = _spiking_work(network, said, found.work, found.decision_latency_ms / said.step_ms)
+        n_steps_done = found.decision_latency_ms / said.step_ms
+        points_work = _spiking_work(network, said, found.work, n_steps_done, weight_bits)
         points = {
             "accuracy": found.accuracy,
             "accuracy_se": wilson_se(np.rint(found.accuracy * n), n),
@@ -333,18 +391,28 @@ def _n_weights(network: Network | Parameters) -> int:
     return n_weights(network) if isinstance(network, Network) else int(network.arrays["n_weights"])
 
 
-def _spiking_work(network: Network | Parameters, said: Response, done: Array, n_steps: Array) -> _Work:
+def _spiking_work(
+    network: Network | Parameters, said: Response, done: Array, n_steps: Array, weight_bits: int
+) -> _Work:
     """Return mean work (..., layer + layer - 1) of a spiking classifier with the same leading axes.
 
-    One that is no stack of layers has its synapses counted in its response, and no place on a chip.
+    One that is no stack of layers has its synapses counted in its response, and is operations to hardware.
     """
     if isinstance(network, Parameters):
         assert said.synapses is not None  # the family counts what no stack says
-        spikes = done[..., : len(said.synapses)]
+        n_layers = len(said.synapses)
+        spikes = done[..., :n_layers]
         additions = spikes @ np.array(said.synapses)
-        return _Work(
-            spikes.sum(axis=-1), spikes[..., 1:].sum(axis=-1), additions, np.zeros_like(additions), None
+        none = np.zeros_like(additions)
+        operations = Operations(
+            none,
+            additions,
+            done[..., n_layers:].sum(axis=-1),
+            np.full(additions.shape, _n_weights(network)),
+            np.asarray(n_steps * said.step_ms, np.float64),
+            weight_bits,
         )
+        return _Work(spikes.sum(axis=-1), spikes[..., 1:].sum(axis=-1), additions, none, operations)
     n_layers = len(network.sizes)
     load = Workload(
         sizes=network.sizes,
@@ -353,6 +421,7 @@ def _spiking_work(network: Network | Parameters, said: Response, done: Array, n_
         spikes=done[..., :n_layers],
         updates=done[..., n_layers:],
         step_ms=said.step_ms,
+        weight_bits=weight_bits,
         synapses=said.synapses,
         stored=network.stored,
     )

@@ -9,8 +9,8 @@ microseconds; a *step* is one time step of the encoder (a sampling period or a t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -282,6 +282,10 @@ class Workload:
     synapses: per layer, input first, weights other than 0 that a spike reaches in the mean (output spikes: 0
         unless recurrent); None: all. Counted over whole inferences: a mean for what decides earlier.
     stored: per layer after the input, weights into it that are not 0; None: all.
+    delay_bits: bits per synapse for a delay of its own.
+    cores: per layer after the input, the cores that it is spread over; None: as few as hold it.
+    pipeline_steps: steps that the answer still takes through the layers after n_steps; the decision times of
+        trained networks have them already.
     """
 
     sizes: tuple[int, ...]
@@ -293,6 +297,9 @@ class Workload:
     weight_bits: int = 8
     synapses: tuple[float, ...] | None = None
     stored: tuple[int, ...] | None = None
+    delay_bits: int = 0
+    cores: tuple[int, ...] | None = None
+    pipeline_steps: int = 0
 
     @property
     def fan_out(self) -> tuple[int, ...]:
@@ -306,6 +313,47 @@ class Workload:
         """Weights into each layer after the input, those that are 0 included."""
         pairs = zip(self.sizes, self.sizes[1:], self.recurrent, strict=False)
         return tuple(n * (before + n * back) for before, n, back in pairs)
+
+    def mapped(self, change: Callable[[Array], Array]) -> Workload:
+        """Return the same with a change made to every array of design points, leading axes first."""
+        return replace(
+            self,
+            n_steps=change(self.n_steps),
+            spikes=change(self.spikes),
+            updates=None if self.updates is None else change(self.updates),
+        )
+
+
+@dataclass(frozen=True)
+class Operations:
+    """Mean work per inference of a classifier that is no stack of spiking layers.
+
+    Arrays are (...) design points.
+
+    macs, additions: multiply-accumulates, and additions without multiplication.
+    updates: state updates, of a spiking classifier.
+    n_weights: numbers that it stores.
+    duration_ms: length of the input that it saw.
+    number_bits: bits per stored number and per operand; what was measured here, not what might do as well.
+    """
+
+    macs: Array
+    additions: Array
+    updates: Array
+    n_weights: Array
+    duration_ms: Array
+    number_bits: int = 32
+
+    def mapped(self, change: Callable[[Array], Array]) -> Operations:
+        """Return the same with a change made to every array of design points."""
+        return Operations(
+            macs=change(self.macs),
+            additions=change(self.additions),
+            updates=change(self.updates),
+            n_weights=change(self.n_weights),
+            duration_ms=change(self.duration_ms),
+            number_bits=self.number_bits,
+        )
 
 
 @dataclass(frozen=True)

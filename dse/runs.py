@@ -17,10 +17,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dse import cache, dataset, registry, seeds, store, trial
+from dse import cache, dataset, precision, registry, seeds, store, trial
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.sections import settings_class
 from dse.execution import Failure, Workers, memory_budget
+from dse.hardware.profile import Profile
 from dse.ledger import Entry
 from dse.progress import Progress
 from dse.recordings import RecordingError
@@ -28,6 +29,7 @@ from dse.search import cohorts
 from dse.store import StoreError
 
 Record = dict[str, Any]
+_Member = tuple[int, int | None]  # trial and fold: what a data set belongs to
 
 _OVER_BUDGET = "MemoryBudget"
 _MOST_ROUNDS = 5
@@ -39,9 +41,17 @@ _LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
 class Runs:
     """The runs of one study folder, which the caller holds (`store.exclusive`)."""
 
-    def __init__(self, space: SearchSpace, folder: Path, workers: Workers, progress: Progress) -> None:
+    def __init__(
+        self,
+        space: SearchSpace,
+        folder: Path,
+        profiles: Sequence[Profile],
+        workers: Workers,
+        progress: Progress,
+    ) -> None:
         self._space = space
         self._folder = folder
+        self._profiles = tuple(profiles)
         self._workers = workers
         self._progress = progress
         execution = space.execution
@@ -118,6 +128,72 @@ class Runs:
                     after_each()
                 waiting = again
 
+    def evaluate(
+        self,
+        entries: Sequence[Entry],
+        settings: Sequence[precision.Setting],
+        after_each: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Evaluate the finished runs of some designs at other precisions, where that is not done yet.
+
+        Families that have none are left out, with a note each.
+
+        Args:
+            entries: the designs.
+            settings: of `dse.precision`.
+            after_each: called when a setting of a run has ended.
+
+        Raises:
+            StoreError: results cannot be written (the disk is full); nothing finished is lost.
+        """
+        wanted, lacking = self._to_round(entries, settings)
+        done, n_settings = 0, sum(map(len, lacking.values()))
+        with contextlib.ExitStack() as held:
+            sections, keys, failures = self._data(wanted, held)
+            jobs = []
+            for entry, repeat in wanted:
+                member = entry.trial, self._fold(repeat)
+                if why := failures.get(keys[member]):
+                    self._progress.note(f"precision: trial {entry.trial} cannot be evaluated: {why.reason}")
+                else:
+                    run = self._run(entry, repeat, sections[member], self._cache / keys[member])
+                    jobs.append(precision.Job(run, lacking[entry.trial, repeat]))
+            for job, ended in self._workers.stream(precision.evaluate, jobs):
+                if isinstance(ended, Failure):
+                    _stop_if_disk(ended)
+                    self._progress.note(
+                        f"precision: trial {job.run.trial} was not evaluated to its end: {ended.reason}"
+                    )
+                    continue
+                (weight_bits, pruned), failed = ended
+                if failed is not None:
+                    at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
+                    self._progress.note(f"precision: {at} failed: {failed.reason}")
+                done += 1
+                self._progress.doing(f"precision: {done} of {n_settings} evaluations")
+                after_each()
+
+    def _to_round(
+        self, entries: Sequence[Entry], settings: Sequence[precision.Setting]
+    ) -> tuple[list[tuple[Entry, int]], dict[tuple[int, int], tuple[precision.Setting, ...]]]:
+        """Return the runs that lack settings, and which each lacks."""
+        wanted, lacking = [], {}
+        left_out: dict[str, None] = {}
+        for entry in entries:
+            for record in self.of(entry.trial):
+                if record["status"] != "finished":
+                    continue
+                repeat = record["repeat"]
+                folder = store.run_folder(self._folder, entry.trial, repeat)
+                if why := precision.refusal(folder):
+                    left_out[f"{record['sections']['model']['kind']} {why}"] = None
+                elif missing := precision.missing(folder, settings):
+                    wanted.append((entry, repeat))
+                    lacking[entry.trial, repeat] = missing
+        for text in left_out:
+            self._progress.note(f"precision: left out: {text}")
+        return wanted, lacking
+
     def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
         """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
         load = functools.lru_cache(maxsize=8)(dataset.load)
@@ -189,17 +265,13 @@ class Runs:
 
     def _prepared(self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack) -> list[trial.Run]:
         """Prepare and hold the data sets that the wanted runs need; return the runs that can be trained."""
-        designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in wanted}
-        sections = {member: self._resolved(design, member[1]) for member, design in designs.items()}
-        base = self._space.source.parent
-        keys = {member: dataset.dataset_key(resolved, base) for member, resolved in sections.items()}
-        needed = {key: sections[member] for member, key in keys.items()}
-        failures = self._prepare(needed, held)
+        sections, keys, failures = self._data(wanted, held)
+        needed = set(keys.values())
         first = next(iter(failures.values()), None)
         if first is not None and not self._records and len(failures) == len(needed):
             told = first.error == RecordingError.__name__
             raise RecordingError(first.message if told else f"data cannot be prepared: {first.reason}")
-        self._warn(needed.keys() - failures.keys())
+        self._warn(needed - failures.keys())
         runs = []
         for entry, repeat in wanted:
             member = entry.trial, self._fold(repeat)
@@ -213,6 +285,20 @@ class Runs:
             if why is not None:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
+
+    def _data(
+        self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack
+    ) -> tuple[dict[_Member, dict[str, Any]], dict[_Member, str], dict[str, Failure]]:
+        """Prepare and hold the data sets of some runs.
+
+        Returns:
+            The sections and the key of the data set of every design and fold; why a key has no data set.
+        """
+        designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in wanted}
+        sections = {member: self._resolved(design, member[1]) for member, design in designs.items()}
+        base = self._space.source.parent
+        keys = {member: dataset.dataset_key(resolved, base) for member, resolved in sections.items()}
+        return sections, keys, self._prepare({key: sections[m] for m, key in keys.items()}, held)
 
     def _fold(self, repeat: int) -> int | None:
         """Return the fold that a repeat validates on; None without cross-validation."""
@@ -291,7 +377,7 @@ class Runs:
             folder=store.run_folder(self._folder, entry.trial, repeat),
             phi=tuple(self._space.decision.phi.tolist()),
             theta=tuple(self._space.decision.theta.tolist()),
-            hardware=self._space.hardware,
+            hardware=self._profiles,
         )
 
     def _warn(self, keys: Iterable[str]) -> None:

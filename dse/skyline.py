@@ -9,7 +9,7 @@ unless a condition names that column.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from dse.config.sections import OF_HARDWARE
 from dse.constraints import ExpressionError, column, matches, split_budgets
 from dse.pareto import non_dominated
 
@@ -105,7 +106,7 @@ def skyline(
     frame: pd.DataFrame,
     objectives: Sequence[Objective],
     where: str | None = None,
-    by: str | None = None,
+    by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the rows that meet a condition and that no other such row dominates.
 
@@ -116,25 +117,113 @@ def skyline(
         frame: design points.
         objectives: (column, 'max' or 'min') pairs.
         where: condition in the language of `dse.constraints`.
-        by: column whose values are compared among themselves only (a front per task).
+        by: columns whose values are compared among themselves only (a front per task, or task and chip).
 
     Raises:
         ExpressionError: an unknown column or direction, or a condition that cannot be read.
     """
+    rows, notes = comparable(frame, objectives, where)
+    costs = _costs(rows, objectives)
+    group = _groups(rows, by)
+    on_front = _on_front(costs, group)
+    order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
+    return Skyline(rows[on_front].iloc[order], notes)
+
+
+def comparable(frame: pd.DataFrame, objectives: Sequence[Objective], where: str | None = None) -> Skyline:
+    """Return the rows that a front is sought among: those that meet a condition and have every objective.
+
+    Args:
+        frame: design points.
+        objectives: (column, 'max' or 'min') pairs.
+        where: condition in the language of `dse.constraints`.
+
+    Raises:
+        ExpressionError: as of `skyline`.
+    """
     _check(objectives)
-    if by is not None:
-        column(frame, by)
     rows = frame if where is None else frame[matches(where, frame)]
     rows, leaky = _honest(rows, where or "")
     rows, notes = _comparable(rows, [name for name, _ in objectives])
-    notes = leaky + notes
-    costs = _costs(rows, objectives)
-    group = pd.factorize(rows[by] if by else np.zeros(len(rows)), use_na_sentinel=False)[0]
-    on_front = np.zeros(len(rows), dtype=bool)
+    return Skyline(rows, leaky + notes)
+
+
+def front_share(
+    frame: pd.DataFrame,
+    objectives: Sequence[Objective],
+    drawn: Mapping[str, NDArray[np.float64]],
+    by: str | Sequence[str] | None = None,
+) -> NDArray[np.float64]:
+    """Return in what share of draws each row is non-dominated among all of them, (row,).
+
+    Args:
+        frame: rows of `comparable`.
+        objectives: (column, 'max' or 'min') pairs.
+        drawn: column -> (draw, row), its values under draws of what is uncertain; others are as they stand.
+            A row with NaN in a draw is not on that draw's front.
+        by: as of `skyline`.
+    """
+    _check(objectives)
+    costs = _costs(frame, objectives)
+    uncertain = {
+        place: (values if direction == "min" else -values)
+        for place, (name, direction) in enumerate(objectives)
+        if (values := drawn.get(name)) is not None
+    }
+    group = _groups(frame, by)
+    if not uncertain:
+        return _on_front(costs, group).astype(np.float64)
+    possible = _possible(costs, uncertain, group)
+    costs, group = costs[possible], group[possible]
+    n_draws = len(next(iter(uncertain.values())))
+    times = np.zeros(len(costs))
+    for draw in range(n_draws):
+        for place, values in uncertain.items():
+            costs[:, place] = values[draw, possible]
+        here = np.isfinite(costs).all(axis=1)
+        times[here] += _on_front(costs[here], group[here])
+    share = np.zeros(len(frame))
+    share[possible] = times / n_draws
+    return share
+
+
+def _possible(
+    costs: NDArray[np.float64], uncertain: Mapping[int, NDArray[np.float64]], group: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the rows that some draw may have on the front.
+
+    A row whose least cost over the draws is dominated by another's largest is on none of them.
+    """
+    least, most = costs.copy(), costs.copy()
+    for place, values in uncertain.items():
+        silent = np.isnan(values).any(axis=0)
+        least[:, place] = np.where(silent, -np.inf, np.min(values, axis=0))
+        most[:, place] = np.where(silent, np.inf, np.max(values, axis=0))
+    found = []
     for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
-        on_front[members] = non_dominated(costs[members])
-    order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
-    return Skyline(rows[on_front].iloc[order], notes)
+        worst = most[members][_on_front(most[members], np.zeros(len(members), np.int64))]
+        beaten = np.zeros(len(members), bool)
+        for one in worst:
+            beaten |= (one <= least[members]).all(axis=1) & (one < least[members]).any(axis=1)
+        found.append(members[~beaten])
+    return np.sort(np.concatenate(found)) if found else np.zeros(0, np.int64)
+
+
+def _groups(rows: pd.DataFrame, by: str | Sequence[str] | None) -> NDArray[np.int64]:
+    """Return the number of each row's group, in the order of the table."""
+    names = [by] if isinstance(by, str) else list(by or [])
+    if not names:
+        return np.zeros(len(rows), np.int64)
+    columns = [column(rows, name) for name in names]
+    keys = list(zip(*columns, strict=True)) if len(columns) > 1 else columns[0]
+    return np.asarray(pd.factorize(pd.Series(keys, dtype=object), use_na_sentinel=False)[0], np.int64)
+
+
+def _on_front(costs: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.bool_]:
+    found = np.zeros(len(costs), dtype=bool)
+    for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
+        found[members] = non_dominated(costs[members])
+    return found
 
 
 def front_ends(
@@ -172,7 +261,7 @@ def front_ends(
     rows, leaky = _honest(frame, "")
     rows, notes = _comparable(rows, [accuracy, spikes, weights])
     costs = _costs(rows, [(accuracy, "max"), (spikes, "min"), (weights, "min")])
-    group = pd.factorize(rows[by] if by else np.zeros(len(rows)), use_na_sentinel=False)[0]
+    group = _groups(rows, by)
     found, ends = [], []
     for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
         own = costs[members].T
@@ -239,6 +328,68 @@ def pick(
     return Pick(None, nearest.iloc[:n_nearest], notes)
 
 
+def budgeted(budgets: Sequence[str]) -> list[str]:
+    """Return the columns that budgets limit.
+
+    Raises:
+        ExpressionError: a budget that cannot be read.
+    """
+    return [limit.column for limit in split_budgets(budgets)[0]]
+
+
+def sure_pick(
+    frame: pd.DataFrame,
+    budgets: Sequence[str],
+    maximise: str,
+    tie_breaks: Sequence[Objective],
+    drawn: Mapping[str, NDArray[np.float64]],
+    confidence: float,
+    by: str | Sequence[str] | None = None,
+    n_nearest: int = 5,
+) -> Pick:
+    """Return `pick` among the rows that are surely good, whatever the hardware's figures turn out to be.
+
+    A row must be within the budgets in a share of the draws, and on the front of `maximise` and the tie
+    breaks in as many of them. Its numbers are reported as they stand, with `front_share` beside.
+
+    Args:
+        frame: design points.
+        budgets: as of `pick`.
+        maximise: column to maximise.
+        tie_breaks: (column, 'max' or 'min') pairs, the other objectives of the front.
+        drawn: column -> (draw, row), as of `front_share`.
+        confidence: the share, in (0, 1].
+        by: columns whose values have fronts of their own.
+        n_nearest: as of `pick`.
+
+    Raises:
+        ExpressionError: as of `pick`.
+    """
+    limits, conditions = split_budgets(budgets)
+    objectives = [(maximise, "max"), *tie_breaks]
+    among = comparable(frame, objectives, " and ".join(f"({c})" for c in conditions) or None)
+    where = frame.index.get_indexer(among.rows.index)
+    costs = {name: values[:, where] for name, values in drawn.items()}
+    share = front_share(among.rows, objectives, costs, by)
+    rows = among.rows.assign(front_share=share)
+    bounds = {}
+    for limit in limits:
+        if limit.column in costs and limit.direction:
+            # The value that so many draws stay within: the k-th best of them.
+            better = np.sort(costs[limit.column], axis=0)[:: 1 if limit.direction == "min" else -1]
+            bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
+    sure = share >= confidence
+    found = pick(rows.assign(**bounds)[sure], budgets, maximise, tie_breaks, n_nearest)
+    notes = [*among.notes, *found.notes]
+    if not sure.any():
+        surest = f"; the surest is in {share.max():.0%}" if len(share) else ""
+        notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the draws{surest}")
+    # Numbers as they stand; what is missed is what was missed with confidence.
+    nearest = found.nearest.assign(**{name: rows[name].reindex(found.nearest.index) for name in bounds})
+    row = None if found.row is None else rows.iloc[rows.index.tolist().index(found.row.name)]
+    return Pick(row, nearest, notes)
+
+
 def _honest(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
     """Leave out rows whose classifier saw the labels that it answers, unless the condition names them."""
     if "transductive" not in rows.columns or "transductive" in condition:
@@ -282,9 +433,12 @@ def _comparable(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame
     notes = []
     for name in names:
         values = _numbers(frame, name)
+        costs = name in OF_HARDWARE and "hardware" in frame
         for kind, wrong in (("NaN", np.isnan(values)), ("infinite", np.isinf(values))):
             if wrong.any():
-                notes.append(f"{_row_names(frame, wrong)} left out: {name} is {kind}")
+                chips = " and ".join(dict.fromkeys(map(str, frame["hardware"][wrong]))) if costs else ""
+                why = f" ({chips} cannot run them, or is known by intervals only)" if chips else ""
+                notes.append(f"{_row_names(frame, wrong)} left out: {name} is {kind}{why}")
                 keep &= ~wrong
     return frame[keep], notes
 

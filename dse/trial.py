@@ -15,10 +15,11 @@ import numpy as np
 
 from dse import dataset, seeds, store
 from dse.execution import Failure
+from dse.hardware.profile import Profile
 from dse.heads import head_sizes
 from dse.measure import Measurement, measure
 from dse.models.training import Design
-from dse.records import Answers, Array, Dataset, Outcome, Response
+from dse.records import Answers, Array, Dataset, Operations, Outcome, Response, Workload
 from dse.search.cohorts import Demand
 
 T = TypeVar("T")
@@ -56,7 +57,7 @@ class Run:
 
     sections: the design resolved. model, training: the components of those sections.
     data: folder of the prepared data set, named as its key. folder: where the run is published.
-    phi, theta: decision grid. hardware: names of profiles.
+    phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
     """
 
     trial: int
@@ -70,7 +71,7 @@ class Run:
     folder: Path
     phi: tuple[float, ...]
     theta: tuple[float, ...]
-    hardware: tuple[str, ...]
+    hardware: tuple[Profile, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,19 +205,19 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
         "transductive": leak,
         "status": "finished",
         "reason": "",
-        **_numbers(found, leak),
-        "of_heads": {name: _numbers(head, leak) for name, head in found.heads.items()},
+        **numbers(found, leak),
+        "of_heads": {name: numbers(head, leak) for name, head in found.heads.items()},
     }
     arrays = {
         "weights.npz": store.fitted_arrays(outcome.network),
         "response.npz": _said(outcome.validation, data.validation),
         "history.npz": dict(outcome.history),
-        **_arrays(job, found, ""),
+        **arrays_of(job, found, ""),
     }
     if outcome.test is not None:
         arrays["response_test.npz"] = _said(outcome.test, data.test)
     for name, head in found.heads.items():
-        arrays |= _arrays(job, head, f"_{name}")
+        arrays |= arrays_of(job, head, f"_{name}")
     files = {name: _writer(content) for name, content in arrays.items()}
     store.save_run(job.folder, record, files)
 
@@ -227,30 +228,28 @@ def _said(said: Response | Answers, index: Array) -> dict[str, Array]:
     return store.response_arrays(said, index)
 
 
-def _numbers(found: Measurement, leak: str) -> dict[str, Any]:
+def numbers(found: Measurement, leak: str) -> dict[str, Any]:
     """Return what record.json holds of a measurement."""
     return {"columns": {**found.columns, "transductive": bool(leak)}, "hardware": found.hardware}
 
 
-def _arrays(job: Run, found: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
+def arrays_of(job: Run, found: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
     """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface."""
     matrices = {"validation": found.confusion}
     if found.confusion_test is not None:
         matrices["test"] = found.confusion_test
     files = {f"confusion{suffix}.npz": matrices}
     if found.read_outs:
-        files[f"read_out{suffix}.npz"] = {
-            **found.read_outs,
-            **_per_profile(found.hardware_read_outs),
-        }
+        files[f"read_out{suffix}.npz"] = found.read_outs | _work(found.read_outs_load)
     if found.points:
         grid = {"phi": np.array(job.phi), "theta": np.array(job.theta)}
-        files[f"surface{suffix}.npz"] = {**grid, **found.points, **_per_profile(found.hardware_points)}
+        files[f"surface{suffix}.npz"] = grid | found.points | _work(found.points_load)
     return files
 
 
-def _per_profile(hardware: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
-    return {f"{name}/{column}": x for name, columns in hardware.items() for column, x in columns.items()}
+def _work(load: Workload | Operations | None) -> dict[str, Array]:
+    assert load is not None  # what was answered took work
+    return store.work_arrays(load)
 
 
 def _writer(arrays: Mapping[str, Array]) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import dataset, store, study
+from dse import dataset, decision, store, study
 from dse.bundles import evaluate, export
 from dse.cache import usual_root
 from dse.cli import main
@@ -18,6 +18,9 @@ from dse.config import load_space
 from dse.dataset import load
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
+from dse.measure import read_out
+from dse.models import response
+from dse.models.quantisation import rounded
 from dse.recordings import RecordingError
 from dse.recordings.scene import Trials
 from dse.records import Network, Parameters
@@ -105,6 +108,40 @@ def test_the_repeat_nearest_the_mean_is_exported(
     assert (read.phi, read.theta) == (2.0, 0.6)
     assert read.record["energy_uj"] == point["energy_uj"]
     assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
+
+
+def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    text = f"{SPACE}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
+    (tmp_path / "real.yaml").write_text(text)
+    found = study.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
+    base = {"trial": 0, "task": "fabric", "weight_bits": 3, "pruned_after": 0.5}
+    for point in (base, base | {"phi": 2.0, "theta": 0.6}, base | {"read_out_ms": 40.0}):
+        made = export(found, point, tmp_path / "bundle")
+        read = bundle.read(tmp_path / "bundle")
+        run = store.run_folder(found.folder, 0, read.evidence["repeat"])
+        trained = store.fitted_of(store.load_arrays(run / "weights.npz"))
+        assert isinstance(read.fitted, Network) and isinstance(trained, Network)
+        fewer = rounded(trained, 3, 0.5)
+        assert np.array_equal(read.fitted.layers[0].weight, fewer.layers[0].weight)
+        told = read.evidence["precision"]
+        assert (told["weight_bits"], told["pruned"]) == (3, 0.5)
+        arrays = store.load_arrays(tmp_path / "bundle" / "weights.npz")
+        for k, shared in enumerate(told["exponents"]):
+            whole = arrays[f"{k}/weight_8bit"] / 2**shared
+            assert (whole == np.rint(whole)).all() and -4 <= whole.min() and whole.max() <= 3
+        data = load(usual_root() / made.evidence["data"])
+        said = response.respond(read.fitted, data, data.validation)
+        if "phi" in point:
+            label, _, _ = decision.decide(said.output, 2.0, 0.6)
+        else:
+            label = read_out(said.output[:, : 8 if "read_out_ms" in point else None])
+        accuracy = (label == data.target[data.validation]).mean()
+        assert made.evidence["accuracy_of_repeats"][read.evidence["repeat"]] == pytest.approx(accuracy)
+    more = export(found, {"trial": 0, "weight_bits": 32.0, "pruned_after": 0.0}, tmp_path / "bundle")
+    assert "precision" not in more.evidence and more.fitted.n_weights == trained.n_weights
+    with pytest.raises(ValueError, match=r"trial 0 was not evaluated at 4 bits with 0\.25 pruned"):
+        export(found, base | {"weight_bits": 4, "pruned_after": 0.25}, tmp_path / "bundle")
 
 
 def test_what_a_point_does_not_have_is_not_in_its_bundle(

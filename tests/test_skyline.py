@@ -6,7 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.skyline import ExpressionError, TableError, front_ends, parse_objectives, pick, read, skyline
+from dse.pareto import non_dominated
+from dse.skyline import (
+    ExpressionError,
+    TableError,
+    front_ends,
+    front_share,
+    parse_objectives,
+    pick,
+    read,
+    skyline,
+    sure_pick,
+)
 
 OBJECTIVES = [("accuracy", "max"), ("energy_uj", "min")]
 
@@ -354,3 +365,67 @@ def test_what_has_seen_its_labels_is_not_picked_unless_it_is_asked_for():
         asked = pick(leaky(), ["size <= 1", budget])
         assert asked.row is not None and asked.row["trial"] == 0
         assert not any("has seen the labels" in note for note in asked.notes)
+
+
+# Three designs: a is cheap, b dear and accurate, c beaten by b unless the figures say otherwise.
+UNCERTAIN = pd.DataFrame(
+    {
+        "trial": [0, 1, 2],
+        "accuracy": [0.8, 0.9, 0.85],
+        "energy_uj": [10.0, 20.0, 21.0],
+        "n_weights": [1, 2, 3],
+    }
+)
+DRAWN = {"energy_uj": np.array([[9.0, 18, 19], [11.0, 22, 21], [10.0, 20, 22], [10.0, 21, 20]])}
+GOALS = [("accuracy", "max"), ("energy_uj", "min")]
+
+
+def test_how_sure_a_front_is() -> None:
+    share = front_share(UNCERTAIN, GOALS, DRAWN)
+    assert share.tolist() == [1.0, 1.0, 0.5]
+    assert front_share(UNCERTAIN, GOALS, {}).tolist() == [1.0, 1.0, 0.0]
+    apart = UNCERTAIN.assign(task=["x", "x", "y"])
+    assert front_share(apart, GOALS, DRAWN, "task").tolist() == [1.0, 1.0, 1.0]
+    silent = {"energy_uj": np.array([[9.0, np.nan, 19], [11.0, np.nan, 21]])}
+    assert front_share(UNCERTAIN, GOALS, silent).tolist() == [1.0, 0.0, 1.0]
+    assert front_share(UNCERTAIN.iloc[:0], GOALS, {"energy_uj": np.zeros((4, 0))}).tolist() == []
+    best = front_share(UNCERTAIN, [("accuracy", "max"), ("n_weights", "min")], DRAWN)
+    assert best.tolist() == [1.0, 1.0, 0.0], "nothing drawn is an objective"
+
+
+@given(st.integers(1, 30), st.integers(1, 12), st.integers(0, 2**31))
+def test_shares_are_those_of_every_draw_on_its_own(n_rows: int, n_draws: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    frame = pd.DataFrame({"accuracy": rng.integers(0, 4, n_rows) / 4, "energy_uj": np.ones(n_rows)})
+    drawn = rng.integers(1, 9, n_rows) * rng.uniform(0.5, 2.0, (n_draws, 1)) + rng.integers(
+        0, 3, (n_draws, 1)
+    )
+    drawn = drawn + rng.integers(0, 2, (n_draws, n_rows))
+    found = front_share(frame, GOALS, {"energy_uj": drawn})
+    alone = [non_dominated(np.column_stack([-frame["accuracy"], drawn[draw]])) for draw in range(n_draws)]
+    assert found.tolist() == np.mean(alone, axis=0).tolist()
+
+
+def test_a_sure_pick_holds_in_so_many_draws() -> None:
+    def picked(budget: str, confidence: float) -> object:
+        found = sure_pick(UNCERTAIN, [budget], "accuracy", GOALS[1:], DRAWN, confidence)
+        return None if found.row is None else (found.row["trial"], found.row["energy_uj"])
+
+    assert picked("energy_uj <= 20", 0.5) == (1, 20.0)  # in two of four
+    assert picked("energy_uj <= 20", 0.75) == (0, 10.0)  # b only in two
+    assert picked("energy_uj <= 22", 1.0) == (1, 20.0)
+    assert picked("energy_uj <= 9.5", 0.9) is None
+    assert picked("energy_uj >= 20 and accuracy <= 0.85", 0.5) == (2, 21.0)
+    missed = sure_pick(UNCERTAIN, ["energy_uj <= 10"], "accuracy", GOALS[1:], DRAWN, 1.0)
+    assert missed.row is None and missed.nearest["energy_uj"].tolist()[0] == 10.0
+    assert missed.nearest["missed energy_uj<=10"].tolist()[0] == 1.0, "11 in the worst draw"
+
+
+def test_when_no_design_is_sure_it_is_said() -> None:
+    frame = UNCERTAIN.iloc[[1, 2]].assign(accuracy=0.9)
+    drawn = {"energy_uj": DRAWN["energy_uj"][:, 1:]}
+    found = sure_pick(frame, [], "accuracy", GOALS[1:], drawn, 0.9)
+    assert found.row is None and found.nearest.empty
+    assert found.notes == ["no design is non-dominated in 90% of the draws; the surest is in 50%"]
+    condition = sure_pick(UNCERTAIN, ["trial == 7"], "accuracy", GOALS[1:], DRAWN, 0.9)
+    assert condition.row is None

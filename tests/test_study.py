@@ -558,6 +558,24 @@ def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
     assert_same(study.run(space, tmp_path / "stopped", progress=False), whole)
 
 
+def test_more_hardware_needs_no_training(finished: study.Study, copied: Path) -> None:
+    before = finished_runs(copied)
+    more = make_space(copied, hardware=["loihi1_silicon", "op_4.6_0.9"])
+    found = study.run(more, copied / "results", progress=False)
+    assert finished_runs(copied) == before
+    points = found.points()
+    assert points["hardware"].unique().tolist() == ["loihi1_silicon", "op_4.6_0.9"]
+    own = points[points["hardware"] == "loihi1_silicon"].reset_index(drop=True)
+    assert_frame_equal(own[finished.points().columns], finished.points(), check_dtype=False)
+    assert (points[points["hardware"] == "op_4.6_0.9"]["energy_uj"] > 0).all()
+    assert (found.folder / "hardware" / "op_4.6_0.9.yaml").is_file()
+
+    # What a sampler was told is of the first chip.
+    first = make_space(copied, hardware=["op_4.6_0.9", "loihi1_silicon"])
+    with pytest.raises(ConfigError, match=r"hardware is .* was begun with"):
+        study.run(first, copied / "results", progress=False)
+
+
 def test_more_trials_go_on_and_any_other_change_is_refused(finished: study.Study, copied: Path) -> None:
     before = finished_runs(copied)
     shutil.move(copied / "tiny.npz", copied / "moved.npz")

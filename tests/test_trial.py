@@ -14,6 +14,8 @@ import pytest
 
 from dse import store, trial
 from dse.execution import Workers
+from dse.hardware.profile import load
+from dse.measure import columns_on
 from dse.models.knn import KNN
 from dse.models.snn import SNN
 from dse.models.training import Training
@@ -121,7 +123,7 @@ def test_a_family_that_trains_alone_has_no_company(tmp_path: Path) -> None:
 def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
     data = joint(n_steps=20)
     save(data, tmp_path / "data")
-    grid = {"phi": (0,), "theta": (0.5, 0.9), "hardware": ("op_4.6_0.9",)}
+    grid = {"phi": (0,), "theta": (0.5, 0.9), "hardware": (load("op_4.6_0.9"),)}
     spiking = dataclasses.replace(run(tmp_path, SNN((6,)), 0, epochs=1, batch_size=16), **grid)
     counting = dataclasses.replace(run(tmp_path, KNN(window_ms=20.0, channels="each"), 1), **grid)
     for one in (spiking, counting):
@@ -138,7 +140,8 @@ def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
         for name, own in record["of_heads"].items():
             read_out = store.load_arrays(one.folder / f"read_out_{name}.npz")
             assert read_out["accuracy"][-1] == own["columns"]["accuracy"]
-            assert read_out["op_4.6_0.9/energy_uj"][-1] == own["hardware"]["op_4.6_0.9"]["energy_uj"]
+            energy_uj = columns_on(load("op_4.6_0.9"), store.work_of(read_out))["energy_uj"]
+            assert energy_uj[-1] == own["hardware"]["op_4.6_0.9"]["energy_uj"]
             assert own["columns"]["accuracy"] == record["columns"][f"accuracy_{name}"]
             confusion = store.load_arrays(one.folder / f"confusion_{name}.npz")
             assert confusion["validation"].sum() == 30 and confusion["test"].sum() == 10

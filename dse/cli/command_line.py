@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import dse
 from dse.cli.answer import Answer, show
-from dse.cli.commands import check, dashboard, describe, evaluate, pick, report, run, simulate, skyline
+from dse.cli.commands import check, cost, dashboard, describe, evaluate, pick, report, run, simulate, skyline
 from dse.config import ConfigError
 
-COMMANDS = (check, run, skyline, pick, evaluate, report, dashboard, simulate, describe)
+COMMANDS = (check, run, skyline, pick, evaluate, report, dashboard, simulate, cost, describe)
 _BAD_INPUT = 2
 _STOPPED = 130
 _GOES_ON = "stopped; what was finished is kept, and the same command goes on"

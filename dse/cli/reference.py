@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 _LISTS = {
-    "hardware": "profiles of chips, for energy and latency",
+    "hardware": "profiles of chips, for energy and latency; or your own, as a file",
     "objectives": "columns to minimise or maximise",
 }
 _SAMPLERS = "search.samplers"
@@ -85,12 +85,7 @@ def names(section: str) -> list[Row]:
 def keys(section: str, name: str | None) -> list[Row]:
     """Return the keys of a section or of a component: type, bounds, unit, default, meaning."""
     if section == "hardware":
-        from dse.hardware.profile import load
-
-        numbers = {
-            key: value for key, value in vars(load(str(name))).items() if dataclasses.is_dataclass(value)
-        }
-        return [{"key": key, **vars(number)} for key, number in numbers.items()]
+        return _figures(str(name))
     if section in (*_LISTS, _FORMATS):
         return [row for row in names(section) if row["name"] == name]
     if presets := _presets(section):
@@ -126,6 +121,29 @@ def _presets(section: str) -> Mapping[str, Preset]:
     from dse.scene import presets
 
     return {"scene.sensor": presets.sensors, "scene.textures": presets.textures}.get(section, dict)()
+
+
+def remarks(section: str, name: str | None) -> list[str]:
+    """Return sentences about a component that its keys do not say: of a hardware profile, what it is."""
+    if section != "hardware" or name is None:
+        return []
+    from dse.hardware.profile import kinds, load
+
+    profile = load(name)
+    kind, cls = next((kind, cls) for kind, cls in kinds().items() if type(profile) is cls)
+    found = [f"{profile.name}: {profile.doc}", f"kind {kind}: {_doc(cls)}"]
+    return found + ["costs are given as intervals only"] * profile.interval_only
+
+
+def _figures(name: str) -> list[Row]:
+    """Return the numbers of a hardware profile, given by name or file, as they are written there."""
+    from dse.hardware.profile import load
+
+    profile = load(name)
+    return [
+        {"key": key, **vars(getattr(profile, key)), "doc": figure.doc}
+        for key, figure in profile.numbers().items()
+    ]
 
 
 def _evidence(section: str, preset: Preset) -> list[Row]:

@@ -31,15 +31,19 @@ def add_set(parser: argparse.ArgumentParser, example: str) -> None:
 
 
 def load(arguments: argparse.Namespace) -> SearchSpace:
-    """Return the search space that the arguments name, its data files looked at.
+    """Return the search space that the arguments name, its data files and hardware profiles looked at.
 
     Raises:
         ConfigError: with every fault.
     """
+    from dse.hardware.profile import load_all
+
     overrides = overrides_of(arguments)
     if arguments.repair:
         overrides["data.repair"] = "true"
-    return load_space(arguments.space, overrides, check_data=True)
+    space = load_space(arguments.space, overrides, check_data=True)
+    load_all(space.hardware, space.source.parent)
+    return space
 
 
 def overrides_of(arguments: argparse.Namespace) -> dict[str, str]:

@@ -1,9 +1,10 @@
-"""What the study is for and how it is run: decision grid, hardware, objectives, search."""
+"""What the study is for and how it is run: decision grid, precision, hardware, objectives, search."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,18 @@ from dse import registry
 from dse.config.axes import Axis, n_combinations
 from dse.config.device import missing
 from dse.config.faults import known_names
-from dse.config.locate import hardware_names
+from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.sections import HELD_BACK, OF_HARDWARE, Decision, ExecutionSettings, Search, known_objectives
-from dse.config.space import DecisionGrid, SearchSettings
+from dse.config.sections import (
+    HELD_BACK,
+    OF_HARDWARE,
+    Decision,
+    ExecutionSettings,
+    Precision,
+    Search,
+    known_objectives,
+)
+from dse.config.space import DecisionGrid, PrecisionSettings, SearchSettings
 from dse.config.values import Report, echo, read_fields
 
 _BATCH = 8
@@ -42,15 +51,37 @@ def decision(raw: Any, report: Report) -> DecisionGrid | None:
     )
 
 
-def hardware(raw: Any, report: Report) -> tuple[str, ...]:
-    """Read the names of hardware profiles."""
+def precision(raw: Any, report: Report) -> PrecisionSettings | None:
+    """Read at which precisions trained networks are evaluated; None after a fault."""
+    values, good = read_fields(Precision, raw, ("precision",), report, read_fixed)
+    for key in ("weight_bits", "pruned"):
+        if values.get(key) == ():
+            report(("precision", key), f"precision.{key} must name one or more values, got []")
+            good = False
+    if not good:
+        return None
+    rising = {key: tuple(sorted(set(values[key]))) for key in ("weight_bits", "pruned")}
+    return PrecisionSettings(**rising, within=values["within"])
+
+
+def hardware(raw: Any, report: Report, base: Path) -> tuple[str, ...]:
+    """Read the names of hardware profiles, or their files; what files hold is checked where they are loaded.
+
+    Args:
+        raw: the list as written.
+        report: called with (path, sentence) for every mistake.
+        base: folder of the search space, which files are relative to.
+    """
     known = hardware_names()
     found: dict[str, None] = {}
     for index, name in enumerate(_names("hardware", raw, report)):
-        if name not in known:
-            report(("hardware", index), f"unknown hardware '{name}'; {known_names(name, known)}")
-        elif name in found:
-            report(("hardware", index), f"hardware '{name}' is named twice")
+        where = ("hardware", index)
+        if name in found:
+            report(where, f"hardware '{name}' is named twice")
+        elif is_hardware_file(name) and not (base / name).is_file():
+            report(where, f"hardware '{name}' must be a file beside the search space, got none there")
+        elif not is_hardware_file(name) and name not in known:
+            report(where, f"unknown hardware '{name}'; {known_names(name, known)}")
         found[name] = None
     return tuple(found)
 

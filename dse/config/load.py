@@ -9,7 +9,7 @@ from typing import Any
 
 from dse.config import goals, parts
 from dse.config.faults import Fault, known_names
-from dse.config.locate import find_space
+from dse.config.locate import find_space, names_a_file
 from dse.config.parts import Part
 from dse.config.sections import FAMILIES, SECTIONS, components, front_end
 from dse.config.space import SearchSpace
@@ -19,7 +19,6 @@ from dse.config.yaml_lines import Path as Keys
 from dse.registry import Rule
 
 REQUIRED = ("study", "data", "task", "split", "model", "objectives")
-_NOT_IN_FILE_NAMES = set('/\\:*?"<>|')
 
 
 def load_space(
@@ -69,7 +68,8 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
             report((section, *_named_in(message, data[section])), message)
     axes = {name: axis for part in found.values() for name, axis in part.axes.items()}
     decision = goals.decision(data.get("decision"), report)
-    hardware = goals.hardware(data.get("hardware"), report)
+    precision = goals.precision(data["precision"], report) if "precision" in data else None
+    hardware = goals.hardware(data.get("hardware"), report, source.parent)
     objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
     folds = (found["split"].values.get("k_fold") or {}).get("k") if "split" in found else None
     search = goals.search(data.get("search"), axes, report, folds)
@@ -79,7 +79,18 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     fixed = {section: part.values for section, part in found.items() if not part.entries}
     entries = {section: part.entries for section, part in found.items() if part.entries}
     return SearchSpace(
-        study, seed, source, fixed, axes, decision, hardware, objectives, search, execution, entries
+        study,
+        seed,
+        source,
+        fixed,
+        axes,
+        decision,
+        hardware,
+        objectives,
+        search,
+        execution,
+        entries,
+        precision,
     )
 
 
@@ -148,7 +159,7 @@ def _study(raw: Any, report: Report) -> str:
     name = read(raw, str, Rule(doc=""), ("study",), report)
     if name is INVALID:
         return ""
-    if not name.strip(". ") or not name.isprintable() or set(name) & _NOT_IN_FILE_NAMES:
+    if not names_a_file(str(name)):
         report(("study",), f"study must be a name that a folder can have, got {echo(name)}")
     return str(name)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from dse.config.faults import ConfigError, Fault, known_names
 
 _PACKAGE = Path(__file__).parent.parent
+_NOT_IN_FILE_NAMES = set('/\\:*?"<>|')
 
 
 def shipped_spaces() -> dict[str, Path]:
@@ -35,3 +36,13 @@ def find_space(path_or_name: str) -> Path:
 def hardware_names() -> list[str]:
     """Return the names of the hardware profiles of the package."""
     return sorted(path.stem for path in (_PACKAGE / "hardware" / "profiles").glob("*.yaml"))
+
+
+def names_a_file(name: str) -> bool:
+    """Return whether a file or a folder can have a name, on every system."""
+    return bool(name.strip(". ")) and name.isprintable() and not set(name) & _NOT_IN_FILE_NAMES
+
+
+def is_hardware_file(name: str) -> bool:
+    """Return whether a hardware profile is given by its file, not by its name."""
+    return name.endswith((".yaml", ".yml"))

@@ -39,8 +39,9 @@ def json_schema() -> Schema:
     # A choice of components repeats what each may hold, so the schema says that once.
     one = {name: sections[name] for name in FAMILIES}
     sections |= {name: {"anyOf": [_reference(name), _families(name)]} for name in FAMILIES}
-    sections["objectives"] = _names(objectives)
-    sections["hardware"] = _names(hardware_names())
+    sections["objectives"] = _listed({"enum": objectives})
+    own_file = {"type": "string", "pattern": r"\.ya?ml$"}
+    sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, own_file]})
     sections["search"] = _search()
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -150,5 +151,6 @@ def _value(hint: Any, rule: Rule) -> Schema:
     return schema
 
 
-def _names(names: list[str]) -> Schema:
-    return {"anyOf": [{"enum": names}, {"type": "array", "items": {"enum": names}}]}
+def _listed(element: Schema) -> Schema:
+    """Return the schema of an element or a list of them."""
+    return {"anyOf": [element, {"type": "array", "items": element}]}

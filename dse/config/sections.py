@@ -26,17 +26,22 @@ _SETTINGS = {
     "preprocessing": "dse.preprocessing:Preprocessing",
     "training": "dse.models.training:Training",
     "decision": "dse.config.sections:Decision",
+    "precision": "dse.config.sections:Precision",
     "search": "dse.config.sections:Search",
     "execution": "dse.config.sections:ExecutionSettings",
 }
-# In the order of a file; `test` holds keys of `data`, the last two are lists of names.
+# In the order of a file; `test` holds keys of `data`, `hardware` and `objectives` are lists of names.
 SECTIONS = (
     *("data", "task", "window", "split", "test", "preprocessing", "encoder", "model", "training", "decision"),
-    *("hardware", "objectives", "search", "execution"),
+    *("precision", "hardware", "objectives", "search", "execution"),
 )
-# Objectives that only a hardware profile gives, and the one that no search may see.
-_ENERGY = ("energy_uj", "energy_uj_low", "energy_uj_high")
-OF_HARDWARE = (*_ENERGY, "hardware_latency_ms", "latency_ms", "n_cores", "fits")
+# Columns that only a hardware profile gives, and the objective that no search may see.
+OF_HARDWARE = (
+    *("energy_uj", "energy_uj_low", "energy_uj_high"),
+    *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
+    *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),
+    *("hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
+)
 HELD_BACK = "accuracy_test"
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
 
@@ -70,6 +75,34 @@ class Decision:
 
     phi: int = param(0, doc="output spikes that must be exceeded before deciding", unit="spikes", low=0)
     theta: float = param(0.5, doc="smallest share of the leading class in them", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Weights of fewer bits, and fewer weights, of trained spiking networks. Never trained; absent: none."""
+
+    weight_bits: tuple[int, ...] = param(
+        doc="bits per weight, with a scale per layer; 8 is what is trained",
+        unit="bits",
+        low=2,
+        high=8,
+        axis=False,
+    )
+    pruned: tuple[float, ...] = param(
+        (0.0,),
+        doc="share of every matrix removed by magnitude after training",
+        low=0,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
+    within: float = param(
+        0.02,
+        doc="accuracy that a design may lie below the front of its task and family to be evaluated still",
+        low=0,
+        high=1,
+        axis=False,
+    )
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,24 @@ class DecisionGrid:
 
 
 @dataclass(frozen=True)
+class PrecisionSettings:
+    """At which precisions trained designs on the front, and near it, are evaluated.
+
+    weight_bits: rising, 2 to 8. pruned: rising shares in [0, 1).
+    within: accuracy that a design may lie below the front.
+    """
+
+    weight_bits: tuple[int, ...]
+    pruned: tuple[float, ...]
+    within: float
+
+    @property
+    def settings(self) -> tuple[tuple[int, float], ...]:
+        """Every (bits, pruned) but the one that is trained: 8 bits and nothing pruned."""
+        return tuple((b, p) for b in self.weight_bits for p in self.pruned if (b, p) != (8, 0.0))
+
+
+@dataclass(frozen=True)
 class SearchSettings:
     """How designs are proposed and how often each is trained.
 
@@ -58,6 +76,7 @@ class SearchSpace:
     axes: by dotted name, in the order of the sections; one with a condition follows the axis that it names.
     objectives: (column, 'max' or 'min').
     entries: section -> kind -> key -> value, for the sections that are a choice of several components.
+    precision: None where trained networks are evaluated as they are.
     """
 
     study: str
@@ -71,6 +90,7 @@ class SearchSpace:
     search: SearchSettings
     execution: ExecutionSettings
     entries: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+    precision: PrecisionSettings | None = None
 
     @cached_property
     def branchings(self) -> list[Branching]:
@@ -126,6 +146,8 @@ class SearchSpace:
                 sections.setdefault(section, {})[key] = axis.to_plain()
         sections |= {section: {"choice": list(sections[section].values())} for section in self.entries}
         sections["decision"] = {"phi": self.decision.phi.tolist(), "theta": self.decision.theta.tolist()}
+        if self.precision is not None:
+            sections["precision"] = dict(vars(self.precision))
         sections["hardware"] = list(self.hardware)
         sections["objectives"] = [f"{name}:{direction}" for name, direction in self.objectives]
         search = {name: value for name, value in vars(self.search).items() if name != "options"}

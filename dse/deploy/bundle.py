@@ -198,8 +198,8 @@ def _described(bundle: Bundle) -> tuple[str, str]:
     return (
         f"A {'-'.join(map(str, fitted.sizes))} network of current-based leaky integrate-and-fire neurons "
         f"({fitted.arithmetic} arithmetic).",
-        "`weights.npz` holds per layer k (0 is nearest the input): `k/weight` (neuron, input) as trained, "
-        "`k/weight_8bit` what runs on a chip (value / 32), `k/decay_current`, `k/decay_voltage` in 1/4096 "
-        "and `k/threshold` in 1/64. "
+        "`weights.npz` holds per layer k (0 is nearest the input): `k/weight` (neuron, input) before 8-bit "
+        "rounding, `k/weight_8bit` what runs on a chip (value / 32), `k/decay_current`, `k/decay_voltage` "
+        "in 1/4096 and `k/threshold` in 1/64. "
         f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago.",
     )

@@ -8,7 +8,9 @@ Of each channel and threshold theta, r is the last level sent, at first the reco
     reference 'step':   r = r + sign(d) theta                      delta modulation, lags behind fast changes
     reference 'level':  r = r + sign(d) theta floor(|d| / theta)   levels crossed, several at once one spike
 
-At most one spike per channel, threshold and sample. A constant added to a channel changes nothing.
+At most one spike per channel, threshold and sample. A constant added to a channel changes nothing. ON and OFF
+are spike channels of their own (polarity 'separate'), or one that says only that there was a change
+('merged': half the inputs, for chips with few).
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from dse.records import Array, Signals, Spikes
 from dse.registry import param, register
 
 REFERENCES = ("step", "value", "level")
+POLARITIES = ("separate", "merged")
 
 
 @register("encoders", "send_on_delta")
@@ -38,20 +41,24 @@ class SendOnDelta:
         low_open=True,
     )
     reference: str = param("step", doc="where the level sent last moves to at a spike", choices=REFERENCES)
+    polarity: str = param(
+        "separate", doc="ON and OFF as spike channels of their own, or as one", choices=POLARITIES
+    )
 
     def n_channels(self, n_in: int) -> int:
         """Return the number of spike channels that n_in sampled channels become."""
-        return 2 * len(self.thresholds) * n_in
+        return self._copies * n_in
 
     def positions(self, inputs: Array) -> Array:
         """Return x, y and plane of the spike channels, (n_channels, 3) int32.
 
-        Copy 2 k + p (threshold k, polarity p) of plane q is plane 2 q len(thresholds) + 2 k + p.
+        Copy 2 k + p (threshold k, polarity p) of plane q is plane 2 q len(thresholds) + 2 k + p; merged,
+        copy k is plane q len(thresholds) + k.
 
         Args:
             inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
         """
-        return copied(inputs, 2 * len(self.thresholds))
+        return copied(inputs, self._copies)
 
     def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
@@ -65,30 +72,36 @@ class SendOnDelta:
             length: (n,) steps to keep; shorter ones end in empty rows.
         """
         thresholds = np.asarray(self.thresholds, dtype=np.float64)
-        rule = REFERENCES.index(self.reference)
+        rule, merged = REFERENCES.index(self.reference), self.polarity == "merged"
         n_steps = int(np.max(length))
         counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
         pieces = []
         for i in range(signals.n_recordings):
             values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-            pieces.append(
-                _encode(values, thresholds, rule, int(first[i]), int(first[i] + length[i]), counts[i])
-            )
+            end = int(first[i] + length[i])
+            pieces.append(_encode(values, thresholds, rule, merged, int(first[i]), end, counts[i]))
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         return Spikes(
             offsets, np.concatenate(pieces), n_steps, self.n_channels(signals.n_channels), signals.step_ms
         )
 
+    @property
+    def _copies(self) -> int:
+        return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
 
-def send_on_delta(values: Array, thresholds: tuple[float, ...], reference: str) -> Array:
+
+def send_on_delta(
+    values: Array, thresholds: tuple[float, ...], reference: str, polarity: str = "separate"
+) -> Array:
     """Return the spikes of one recording, (step, spike channel) bool: the definition, plain and slow.
 
-    Spike channel (2 k + p) n + c: threshold k, polarity p (0 OFF, 1 ON), channel c of n.
+    Spike channel (2 k + p) n + c: threshold k, polarity p (0 OFF, 1 ON), channel c of n; merged, k n + c.
 
     Args:
         values: (step, channel) samples.
         thresholds: each > 0, in the unit of `values`.
         reference: 'step', 'value' or 'level'.
+        polarity: 'separate' or 'merged'.
     """
     n_steps, n = values.shape
     spikes = np.zeros((n_steps, len(thresholds), 2, n), dtype=bool)
@@ -107,11 +120,13 @@ def send_on_delta(values: Array, thresholds: tuple[float, ...], reference: str) 
             else:
                 moved = r + np.sign(d) * (theta * np.floor(np.abs(d) / theta))
             r = np.where(fires, moved, r)
+    if polarity == "merged":
+        return spikes.any(axis=2).reshape(n_steps, -1)
     return spikes.reshape(n_steps, -1)
 
 
 @numba.njit(cache=True)
-def _encode(values, thresholds, rule, first, end, counts):  # type: ignore[no-untyped-def]
+def _encode(values, thresholds, rule, merged, first, end, counts):  # type: ignore[no-untyped-def]
     """Return the spike channels of steps first .. end - 1 in order; write how many per step to counts."""
     n, n_thresholds = values.shape[1], len(thresholds)
     channels = np.empty((end - first) * n_thresholds * n, dtype=np.int32)
@@ -137,7 +152,12 @@ def _encode(values, thresholds, rule, first, end, counts):  # type: ignore[no-un
                         r[k, c] += sign[c] * theta
                     else:
                         r[k, c] += sign[c] * (theta * np.floor(abs(d) / theta))
-            if t >= first:
+            if t >= first and merged:
+                for c in range(n):
+                    if sign[c] != 0:
+                        channels[filled] = k * n + c
+                        filled += 1
+            elif t >= first:
                 for c in range(n):
                     if sign[c] < 0:
                         channels[filled] = 2 * k * n + c

@@ -9,6 +9,7 @@ from dse.figures.energy import draw_energy, gather_energy
 from dse.figures.front import draw_front, gather_front
 from dse.figures.isi import draw_distances, draw_isi, draw_isi_samples, gather_distances, gather_isi
 from dse.figures.lengths import draw_lengths, gather_lengths, longest
+from dse.figures.precision import draw_precision, gather_precision
 from dse.figures.recognition import draw_recognition, gather_recognition
 from dse.figures.surface import draw_surface, draw_surfaces, gather_surface, stored_surface
 from dse.figures.trial import TrialView, draw_course, draw_pins, gather_trial
@@ -24,6 +25,7 @@ __all__ = [
     "draw_isi_samples",
     "draw_lengths",
     "draw_pins",
+    "draw_precision",
     "draw_recognition",
     "draw_surface",
     "draw_surfaces",
@@ -33,6 +35,7 @@ __all__ = [
     "gather_front",
     "gather_isi",
     "gather_lengths",
+    "gather_precision",
     "gather_recognition",
     "gather_surface",
     "gather_trial",

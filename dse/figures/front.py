@@ -98,8 +98,9 @@ def interval(frame: pandas.DataFrame, column: str) -> tuple[Array, Array]:
 
 
 def design_columns(frame: pandas.DataFrame) -> list[str]:
-    """Return the columns that say what a design is: trial, dotted parameters, phi, theta, hardware."""
-    named = [column for column in ("trial", "hardware", "phi", "theta") if column in frame.columns]
+    """Return the columns that say what a design is: trial, parameters, settings, hardware."""
+    about = ("trial", "hardware", "phi", "theta", "weight_bits", "pruned_after")
+    named = [column for column in about if column in frame.columns]
     return named[:1] + [column for column in map(str, frame.columns) if "." in column] + named[1:]
 
 

@@ -10,7 +10,16 @@ import re
 OKABE_ITO_LIGHT = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 OKABE_ITO_DARK = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E00")
 
-_UNITS = {"_mm_s": "mm/s", "_ms": "ms", "_us": "µs", "_mv": "mV", "_uj": "µJ", "_bits": "bit", "_s": "s"}
+_UNITS = {
+    "_mm_s": "mm/s",
+    "_ms": "ms",
+    "_us": "µs",
+    "_mv": "mV",
+    "_uj": "µJ",
+    "_bits": "bit",
+    "_bytes": "byte",
+    "_s": "s",
+}
 _SYMBOLS = {"phi": "φ", "theta": "θ"}
 
 

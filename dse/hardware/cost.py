@@ -1,28 +1,13 @@
-"""Energy, time and cores of one inference on a chip of Loihi's kind, in closed form.
+"""Energy, time and cores of an inference: a profile's plan of the architecture times the counts.
 
-Dynamic energy, from counts per inference (T steps; layers 1.. are neurons, layer 0 the input):
+Every figure has a range; the interval of a cost is the cost at all low ends to that at all high ends (costs
+grow with each figure), so it is wider than independent errors would give. `drawn` draws the figures.
 
-    E = access N T + update U + spike S + event sum_l s_l f_l + message M + hops
+    energy, flat out      = dynamic + static power x computing time
+    energy, throttled     = dynamic + static power x computing time + idle power x waiting time
+    waiting time          = steps x step period - computing time, where that is positive
 
-N neurons, U updates, S spikes of neurons, s_l spikes and f_l targets per spike of layer l, and M
-messages: one per spike and destination core. On a chip that skips zero weights, f_l counts the weights
-that pruning left (`Workload.synapses`). Time of a step, from mean counts per step:
-
-    t = barrier(tiles) + max over cores of max(send, receive)
-    send    = access n + update u + spike s + message_out m        what the core's own n neurons do
-    receive = sum over messages received of (message_in + event n)          n: targets in the core
-
-Static energy = static power x time, twice: computing flat out, and at the period of the sensor's
-steps. Every figure has a range; the interval of a cost is the cost at all low ends to that at all
-high ends (the formulas grow with each of them), so it is wider than independent errors would give.
-
-Mean field of a pruned network: every spike of a layer reaches the same share of each core's neurons,
-and every neuron still gets every message.
-
-What it leaves out: the maximum of means is below the mean of maxima (up to 6 % on reference runs
-whose activity fluctuates), and queues in the network count in the high end only.
-
-Source: SANA-FE (REFERENCES.md), whose energy and `simple` time it reproduces from the same counts.
+Computing flat out needs all input at once; throttled is what a sensor that delivers a step per period costs.
 """
 
 from __future__ import annotations
@@ -33,25 +18,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dse.hardware.placement import Placement, hops, neurons_per_core, place
-from dse.hardware.profile import End, Profile
-from dse.records import Workload
+from dse.hardware.plan import Misfit, NotApplicable, Plan, Values, features
+from dse.hardware.profile import Figures, Profile
+from dse.records import Operations, Workload
 
-Values = NDArray[np.float64]
+__all__ = ["Cost", "Drawn", "NotApplicable", "cost", "cost_of_steps", "drawn"]
+
+
+_BLOCK = 2**19
+"""Times that are held at once: a million points times their candidates would not fit a cache."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost per inference; arrays have the leading axes of the workload.
+    """Cost per inference; arrays have the leading axes of the load.
 
     dynamic_uj: energy of what happens.
     static_uj: static energy of the whole chip, computing flat out.
     static_throttled_uj: the same at the sensor's step period (or the computing time, if longer).
-    energy_uj: dynamic_uj + static_uj, with its interval.
-    step_time_us: time to compute a step, with its interval.
+    energy_uj: dynamic_uj + static_uj, with its interval; NaN where the profile gives intervals only.
+    energy_throttled_uj: dynamic_uj + static_throttled_uj, in the same way.
+    step_time_us: mean time to compute a step, with its interval; of other classifiers, the time of an answer.
     hardware_latency_ms: time to compute all steps flat out.
-    n_cores, fits, misfits: cores in use, whether every limit is met, and which are not.
+    pipeline_ms: time that the last answer still takes through the layers, at the step period.
+    idle_mw: power while nothing is to be done.
+    n_cores, n_cores_low, n_cores_high: cores in use, and what practice may take.
+    fits, misfits: whether every limit is met, and which are not.
+    assumptions: what the cores rest on.
     breakdown: dynamic energy by cause, in uJ; adds up to dynamic_uj.
+    timed: False of counted operations: energies only.
     """
 
     dynamic_uj: Values
@@ -60,163 +55,241 @@ class Cost:
     energy_uj: Values
     energy_uj_low: Values
     energy_uj_high: Values
+    energy_throttled_uj: Values
+    energy_throttled_uj_low: Values
+    energy_throttled_uj_high: Values
     step_time_us: Values
     step_time_us_low: Values
     step_time_us_high: Values
     hardware_latency_ms: Values
+    pipeline_ms: Values
+    idle_mw: float
     n_cores: int
+    n_cores_low: int
+    n_cores_high: int
     fits: bool
-    misfits: tuple[str, ...]
+    misfits: tuple[Misfit, ...]
+    assumptions: tuple[str, ...]
     breakdown: Mapping[str, Values]
+    timed: bool
 
 
-def cost(profile: Profile, workload: Workload) -> Cost:
-    """Return what a workload costs.
+def cost(profile: Profile, load: Workload | Operations) -> Cost:
+    """Return what an inference costs.
 
     Raises:
-        ValueError: counts that are negative or not finite, no steps, or shapes that do not belong together.
+        NotApplicable: the chip cannot run such a classifier.
+        ValueError: counts that are negative or not finite, or shapes that do not belong together.
     """
-    counts = _counts(workload)
-    limits = profile.at("value")
-    if not limits["skips_zero_weights"]:
-        counts = replace(counts, workload=replace(workload, synapses=None, stored=None))
-    placement = place(
-        workload.sizes, workload.recurrent, workload.weight_bits, limits, counts.workload.stored
+    counts = features(_checked(load))
+    plan = profile.plan(load, profile.ends)
+    time_us = _time_us(plan, counts, load)
+    return _cost(profile, plan, load, counts, time_us, _waiting_us(load, time_us))
+
+
+def cost_of_steps(profile: Profile, load: Workload) -> Cost:
+    """Return what an inference costs, from counts of each of its steps.
+
+    A step takes as long as its slowest core, so the mean over steps of the slowest is exact where `cost` has
+    the slowest of the means.
+
+    Args:
+        profile: the chip.
+        load: spikes (..., step, layer), updates (..., step, layer - 1) and n_steps (..., step), all 1.
+    """
+    counts = features(_checked(load))
+    plan = profile.plan(load, profile.ends)
+    time_us = _time_us(plan, counts, load)
+    waiting_us = _waiting_us(load, time_us)
+    whole = replace(
+        load,
+        n_steps=np.asarray(load.n_steps).sum(axis=-1),
+        spikes=np.asarray(load.spikes).sum(axis=-2),
+        updates=None if load.updates is None else np.asarray(load.updates).sum(axis=-2),
     )
-    ends: dict[End, tuple[dict[str, Values], Values, Values]] = {}
-    for end in ("low", "value", "high"):
-        figures = profile.at(end)
-        energies = _energies(figures, counts, placement)
-        step_us = _step_time_us(figures, counts, placement)
-        chips = -(-placement.n_cores // int(limits["cores"]))
-        static_uj = figures["static_mw"] * chips * counts.n_steps * step_us * 1e-3  # mW x us = nJ
-        ends[end] = energies, step_us, static_uj
-    energies, step_us, static_uj = ends["value"]
-    total = {end: np.asarray(sum(parts.values()) + static) for end, (parts, _, static) in ends.items()}
-    slowdown = np.maximum(workload.step_ms * 1e3, step_us) / step_us
-    return Cost(
-        dynamic_uj=np.asarray(sum(energies.values())),
-        static_uj=static_uj,
-        static_throttled_uj=static_uj * slowdown,
-        energy_uj=total["value"],
-        energy_uj_low=total["low"],
-        energy_uj_high=total["high"],
-        step_time_us=step_us,
-        step_time_us_low=ends["low"][1],
-        step_time_us_high=ends["high"][1],
-        hardware_latency_ms=counts.n_steps * step_us * 1e-3,
-        n_cores=placement.n_cores,
-        fits=not placement.misfits,
-        misfits=placement.misfits,
-        breakdown=energies,
-    )
+    return _cost(profile, plan, whole, counts.sum(axis=-2), time_us.sum(axis=-1), waiting_us.sum(axis=-1))
 
 
 @dataclass(frozen=True)
-class _Counts:
-    """A checked workload as float64: n_steps (...), spikes (..., layer), updates (..., layer - 1)."""
+class Drawn:
+    """Costs per inference under D draws of a chip's figures, (D, ...) each; named as in `Cost`."""
 
-    n_steps: Values
-    spikes: Values
-    updates: Values
-    workload: Workload
+    energy_uj: Values
+    energy_throttled_uj: Values
+    step_time_us: Values
+    hardware_latency_ms: Values
 
 
-def _counts(workload: Workload) -> _Counts:
-    sizes, n_layers = workload.sizes, len(workload.sizes)
-    if n_layers < 2 or min(sizes) < 1 or len(workload.recurrent) != n_layers - 1:
+def drawn(profile: Profile, load: Workload | Operations, figures: Figures) -> Drawn:
+    """Return what an inference costs under draws of the profile's figures.
+
+    Args:
+        profile: the chip.
+        load: counts (...).
+        figures: `profile.drawn`, the same for all loads that are to be compared.
+
+    Raises:
+        NotApplicable, ValueError: as `cost`.
+    """
+    counts = features(_checked(load))
+    plan = profile.plan(load, figures)
+    time_us = _time_us(plan, counts, load)
+    static, waiting = _static_uj(plan, time_us, _waiting_us(load, time_us))
+    energy = _energy_uj(plan, counts) + static
+    return Drawn(energy, energy + waiting, _step_us(load, time_us), time_us * 1e-3)
+
+
+def _cost(
+    profile: Profile,
+    plan: Plan,
+    load: Workload | Operations,
+    counts: Values,
+    time_us: Values,
+    waiting_us: Values,
+) -> Cost:
+    """Return the cost from a plan at the ends of all figures, and the times at each, (3, ...)."""
+    dynamic = _energy_uj(plan, counts)
+    static, waiting = _static_uj(plan, time_us, waiting_us)
+    flat_out = dynamic + static
+    at_period = flat_out + waiting
+    pipeline_us = np.zeros(())
+    step_us = _step_us(load, time_us)
+    if isinstance(load, Workload):
+        pipeline_us = load.pipeline_steps * np.maximum(load.step_ms * 1e3, step_us[0])
+    placement = plan.placement
+    n_cores = placement.n_cores if placement else 0
+    causes = [np.asarray(counts @ per_count[0] * 1e-6) for per_count in plan.energy_pj.values()]
+
+    def value(x: Values) -> Values:
+        return np.full_like(x, np.nan) if profile.interval_only else np.asarray(x)
+
+    return Cost(
+        dynamic_uj=value(dynamic[0]),
+        static_uj=value(static[0]),
+        static_throttled_uj=value(static[0] + waiting[0]),
+        energy_uj=value(flat_out[0]),
+        energy_uj_low=flat_out[1],
+        energy_uj_high=flat_out[2],
+        energy_throttled_uj=value(at_period[0]),
+        energy_throttled_uj_low=at_period[1],
+        energy_throttled_uj_high=at_period[2],
+        step_time_us=value(step_us[0]),
+        step_time_us_low=step_us[1],
+        step_time_us_high=step_us[2],
+        hardware_latency_ms=value(time_us[0] * 1e-3),
+        pipeline_ms=value(pipeline_us * 1e-3),
+        idle_mw=float(plan.idle_mw[0]),
+        n_cores=n_cores,
+        n_cores_low=(placement.low if placement else None) or n_cores,
+        n_cores_high=(placement.high if placement else None) or n_cores,
+        fits=not (placement and placement.misfits),
+        misfits=placement.misfits if placement else (),
+        assumptions=placement.assumptions if placement else (),
+        breakdown={name: value(cause) for name, cause in zip(plan.energy_pj, causes, strict=True)},
+        timed=placement is not None,
+    )
+
+
+def _energy_uj(plan: Plan, counts: Values) -> Values:
+    """Return the dynamic energy (D, ...)."""
+    total = np.asarray(sum(plan.energy_pj.values())) * 1e-6
+    flat = counts.reshape(-1, counts.shape[-1])
+    return (total @ flat.T).reshape(len(total), *counts.shape[:-1])
+
+
+def _time_us(plan: Plan, counts: Values, load: Workload | Operations) -> Values:
+    """Return the time to compute (D, ...): what is slowest, and queues where the network is congested."""
+    n_draws, n_candidates, n_features = plan.time_ns.shape
+    flat = counts.reshape(-1, n_features)
+    per_count = plan.time_ns.reshape(-1, n_features) * 1e-3
+    slowest = np.empty((n_draws, len(flat)))
+    block = max(1, _BLOCK // (n_draws * n_candidates))
+    for start in range(0, len(flat), block):
+        candidates = (per_count @ flat[start : start + block].T).reshape(n_draws, n_candidates, -1)
+        slowest[:, start : start + block] = candidates.max(axis=1)
+    time_us = slowest.reshape(n_draws, *counts.shape[:-1])
+    if plan.congestion is not None and isinstance(load, Workload) and plan.congestion.layers.any():
+        spikes = counts[..., 1 : 1 + len(load.sizes)][..., plan.congestion.layers]
+        crowded = (spikes > plan.congestion.spikes * counts[..., :1]).any(axis=-1)
+        for draw, factor in enumerate(plan.congestion.factor):
+            time_us[draw] *= np.where(crowded, factor, 1.0)
+    return time_us
+
+
+def _step_us(load: Workload | Operations, time_us: Values) -> Values:
+    """Return the mean time of a step, (D, ...): 0 without steps; other classifiers compute all at once."""
+    if isinstance(load, Operations):
+        return time_us
+    steps = np.asarray(load.n_steps, np.float64)
+    return np.divide(time_us, steps, out=np.zeros_like(time_us), where=steps > 0)
+
+
+def _waiting_us(load: Workload | Operations, time_us: Values) -> Values:
+    """Return how long hardware waits for the sensor to deliver the input, (D, ...)."""
+    period_ms = load.duration_ms if isinstance(load, Operations) else np.asarray(load.n_steps) * load.step_ms
+    return np.maximum(np.asarray(period_ms, np.float64) * 1e3 - time_us, 0.0)
+
+
+def _static_uj(plan: Plan, time_us: Values, waiting_us: Values) -> tuple[Values, Values]:
+    """Return the static energy of computing and of waiting, (D, ...) each; mW x us = nJ."""
+    lead = (slice(None), *[None] * (time_us.ndim - 1))
+    return plan.static_mw[lead] * time_us * 1e-3, plan.idle_mw[lead] * waiting_us * 1e-3
+
+
+def _checked(load: Workload | Operations) -> Workload | Operations:
+    """Return the load.
+
+    Raises:
+        ValueError: what is wrong with it.
+    """
+    if isinstance(load, Operations):
+        for name in ("macs", "additions", "updates", "n_weights", "duration_ms"):
+            _check_counts(name, np.asarray(getattr(load, name), np.float64))
+        if not load.number_bits >= 1:
+            raise ValueError(f"number_bits must be >= 1, got {load.number_bits}")
+        return load
+    sizes, n_layers = load.sizes, len(load.sizes)
+    if n_layers < 2 or min(sizes) < 1 or len(load.recurrent) != n_layers - 1:
         raise ValueError(
             "sizes must name an input and a layer or more, recurrent one less, "
-            f"got {sizes} and {workload.recurrent}"
+            f"got {sizes} and {load.recurrent}"
         )
-    n_steps = np.asarray(workload.n_steps, dtype=np.float64)
-    spikes = np.asarray(workload.spikes, dtype=np.float64)
-    if workload.updates is None:
-        updates = n_steps[..., None] * np.array(sizes[1:], dtype=np.float64)
-    else:
-        updates = np.asarray(workload.updates, dtype=np.float64)
     for name, given, most in (
-        ("synapses", workload.synapses, workload.fan_out),
-        ("stored", workload.stored, workload.dense),
+        ("synapses", load.synapses, load.fan_out),
+        ("stored", load.stored, load.dense),
     ):
         if given is not None and (
             len(given) != len(most) or not all(0 <= a <= b for a, b in zip(given, most, strict=True))
         ):
             raise ValueError(f"{name} must be between 0 and {most} layer by layer, got {given}")
-    for name, values, shape in (
-        ("spikes", spikes, (*n_steps.shape, n_layers)),
-        ("updates", updates, (*n_steps.shape, n_layers - 1)),
+    if load.cores is not None and (
+        len(load.cores) != n_layers - 1
+        or not all(1 <= n <= size for n, size in zip(load.cores, sizes[1:], strict=True))
     ):
+        raise ValueError(f"cores must be between 1 and {sizes[1:]} layer by layer, got {load.cores}")
+    n_steps = np.asarray(load.n_steps, np.float64)
+    _check_counts("n_steps", n_steps)
+    for name, values, shape in (
+        ("spikes", load.spikes, (*n_steps.shape, n_layers)),
+        ("updates", load.updates, (*n_steps.shape, n_layers - 1)),
+    ):
+        if values is None:
+            continue
+        values = np.asarray(values, np.float64)
         if values.shape != shape:
             raise ValueError(f"{name} must be {shape} like n_steps and sizes, got {values.shape}")
-        if not (np.isfinite(values) & (values >= 0)).all():
-            raise ValueError(f"{name} must be finite and >= 0")
-    if not (np.isfinite(n_steps) & (n_steps > 0)).all():
-        raise ValueError("n_steps must be finite and > 0")
-    if not workload.step_ms > 0:
-        raise ValueError(f"step_ms must be > 0, got {workload.step_ms}")
-    return _Counts(n_steps, spikes, updates, workload)
+        _check_counts(name, values)
+        if (values[n_steps == 0] > 0).any():
+            raise ValueError(f"{name} must be 0 where n_steps is 0")
+    if not (load.step_ms > 0 and np.isfinite(load.step_ms)):
+        raise ValueError(f"step_ms must be > 0, got {load.step_ms}")
+    for name in ("weight_bits", "delay_bits", "pipeline_steps"):
+        least = 1 if name == "weight_bits" else 0
+        if getattr(load, name) < least:
+            raise ValueError(f"{name} must be >= {least}, got {getattr(load, name)}")
+    return load
 
 
-def _destinations(placement: Placement, workload: Workload) -> Values:
-    """Return how many cores a spike of each layer goes to, input first."""
-    own = (n if back else 0 for n, back in zip(placement.cores, workload.recurrent, strict=True))
-    return np.add((*placement.cores, 0), (0, *own)).astype(np.float64)
-
-
-def _energies(figures: Mapping[str, float], counts: _Counts, placement: Placement) -> dict[str, Values]:
-    """Return the dynamic energy in uJ by cause."""
-    workload = counts.workload
-    distance = hops(placement, workload.sizes, workload.recurrent, figures)
-    reached = np.array(workload.fan_out if workload.synapses is None else workload.synapses)
-    picojoules = {
-        "neuron_access": figures["neuron_access_pj"] * sum(workload.sizes[1:]) * counts.n_steps,
-        "neuron_update": figures["neuron_update_pj"] * counts.updates.sum(axis=-1),
-        "spike": figures["spike_pj"] * counts.spikes[..., 1:].sum(axis=-1),
-        "synaptic_event": figures["synaptic_event_pj"] * (counts.spikes @ reached),
-        "message": figures["message_pj"] * (counts.spikes @ _destinations(placement, workload)),
-        "hop": counts.spikes @ (distance @ (figures["hop_x_pj"], figures["hop_y_pj"])),
-    }
-    return {cause: np.asarray(energy * 1e-6) for cause, energy in picojoules.items()}
-
-
-def _step_time_us(figures: Mapping[str, float], counts: _Counts, placement: Placement) -> Values:
-    """Return the mean time of a step: the barrier and the slowest core."""
-    workload = counts.workload
-    spikes = counts.spikes / counts.n_steps[..., None]
-    updates = counts.updates / counts.n_steps[..., None]
-    destinations = _destinations(placement, workload)
-    # Inputs are sent by sources of as many channels as a core has neurons.
-    sources = -(-workload.sizes[0] // int(figures["neurons_per_core"]))
-    slowest = spikes[..., 0] / sources * destinations[0] * figures["message_out_ns"]
-    shares = _shares(workload)
-    for layer, (size, n_cores) in enumerate(zip(workload.sizes[1:], placement.cores, strict=True), start=1):
-        neurons = float(neurons_per_core(size, n_cores).max())
-        per_spike = figures["spike_ns"] + figures["message_out_ns"] * destinations[layer]
-        send = figures["neuron_access_ns"] * neurons + neurons / size * (
-            figures["neuron_update_ns"] * updates[..., layer - 1] + per_spike * spikes[..., layer]
-        )
-        receive = sum(
-            spikes[..., source]
-            * (figures["message_in_ns"] + figures["synaptic_event_ns"] * neurons * shares[source])
-            for source in (layer - 1, *([layer] if workload.recurrent[layer - 1] else []))
-        )
-        slowest = np.maximum(slowest, np.maximum(send, receive))
-    step_us = _barrier_us(figures, placement) + slowest * 1e-3
-    crowded = (spikes > figures["congestion_spikes"]) & (destinations >= figures["congestion_cores"])
-    return np.asarray(np.where(crowded.any(axis=-1), figures["congestion_factor"], 1.0) * step_us)
-
-
-def _shares(workload: Workload) -> tuple[float, ...]:
-    """Return the share of its targets that a spike of each layer reaches, input first."""
-    if workload.synapses is None:
-        return (1.0,) * len(workload.sizes)
-    return tuple(
-        reached / dense if dense else 1.0
-        for reached, dense in zip(workload.synapses, workload.fan_out, strict=True)
-    )
-
-
-def _barrier_us(figures: Mapping[str, float], placement: Placement) -> float:
-    tiles = -(-placement.n_cores // int(figures["cores_per_tile"]))
-    return figures[f"barrier_{max(n for n in (1, 2, 4, 29) if n <= tiles)}_us"]
+def _check_counts(name: str, values: NDArray[np.float64]) -> None:
+    if not (np.isfinite(values) & (values >= 0)).all():
+        raise ValueError(f"{name} must be finite and >= 0")

@@ -1,156 +1,417 @@
-"""Which cores a dense network occupies on Loihi 1, and how far its messages travel.
+"""Which cores a dense network occupies, how far its messages travel, and what would make it fit.
 
-A dense layer of j neurons with i input axons goes to ceil(j / n) cores, n the most neurons whose
-axons a core can hold: every input axon lists its targets there in blocks of 64, each
+A dense layer of j neurons with i input axons goes to ceil(j / n) cores, n the most neurons whose axons a
+core can hold: every input axon lists its targets there in blocks of `synapse_block`, each
 
-    ceil((64 w + 10) / 64) words of 64 bit    (w bits per weight, 4 index and 6 count bits per block)
+    ceil((block (w + d) + header) / word) words    (w bits per weight, d per delay of a synapse)
 
 the last block with the remaining targets only. Neurons are then spread evenly over the cores. A
 recurrent layer has its own outputs among its input axons. Delayed copies of an input are axons of
 their own. Cores are numbered layer by layer, tile by tile; inputs enter at tile 0 and take no core.
-A layer that was pruned stores lists of the weights that are left, each with the index of its target
-(10 bits); in the mean field an axon has as many targets in a core as any other.
+A layer that was pruned stores lists of the weights that are left, each with the index of its target;
+in the mean field an axon has as many targets in a core as any other.
 
-Source: NengoLoihi's allocator rule; limits per core in the profile (REFERENCES.md).
+A compiler may take more cores than memory asks for. Where its logs are public, the range of cores in practice
+stands beside the arithmetic; energies and times are those of the arithmetic's cores.
+
+Source: NengoLoihi's allocator rule for Loihi 1; lava-dl's logs for Loihi 2 (REFERENCES.md).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK, _WORD, _BLOCK_HEADER, _INDEX = 64, 64, 10, 10
-WEIGHT_FORMATS = (1, 2, 3, 4, 5, 6, 8)  # bits per weight that a core can store
+from dse.hardware.plan import Misfit, Placement
+from dse.records import Workload
+
+_PRACTICE_BITS = 8  # per weight, in the logs that `practice` counts weights of
 
 
 @dataclass(frozen=True)
-class Placement:
-    """Cores per layer after the input, and every limit that is broken (empty: the network fits).
+class Rules:
+    """What a core and a chip hold, by the names of `dse.hardware.kinds.mesh.Mesh`.
 
-    A network that does not fit is still placed, as if the chip went on, so that its cost can be named.
+    practice: fewest and most weights of 8 bits per core that a compiler was seen to reach; None: no range.
     """
 
-    cores: tuple[int, ...]
-    misfits: tuple[str, ...]
+    cores: int
+    cores_per_tile: int
+    mesh_height: int
+    neurons_per_core: int
+    input_axons_per_core: int
+    output_axons_per_core: int
+    synapse_memory_bits: int
+    synapse_block: int
+    synapse_header_bits: int
+    synapse_word_bits: int
+    synapse_index_bits: int
+    weight_bits_any: int
+    weight_bits_most: int
+    delay_bits_most: int
+    skips_zero_weights: bool
+    practice: tuple[float, float] | None = None
 
-    @property
-    def n_cores(self) -> int:
-        return sum(self.cores)
 
+@dataclass(frozen=True)
+class Architecture:
+    """What of a network decides where it goes (fields of `dse.records.Workload`).
 
-def axon_bits(n_targets: int, weight_bits: int) -> int:
-    """Return the synapse memory that one input axon with so many targets on a core takes."""
-    blocks, rest = divmod(n_targets, _BLOCK)
-    return _WORD * (blocks * _words(_BLOCK, weight_bits) + (_words(rest, weight_bits) if rest else 0))
-
-
-def _words(n_targets: int, weight_bits: int) -> int:
-    return -(-(n_targets * weight_bits + _BLOCK_HEADER) // _WORD)
-
-
-def place(
-    sizes: tuple[int, ...],
-    recurrent: tuple[bool, ...],
-    weight_bits: int,
-    limits: Mapping[str, float],
-    stored: tuple[int, ...] | None = None,
-) -> Placement:
-    """Return the cores of every layer.
-
-    Args:
-        sizes: neurons per layer, input first.
-        recurrent: per layer after the input, whether it feeds itself.
-        weight_bits: bits per weight; stored in the next format that holds them.
-        limits: `Profile.at("value")`.
-        stored: per layer after the input, weights into it that are not 0 and alone take memory; None: all.
+    stored: per layer after the input, weights into it that alone take memory; None: all.
     """
-    misfits = []
-    bits = min((x for x in WEIGHT_FORMATS if x >= weight_bits), default=weight_bits)
-    if bits not in WEIGHT_FORMATS:
-        misfits.append(f"weights of {weight_bits} bits, {WEIGHT_FORMATS[-1]} at most")
+
+    sizes: tuple[int, ...]
+    recurrent: tuple[bool, ...]
+    weight_bits: int = 8
+    delay_bits: int = 0
+    stored: tuple[int, ...] | None = None
+    cores: tuple[int, ...] | None = None
+
+    @functools.cached_property
+    def axons(self) -> tuple[int, ...]:
+        """Input axons of each layer after the input."""
+        triples = zip(self.sizes, self.sizes[1:], self.recurrent, strict=False)
+        return tuple(before + n * back for before, n, back in triples)
+
+    @functools.cached_property
+    def dense(self) -> tuple[int, ...]:
+        """Weights into each layer after the input, those that are 0 included."""
+        return tuple(n * axons for n, axons in zip(self.sizes[1:], self.axons, strict=True))
+
+
+class _Broken(NamedTuple):
+    """A limit that is broken, in a layer or (0) on the chip."""
+
+    rule: str
+    layer: int
+    text: str
+
+
+def architecture(load: Workload, rules: Rules) -> Architecture:
+    """Return what of a load decides where it goes on a chip."""
+    stored = load.stored if rules.skips_zero_weights else None
+    return Architecture(load.sizes, load.recurrent, load.weight_bits, load.delay_bits, stored, load.cores)
+
+
+@functools.lru_cache(maxsize=1 << 14)
+def place(net: Architecture, rules: Rules) -> Placement:
+    """Return the cores of every layer, what is broken and what would mend it."""
+    cores, broken = _placed(net, rules)
+    low, high = _practice(net, rules, cores)
+    misfits = tuple(Misfit(x.rule, x.text, _change(net, rules, x, broken)) for x in broken)
+    return Placement(cores, misfits, low, high, _assumptions(net, rules, sum(cores), low, high))
+
+
+def axon_bits(n_targets: int, width: int, rules: Rules) -> int:
+    """Return the synapse memory that one input axon with so many targets of `width` bits on a core takes."""
+    blocks, rest = divmod(n_targets, rules.synapse_block)
+    words = blocks * _words(rules.synapse_block, width, rules) + (_words(rest, width, rules) if rest else 0)
+    return rules.synapse_word_bits * words
+
+
+def _words(n_targets: int, width: int, rules: Rules) -> int:
+    return -(-(n_targets * width + rules.synapse_header_bits) // rules.synapse_word_bits)
+
+
+def _format(bits: int, rules: Rules) -> int:
+    """Return the bits that a weight takes: any number up to `weight_bits_any`, and then the widest only."""
+    return bits if bits <= rules.weight_bits_any else max(bits, rules.weight_bits_most)
+
+
+def _width(net: Architecture, rules: Rules, layer: int) -> int:
+    """Return the bits per stored synapse of a layer, counted from 0 after the input."""
+    width = _format(net.weight_bits, rules) + net.delay_bits
+    return width + rules.synapse_index_bits if _is_pruned(net, layer) else width
+
+
+def _is_pruned(net: Architecture, layer: int) -> bool:
+    return net.stored is not None and net.stored[layer] < net.dense[layer]
+
+
+def _most_neurons(net: Architecture, rules: Rules, layer: int) -> int:
+    """Return the most neurons of a layer whose synapses a core can hold: 0 if not even one."""
+    axons, width = net.axons[layer], _width(net, rules, layer)
+    words = rules.synapse_memory_bits // (axons * rules.synapse_word_bits)
+    blocks, rest = divmod(words, _words(rules.synapse_block, width, rules))
+    in_rest = max(rest * rules.synapse_word_bits - rules.synapse_header_bits, 0) // width
+    targets = blocks * rules.synapse_block + in_rest
+    if net.stored is None or not _is_pruned(net, layer):
+        return targets
+    stored, dense = net.stored[layer], net.dense[layer]
+    if stored == 0:
+        return rules.neurons_per_core
+    if targets:  # an axon has stored / dense of the neurons as targets, rounded up
+        return targets * dense // stored
+    # Less than one target per axon: so many axons have one.
+    return rules.synapse_memory_bits * dense // (axons * stored * axon_bits(1, width, rules))
+
+
+def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Broken, ...]]:
+    """Return the cores of every layer and what is broken; what cannot fit is placed as if a core went on."""
+    broken: list[_Broken] = []
+    for rule, bits, most in (
+        ("weight_bits", net.weight_bits, rules.weight_bits_most),
+        ("delay_bits", net.delay_bits, rules.delay_bits_most),
+    ):
+        if bits > most:
+            broken.append(_Broken(rule, 0, f"{rule.split('_')[0]}s of {bits} bits, {most} at most"))
     cores: list[int] = []
     next_cores = 0  # from the output backwards: a layer's output axons depend on the cores after it
-    for layer in range(len(sizes) - 1, 0, -1):
-        axons = sizes[layer - 1] + (sizes[layer] if recurrent[layer - 1] else 0)
-        if axons > limits["input_axons_per_core"]:
-            misfits.append(
-                f"layer {layer}: {axons} input axons, {limits['input_axons_per_core']:.0f} per core"
-            )
-        share = 1.0
-        if stored is not None and stored[layer - 1] < sizes[layer] * axons:
-            share, width = stored[layer - 1] / (sizes[layer] * axons), bits + _INDEX
+    for layer in range(len(net.sizes) - 1, 0, -1):
+        at, size, own = layer - 1, net.sizes[layer], net.recurrent[layer - 1]
+        axons = net.axons[at]
+        if axons > rules.input_axons_per_core:
+            text = f"layer {layer}: {axons} input axons, {rules.input_axons_per_core} per core"
+            broken.append(_Broken("input_axons", layer, text))
+        in_memory = _most_neurons(net, rules, at)
+        if in_memory < 1:
+            text = f"layer {layer}: the weights of one neuron exceed the synapse memory of a core"
+            broken.append(_Broken("synapse_memory", layer, text))
+        most = min(max(in_memory, 1), rules.neurons_per_core)
+        if net.cores is None:
+            n_cores = _fewest_cores(size, most, own, next_cores, rules.output_axons_per_core)
         else:
-            width = bits
-        if _core_bits(1, axons, width, share) > limits["synapse_memory_bits"]:
-            misfits.append(f"layer {layer}: the weights of one neuron exceed the synapse memory of a core")
-        most = _most_neurons(axons, width, share, limits)
-        n_cores = -(-sizes[layer] // most)
-        while True:  # more cores hold fewer neurons each, and so fewer output axons
-            per_core = -(-sizes[layer] // n_cores)
-            destinations = next_cores + (n_cores if recurrent[layer - 1] else 0)
-            if per_core * destinations <= limits["output_axons_per_core"]:
-                break
-            if per_core == 1:
-                misfits.append(f"layer {layer}: {destinations} output axons of one neuron")
-                break
-            n_cores += 1
+            n_cores = net.cores[at]
+            neurons = -(-size // n_cores)
+            if neurons > most and in_memory >= 1:
+                rule = "neurons" if neurons > rules.neurons_per_core else "synapse_memory"
+                text = f"layer {layer}: {neurons} neurons on a core, which holds {most} of them"
+                broken.append(_Broken(rule, layer, text))
+        neurons, destinations = -(-size // n_cores), next_cores + own * n_cores
+        if neurons * destinations > rules.output_axons_per_core:
+            text = (
+                f"layer {layer}: {neurons} neurons on a core that send to {destinations} cores each, "
+                f"{rules.output_axons_per_core} output axons per core"
+            )
+            broken.append(_Broken("output_axons", layer, text))
         cores.append(n_cores)
         next_cores = n_cores
-    if sum(cores) > limits["cores"]:
-        misfits.append(f"{sum(cores)} cores, the chip has {limits['cores']:.0f}")
-    return Placement(tuple(reversed(cores)), tuple(misfits))
+    found = tuple(reversed(cores))
+    low, _ = _practice(net, rules, found)
+    if max(sum(found), low or 0) > rules.cores:
+        text = f"{sum(found)} cores" if low is None else f"at least {low} cores in practice"
+        broken.append(_Broken("cores", 0, f"{text}, the chip has {rules.cores}"))
+    return found, tuple(broken)
 
 
-def _core_bits(neurons: int, axons: int, bits: int, share: float) -> float:
-    """Return the memory of a core's synapses, where each axon has a share of the neurons as targets.
+def _fewest_cores(size: int, most: int, is_recurrent: bool, next_cores: int, output_axons: int) -> int:
+    """Return the fewest cores with so many neurons at most and no more output axons than a core has.
 
-    With less than one target per axon, so many axons have one; more are rounded up to whole targets.
+    More cores hold fewer neurons each, and so fewer output axons, but a recurrent layer also sends to all of
+    its own. If nothing helps, the fewest cores for the neurons alone.
     """
-    targets = share * neurons
-    return axons * min(targets, 1.0) * axon_bits(max(1, math.ceil(targets)), bits)
+    fewest = -(-size // most)
+    # n neurons on each of ceil(size / n) cores send to size cores or more of their own.
+    left = output_axons - size * is_recurrent
+    if next_cores:
+        most = min(most, left // next_cores)
+    for neurons in range(most if left >= 0 else 0, 0, -1):
+        n_cores = -(-size // neurons)
+        if -(-size // n_cores) * (next_cores + is_recurrent * n_cores) <= output_axons:
+            return n_cores
+    return fewest
 
 
-def _most_neurons(axons: int, bits: int, share: float, limits: Mapping[str, float]) -> int:
-    """Return the most neurons that a core can hold, at least 1: `_core_bits` grows with them."""
-    low, high = 1, int(limits["neurons_per_core"])
-    while low < high:
-        middle = (low + high + 1) // 2
-        if _core_bits(middle, axons, bits, share) <= limits["synapse_memory_bits"]:
-            low = middle
-        else:
-            high = middle - 1
-    return low
+def _practice(net: Architecture, rules: Rules, cores: tuple[int, ...]) -> tuple[int | None, int | None]:
+    """Return the fewest and most cores that a compiler may take, at least the arithmetic's."""
+    if rules.practice is None or net.cores is not None:
+        return None, None
+    dense = net.dense if net.stored is None else net.stored
+    low = high = 0
+    for layer, n_cores in enumerate(cores):
+        weights = dense[layer] * _width(net, rules, layer) / _PRACTICE_BITS
+        low += max(n_cores, ceil(weights / rules.practice[1]))
+        high += max(n_cores, ceil(weights / rules.practice[0]))
+    return low, high
 
 
-def hops(
-    placement: Placement, sizes: tuple[int, ...], recurrent: tuple[bool, ...], limits: Mapping[str, float]
-) -> NDArray[np.float64]:
-    """Return the mean tile hops (layer, 2) along x and y that one spike's messages travel, input first.
+def _assumptions(
+    net: Architecture, rules: Rules, n_cores: int, low: int | None, high: int | None
+) -> tuple[str, ...]:
+    found = []
+    if net.cores is not None:
+        found.append("the cores of every layer are given by hand")
+    if net.delay_bits:
+        found.append(
+            f"every synapse stores a delay of its own, {net.delay_bits} bits beside the "
+            f"{_format(net.weight_bits, rules)} of its weight"
+        )
+    if any(_is_pruned(net, layer) for layer in range(len(net.sizes) - 1)):
+        found.append(
+            "the weights that pruning left are spread evenly, each stored with the "
+            f"{rules.synapse_index_bits} bits of its target's index"
+        )
+    if rules.practice is not None and low is not None and high is not None:
+        few, many = (f"{n / 1e3:g}" for n in rules.practice)
+        if not net.delay_bits:
+            found.append("no synapse stores a delay of its own")
+        found.append(
+            f"{low} to {high} cores if a core holds {few} to {many} thousand weights of 8 bits, as compiler "
+            f"logs show, scaled by the bits per synapse; {n_cores} if weights filled its memory, "
+            "which energies and times are of; input neurons may take a few more"
+        )
+        if low <= rules.cores < high:
+            found.append(f"it may not fit: up to {high} cores in practice, the chip has {rules.cores}")
+    return tuple(found)
+
+
+class _Axis(NamedTuple):
+    """One number that can be changed, from what it is towards `least`; the larger, the smaller the change."""
+
+    present: int
+    least: int
+    changed: Callable[[int], Architecture]
+    told: Callable[[int], str]
+
+
+def _change(net: Architecture, rules: Rules, wrong: _Broken, broken: tuple[_Broken, ...]) -> str:
+    """Return the smallest change of every number that alone mends what is wrong and breaks nothing else.
+
+    Those that change least come first.
+    """
+    allowed = {x[:2] for x in broken} - {wrong[:2]}
+
+    def mends(changed: Architecture) -> bool:
+        return all(x[:2] in allowed for x in _placed(changed, rules)[1])
+
+    found = [_largest(axis, mends) for axis in _axes(net, rules)]
+    if not any(found):
+        found = [_largest(_size_axis(net, len(net.sizes) - 1), mends)]
+    return " or ".join(told for _, told in sorted(x for x in found if x)) or "more than one change"
+
+
+def _largest(axis: _Axis, mends: Callable[[Architecture], bool]) -> tuple[float, str] | None:
+    """Return how far an axis must change to mend, as a share of what it is, and that told; None: cannot."""
+    low, high = axis.least, axis.present
+    if low >= high or not mends(axis.changed(low)):
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if mends(axis.changed(middle)) else (low, middle)
+    return 1 - low / axis.present, axis.told(low)
+
+
+def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
+    """Yield what can be changed: not the size of the last layer, which the classes decide."""
+    if net.cores is not None:
+        for layer in range(1, len(net.sizes)):
+            yield from _cores_axes(net, rules, layer)
+    for layer in range(len(net.sizes) - 1):
+        yield _size_axis(net, layer)
+    for name, least in (("weight", 1), ("delay", 0)):
+        yield _Axis(
+            getattr(net, f"{name}_bits"),
+            least,
+            lambda n, key=f"{name}_bits": replace(net, **{key: n}),  # type: ignore[misc]
+            lambda n, name=name: f"{name}s of at most {n} bits",  # type: ignore[misc]
+        )
+    if rules.skips_zero_weights:
+        yield _Axis(
+            100,
+            1,
+            lambda kept: replace(net, stored=tuple(-(-n * kept // 100) for n in net.stored or net.dense)),
+            lambda kept: f"at least {100 - kept} % of the weights {'left ' if net.stored else ''}pruned",
+        )
+
+
+def _size_axis(net: Architecture, layer: int) -> _Axis:
+    def changed(n: int) -> Architecture:
+        smaller = replace(net, sizes=(*net.sizes[:layer], n, *net.sizes[layer + 1 :]))
+        if net.cores is not None:
+            fewer = tuple(min(pair) for pair in zip(net.cores, smaller.sizes[1:], strict=True))
+            smaller = replace(smaller, cores=fewer)
+        if net.stored is not None:  # the same share of the weights is left
+            triples = zip(net.stored, smaller.dense, net.dense, strict=True)
+            smaller = replace(smaller, stored=tuple(-(-n * after // before) for n, after, before in triples))
+        return smaller
+
+    name = f"at most {{}} neurons in layer {layer}" if layer else "at most {} inputs"
+    return _Axis(net.sizes[layer], 1, changed, name.format)
+
+
+def _cores_axes(net: Architecture, rules: Rules, layer: int) -> Iterator[_Axis]:
+    """Yield fewer cores by hand for a layer, and more, counted as neurons without a core of their own."""
+    size, cores = net.sizes[layer], net.cores or ()
+    now = cores[layer - 1]
+    others = sum(cores) - now
+    fewest = _placed(replace(net, cores=None), rules)[0][layer - 1]
+
+    def changed(n: int) -> Architecture:
+        return replace(net, cores=(*cores[: layer - 1], n, *cores[layer:]))
+
+    yield _Axis(now, fewest, changed, f"at most {{}} cores for layer {layer}".format)
+    yield _Axis(
+        size - now,
+        max(size - (rules.cores - others), 0),
+        lambda shared: changed(size - shared),
+        lambda shared: f"at least {size - shared} cores for layer {layer}",
+    )
+
+
+def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple[float, float], ...]:
+    """Return the mean tile hops along x and y that one spike's messages travel, per layer, input first.
 
     Tiles are numbered along y first. A message goes from the core of the neuron that fires to every
     core of the next layer, and of its own where that is recurrent.
     """
-    ends = np.cumsum((0, *placement.cores))
-    tiles = [np.arange(a, b) // int(limits["cores_per_tile"]) for a, b in pairwise(ends)]
-    sources = [np.zeros(1, dtype=np.int64), *tiles]
-    result = np.zeros((len(sizes), 2))
-    for layer, source in enumerate(sources):
-        onward = tiles[layer : layer + 1] + ([source] if layer > 0 and recurrent[layer - 1] else [])
-        if onward:
-            share = neurons_per_core(sizes[layer], len(source)) / sizes[layer]
-            destination = np.concatenate(onward)
-            for axis, position in enumerate((np.floor_divide, np.remainder)):
-                height = int(limits["mesh_height"])
-                distance = np.abs(np.subtract.outer(position(source, height), position(destination, height)))
-                result[layer, axis] = share @ distance.sum(axis=1)
-    return result
+    n_layers = len(net.sizes)
+    if sum(cores) <= rules.cores_per_tile:
+        return ((0.0, 0.0),) * n_layers
+    first = [0]
+    for n in cores:
+        first.append(first[-1] + n)
+    tiles = [_tiles(a, b, rules.cores_per_tile) for a, b in pairwise(first)]
+    along_x, along_y = zip(
+        *(divmod(tile, rules.mesh_height) for tile in range(tiles[-1][-1][0] + 1)), strict=True
+    )
+    found = []
+    for layer, size in enumerate(net.sizes):
+        if layer:
+            senders = [(tile, _neurons(size, cores[layer - 1], a, b)) for tile, a, b in tiles[layer - 1]]
+        else:
+            senders = [(0, size)]
+        own = layer > 0 and net.recurrent[layer - 1]
+        onward = [*(tiles[layer] if layer < n_layers - 1 else ()), *(tiles[layer - 1] if own else ())]
+        receivers = [(tile, b - a) for tile, a, b in onward]
+        x, y = (
+            _distance([(at[tile], n) for tile, n in senders], [(at[tile], n) for tile, n in receivers])
+            for at in (along_x, along_y)
+        )
+        found.append((x / size, y / size))
+    return tuple(found)
 
 
 def neurons_per_core(n: int, n_cores: int) -> NDArray[np.int64]:
     """Return how many of n neurons each core holds: as even as can be, larger shares first."""
     return n // n_cores + (np.arange(n_cores) < n % n_cores).astype(np.int64)
+
+
+def _tiles(first: int, end: int, cores_per_tile: int) -> list[tuple[int, int, int]]:
+    """Return the tiles of cores first..end - 1 with the cores on them, numbered from 0 within the layer."""
+    return [
+        (tile, max(tile * cores_per_tile, first) - first, min((tile + 1) * cores_per_tile, end) - first)
+        for tile in range(first // cores_per_tile, (end - 1) // cores_per_tile + 1)
+    ]
+
+
+def _neurons(size: int, n_cores: int, first: int, end: int) -> int:
+    """Return how many neurons cores first..end - 1 of a layer hold (`neurons_per_core`)."""
+    share, more = divmod(size, n_cores)
+    return share * (end - first) + min(end, more) - min(first, more)
+
+
+def _distance(senders: list[tuple[int, int]], receivers: list[tuple[int, int]]) -> int:
+    """Return the sum over senders and receivers (position, how many) of their distances."""
+    gathered: list[dict[int, int]] = []
+    for ends in (senders, receivers):
+        gathered.append({})
+        for position, n in ends:
+            gathered[-1][position] = gathered[-1].get(position, 0) + n
+    return sum(m * n * abs(a - b) for a, m in gathered[0].items() for b, n in gathered[1].items())

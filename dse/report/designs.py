@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import store
+from dse import precision, store
 from dse.records import Array
 from dse.study import Study
 
@@ -104,14 +104,9 @@ def found(study: Study) -> list[Found]:
             f"{study.folder / 'points.parquet'}: has no column 'family': written by a version of dse without "
             "`dse report`; the `dse run` that made the study writes it again"
         )
-    full = points
-    for name in _SETTINGS:
-        if name in full:
-            full = full[full[name].isna()]
+    full = full_read_outs(points)
     if "hardware" in full:
         full = full[full["hardware"] == full["hardware"].iloc[0]]
-    leaky = full["transductive"].fillna(False).astype(bool) if "transductive" in full else False
-    full = full.assign(transductive=leaky)
     if "macs" not in full:  # runs of before there were families that multiply
         full = full.assign(macs=0.0)
     parts = []
@@ -124,6 +119,19 @@ def found(study: Study) -> list[Found]:
         n = int(first.get("samples", {}).get("validation", 0))
         parts.append(Found(study, task, rows, target, _data(sections["data"]), _split(first), joint, n))
     return parts
+
+
+def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
+    """Return the points that answer at the end of the window, at the precision that was trained.
+
+    `transductive` is a claim of every row, False where nothing is said.
+    """
+    for name in _SETTINGS:
+        if name in points:
+            points = points[points[name].isna()]
+    points = precision.as_trained(points)
+    leaky = points["transductive"].fillna(False).astype(bool) if "transductive" in points else False
+    return points.assign(transductive=leaky)
 
 
 def record(study: Path, trial: int) -> Mapping[str, Any]:

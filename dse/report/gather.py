@@ -1,4 +1,4 @@
-"""Studies -> the report: every system's rows, our families against each other, and what must be said."""
+"""Studies -> the report: every system's rows, our families, chips, and what must be said."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from dse import pricing
 from dse.report.designs import Found, found, record
 from dse.report.families import WITHIN, compared
-from dse.report.rows import FAMILIES, Row, published
+from dse.report.hardware import on_chips
+from dse.report.rows import FAMILIES, HARDWARE, Row, published
 from dse.study import Study
 
 _HOW = (
@@ -31,10 +33,15 @@ class Report:
     notes: list[str] = field(default_factory=list)
 
 
-def report(studies: Sequence[Study]) -> Report:
+def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     """Return what some studies found beside what is published, system by system.
 
+    Args:
+        studies: what was found.
+        hardware: profiles to set against each other; none: those that a study was run with.
+
     Raises:
+        ConfigError: a profile does not exist, or is wrong.
         StoreError: a study's folder is damaged, or older than this.
     """
     parts = [part for study in studies for part in found(study)]
@@ -59,6 +66,18 @@ def report(studies: Sequence[Study]) -> Report:
             f"{FAMILIES}: within {WITHIN:g} of the best accuracy of the same side; own spikes are those of "
             "hidden and output neurons; accuracies that differ by no more than the standard error are a draw"
         )
+    for study in studies:
+        of_chips, verdicts = _of_hardware(study, [part for part in parts if part.study is study], hardware)
+        rows += of_chips
+        notes += verdicts
+    if any(row.system == HARDWARE for row in rows):
+        notes.append(
+            f"{HARDWARE}: the winner has the least energy, flat out, of the designs that fit and are within "
+            "a standard error of the best that fits; the winner of another chip is priced on this one: its "
+            "accuracy below the winner's, its energy over the winner's, and the share of draws in which that "
+            "is above 1; draws are of the chip's figures, the same for all designs; low and high are ends of "
+            "an energy's interval, or the 5 % and 95 % quantiles of a ratio, as in sentences"
+        )
     notes += [
         f"{part.name}, {part.task}: answered by classifiers of several tasks" for part in parts if part.joint
     ]
@@ -79,6 +98,27 @@ def alike(parts: Sequence[Found]) -> list[list[Found]]:
     for part in parts:
         groups.setdefault((part.data, part.task), []).append(part)
     return list(groups.values())
+
+
+def _of_hardware(
+    study: Study, parts: Sequence[Found], hardware: Sequence[str]
+) -> tuple[list[Row], list[str]]:
+    """Return what wins on which chip, task by task; nothing where there are fewer than two."""
+    points = study.points()
+    names = hardware or (list(dict.fromkeys(points["hardware"])) if "hardware" in points else [])
+    if len(names) < 2:
+        return [], []
+    if "point" not in points:
+        return [], [f"{study.folder.name}: chips do not compare: of a version that kept no work to price"]
+    if hardware:
+        points = pricing.points(study.folder, hardware)
+    rows: list[Row] = []
+    notes: list[str] = []
+    for part in parts:
+        found, told = on_chips(part, points)
+        rows += found
+        notes += told
+    return rows, notes
 
 
 def _leaks(part: Found) -> list[str]:

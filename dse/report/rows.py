@@ -20,14 +20,18 @@ if TYPE_CHECKING:
 FAMILIES = "families"
 """What `system` says in rows that set our families against each other."""
 
+HARDWARE = "hardware"
+"""What `system` says in rows that set chips against each other."""
+
 
 @dataclass(frozen=True)
 class Row:
     """One figure.
 
-    system: row A to G, or FAMILIES. figure: what is compared, with its unit.
+    system: row A to G, FAMILIES or HARDWARE. figure: what is compared, with its unit.
     published, ours: the figures; None where one of them does not exist.
     se: standard error of ours; test: the same design on the test set; runs: behind ours.
+    hardware: the chip that ours is of; low, high: the range that its figures give ours.
     """
 
     system: str
@@ -43,6 +47,9 @@ class Row:
     design: str = ""
     split: str = ""
     study: str = ""
+    hardware: str = ""
+    low: float | None = None
+    high: float | None = None
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -84,10 +91,10 @@ def measured(
     )
     if column != "accuracy":
         return found
-    return replace(found, se=_standard_error(part, row), test=number(row.get("accuracy_test")))
+    return replace(found, se=standard_error(part, row), test=number(row.get("accuracy_test")))
 
 
-def _standard_error(part: Found, row: pandas.Series[Any]) -> float | None:
+def standard_error(part: Found, row: pandas.Series[Any]) -> float | None:
     """Return the error of a design's accuracy; where all runs agree, that of so many recordings."""
     error = number(row.get("accuracy_se"))
     if error == 0 and part.n_validation:

@@ -4,7 +4,8 @@
         search_space.yaml   what is explored, fully resolved       environment.json   where it ran
         journal.log         the ledger (dse.ledger)                trials.parquet, points.parquet, page.html
         warnings.json       what is suspicious about the recordings
-        artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names
+        artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
+            and precision_*.npz, what it measured at other precisions
 
 A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
 therefore either complete or absent, and its presence is what makes the run finished.
@@ -20,6 +21,8 @@ from dse.store.arrays import (
     response_arrays,
     response_of,
     save_arrays,
+    work_arrays,
+    work_of,
 )
 from dse.store.files import (
     WARNINGS,
@@ -59,6 +62,8 @@ __all__ = [
     "save_arrays",
     "save_run",
     "sweep",
+    "work_arrays",
+    "work_of",
     "write_json",
     "write_text",
 ]

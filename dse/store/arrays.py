@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from dse.records import Answers, Arithmetic, Array, Layer, Network, Parameters, Response
+from dse.records import Answers, Arithmetic, Array, Layer, Network, Operations, Parameters, Response, Workload
 from dse.store.files import StoreError
 
-# In front of the names of a family's own arrays.
+# In front of the names of a family's own arrays, and of those of its work.
 _OWN = "own/"
+_WORK = "work/"
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
@@ -29,9 +31,10 @@ def load_arrays(path: Path) -> dict[str, Array]:
         StoreError: the file is missing or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        # Opened here: numpy leaves a file open that turns out to be damaged.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from error
 
 
@@ -140,3 +143,40 @@ def response_of(arrays: Mapping[str, Array]) -> Response:
         int(arrays["peak_state"]),
         tuple(arrays["synapses"].tolist()) if "synapses" in arrays else None,
     )
+
+
+def work_arrays(load: Workload | Operations) -> dict[str, Array]:
+    """Return a load as named arrays under `work/`; `work_of` reads them back."""
+    return {f"{_WORK}{name}": np.asarray(x) for name, x in vars(load).items() if x is not None}
+
+
+def work_of(arrays: Mapping[str, Array]) -> Workload | Operations:
+    """Return the load of `work_arrays`, from among other arrays.
+
+    Raises:
+        StoreError: an array is missing.
+    """
+    own = {name.removeprefix(_WORK): x for name, x in arrays.items() if name.startswith(_WORK)}
+    try:
+        if "macs" in own:
+            return Operations(
+                macs=own["macs"],
+                additions=own["additions"],
+                updates=own["updates"],
+                n_weights=own["n_weights"],
+                duration_ms=own["duration_ms"],
+                number_bits=int(own["number_bits"]),
+            )
+        return Workload(
+            sizes=tuple(own["sizes"].tolist()),
+            recurrent=tuple(own["recurrent"].tolist()),
+            n_steps=own["n_steps"],
+            spikes=own["spikes"],
+            updates=own.get("updates"),
+            step_ms=float(own["step_ms"]),
+            weight_bits=int(own["weight_bits"]),
+            synapses=tuple(own["synapses"].tolist()) if "synapses" in own else None,
+            stored=tuple(own["stored"].tolist()) if "stored" in own else None,
+        )
+    except KeyError as error:
+        raise StoreError(f"work needs the array {error}") from error

@@ -20,8 +20,9 @@ _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PL
 def claim(space: SearchSpace, folder: Path) -> None:
     """Write the search space and where it runs, or go on with the same one.
 
-    Where recordings lie, how the work is spread and more trials change no result: they are no other search
-    space. Another device rounds otherwise. Until a run has finished, nothing depends on the one before.
+    Where recordings lie, how the work is spread, more trials and other precisions of trained networks change
+    no result: they are no other search space. Another device rounds otherwise. Until a run has finished,
+    nothing depends on the one before.
 
     Raises:
         ConfigError: the folder was begun with another search space; one fault per key.
@@ -38,6 +39,8 @@ def claim(space: SearchSpace, folder: Path) -> None:
             if (not key.startswith("execution.") or key == "execution.device")
             and key not in _PLACES
             and not (key == "search.n_trials" and _count(new) >= _count(old))
+            and not (key == "hardware" and old[:1] == new[:1])
+            and not key.startswith("precision")
         ]
         if faults:
             raise ConfigError(faults)

@@ -1,16 +1,18 @@
-"""Asking for designs, training them, telling the sampler; then repeating the front."""
+"""Asking for designs, training them, telling the sampler; then repeating the front, and rounding it."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from dse import registry, store, tables
+from dse import points, precision, pricing, registry, store, tables
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.device import missing
 from dse.execution import Workers
+from dse.hardware.profile import Profile, load_all
 from dse.ledger import Ledger
 from dse.progress import Progress, shown
 from dse.runs import Record, Runs
@@ -18,6 +20,9 @@ from dse.search.space import n_designs
 from dse.seeds import design_key
 from dse.study.claim import claim
 from dse.study.results import Study
+
+if TYPE_CHECKING:
+    import pandas
 
 _REFRESH_S = 60.0
 _REFRESH_SHARE = 0.05
@@ -44,20 +49,23 @@ def run(
     if lack := missing(space.execution.device):
         text = f"execution.device {space.execution.device} {lack}"
         raise ConfigError([Fault(str(space.source), 0, text)])
+    profiles = load_all(space.hardware, space.source.parent)
     folder = Path(results) / space.study
     with store.exclusive(folder), shown(progress) as report:
         store.sweep(folder)
         claim(space, folder)
+        pricing.keep(profiles, folder)
         ledger = Ledger(folder / "journal.log", space)
         workers = Workers(jobs or space.execution.jobs)
-        runs = Runs(space, folder, workers, report)
-        results_tables = _Tables(space, folder, runs)
+        runs = Runs(space, folder, profiles, workers, report)
+        results_tables = _Tables(space, folder, runs, profiles)
         runs.recall(ledger.entries)
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
                 _search(space, ledger, runs, results_tables, report)
-                _repeat_front(space, folder, ledger, runs, results_tables, report)
+                _repeat_front(space, ledger, runs, results_tables, report)
+                _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished without having been heard of
             results_tables.write()
@@ -69,9 +77,10 @@ def run(
 class _Tables:
     """The tables of a study, written now and then so that a long one can be looked at while it runs."""
 
-    def __init__(self, space: SearchSpace, folder: Path, runs: Runs) -> None:
+    def __init__(self, space: SearchSpace, folder: Path, runs: Runs, profiles: Sequence[Profile]) -> None:
         self._space = space
         self._folder = folder
+        self._profiles = profiles
         self._runs = runs
         self._due = time.monotonic() + _REFRESH_S
 
@@ -83,13 +92,14 @@ class _Tables:
             ended = time.monotonic()
             self._due = ended + max(_REFRESH_S, (ended - began) / _REFRESH_SHARE)
 
+    def points(self) -> pandas.DataFrame:
+        """Return the table of design points."""
+        return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
+
     def write(self) -> None:
         """Write both tables."""
-        trials = self._runs.trials()
-        for name, frame in (
-            ("trials", tables.trials_table(self._space, trials)),
-            ("points", tables.points_table(self._space, self._folder, trials)),
-        ):
+        trials = tables.trials_table(self._space, self._runs.trials())
+        for name, frame in (("trials", trials), ("points", self.points())):
             with store.published(self._folder / f"{name}.parquet") as path:
                 frame.to_parquet(path, index=False)
 
@@ -131,25 +141,44 @@ def _search(
 
 
 def _repeat_front(
-    space: SearchSpace, folder: Path, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
+    space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
 ) -> None:
     """Train designs of each family's fronts again until all have their repeats; each may move a front."""
     wanted = space.search.repeats_on_front
     while wanted > space.search.repeats:
-        points = tables.points_table(space, folder, runs.trials())
-        if points.empty:
-            return
-        from dse.skyline import skyline
-
-        # Families are compared with each other, and costs on one chip alone: each has a front of its own.
-        apart = ["family", *(["hardware"] if "hardware" in points else [])]
-        fronts = [skyline(own, space.objectives, by="task") for _, own in points.groupby(apart)]
-        front = {trial for found in fronts for trial in found.rows["trial"]}
+        front = {trial for _, rows in _fronts(space, results_tables) for trial in rows["trial"]}
         short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < wanted]
         if not short:
             return
         report.expect(sum(wanted - len(runs.of(e.trial)) for e in short))
         runs.complete(short, wanted, results_tables.refresh)
+
+
+def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:
+    """Evaluate designs on each family's fronts, and near them, at the precisions of the search space."""
+    wanted = space.precision
+    if wanted is None or not wanted.settings:
+        return
+    chosen: set[int] = set()
+    for table, front in _fronts(space, results_tables):
+        chosen |= precision.near(table, front, space.objectives, wanted.within)
+    runs.evaluate([e for e in ledger.entries if e.trial in chosen], wanted.settings, results_tables.refresh)
+
+
+def _fronts(
+    space: SearchSpace, results_tables: _Tables
+) -> Iterator[tuple[pandas.DataFrame, pandas.DataFrame]]:
+    """Yield the points of every task, family and chip as they were trained, and the front of these."""
+    # Other precisions must not change which designs are repeated: they would, after an interruption.
+    table = precision.as_trained(results_tables.points())
+    if table.empty:
+        return
+    from dse.skyline import skyline
+
+    # Families are compared with each other, and costs on one chip alone: each has a front of its own.
+    apart = ["task", "family", *(["hardware"] if "hardware" in table else [])]
+    for _, own in table.groupby(apart):
+        yield own, skyline(own, space.objectives).rows
 
 
 def _n_trials(space: SearchSpace) -> int:
@@ -160,6 +189,6 @@ def _values(space: SearchSpace, records: Sequence[Record]) -> tuple[float, ...] 
     """Return the objectives of a trial's full read-out, None where it failed or has no such number."""
     if any(record["status"] == "failed" for record in records):
         return None
-    row = tables.summary(records, space.hardware[0] if space.hardware else None)
+    row = tables.summary(records, next(iter(records[0]["hardware"]), None))
     values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
     return tuple(values) if all(map(math.isfinite, values)) else None

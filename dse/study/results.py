@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from dse import store
+from dse import pricing, store
 from dse.runs import Record
 
 if TYPE_CHECKING:
@@ -52,11 +52,7 @@ class Study:
         Raises:
             StoreError: an artefact of the trial is damaged, or the study has no such trial.
         """
-        folders = sorted(store.run_folder(self.folder, trial, 0).parent.glob("repeat_*"), key=_repeat_of)
-        records = [record for folder in folders if (record := store.load_run(folder)) is not None]
-        if not records:
-            raise store.StoreError(f"{self.folder}: has no trial {trial}")
-        return records
+        return [dict(record) for record in pricing.records(self.folder, trial)]
 
     @property
     def warnings(self) -> list[str]:
@@ -112,7 +108,3 @@ def _table(path: Path) -> pandas.DataFrame:
         return pandas.read_parquet(path)
     except (OSError, ValueError) as error:
         raise store.StoreError(f"{path}: cannot be read: {error}") from error
-
-
-def _repeat_of(folder: Path) -> int:
-    return int(folder.name.removeprefix("repeat_"))

@@ -1,16 +1,23 @@
-"""What `dse describe` says of scenes: it is read from the code and the data files themselves."""
+"""What `dse describe` says of scenes and hardware: it is read from the code and the data files themselves."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
+from pathlib import Path
 
 import pytest
+import yaml
 
-from dse.cli import reference
+import dse.hardware
+from dse.cli import main, reference
+from dse.hardware import profile
 from dse.scene import presets
 from dse.scene.load import SceneFile
 from dse.scene.scene import Camera, Method, Sensor, Variation
 
+Captured = pytest.CaptureFixture[str]
+PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 SCENE = [row["section"] for row in reference.sections() if row["section"].split(".")[0] == "scene"]
 
 
@@ -75,3 +82,101 @@ def test_a_texture_says_that_all_of_it_is_assumed() -> None:
     assert {row["evidence"] for row in rows.values()} == {"assumed"}
     assert (rows["modulus_mpa"]["value"], rows["modulus_mpa"]["doc"]) == ("1", "modulus")
     assert rows["weave_angle_deg"]["unit"] == "deg"
+
+
+def test_hardware_lists_every_profile() -> None:
+    rows = reference.names("hardware")
+    assert [row["name"] for row in rows] == sorted(path.stem for path in PROFILES.glob("*.yaml"))
+    assert all(row["doc"] for row in rows)
+
+
+@pytest.mark.parametrize("name", profile.names())
+def test_every_number_of_a_profile_is_described_as_it_is_written(name: str) -> None:
+    written = yaml.safe_load((PROFILES / f"{name}.yaml").read_text(encoding="utf-8"))
+    numbers = {key: value for key, value in written.items() if isinstance(value, dict)}
+    rows = {row["key"]: row for row in reference.keys("hardware", name)}
+    assert rows.keys() == numbers.keys()
+    for key, row in rows.items():
+        assert row["doc"]
+        assert {column: row[column] for column in numbers[key]} == numbers[key]
+
+
+def described(capsys: Captured, *arguments: object) -> dict[str, list[dict[str, object]]]:
+    assert main(["describe", "hardware", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+
+
+def test_a_profile_says_what_it_is_and_of_which_kind(capsys: Captured) -> None:
+    found = described(capsys, "op_4.6_0.9")
+    assert [row["key"] for row in found["rows"]] == ["mac_pj", "addition_pj"]
+    title, kind = found["notes"]
+    assert str(title).startswith("op_4.6_0.9: 4.6 pJ per multiply-accumulate")
+    assert str(kind).startswith("kind operations: ")
+
+
+def own_profile(path: Path, old: str = "", new: str = "") -> Path:
+    text = (
+        (PROFILES / "op_4.6_0.9.yaml").read_text(encoding="utf-8").replace("name: op_4.6_0.9", "name: mine")
+    )
+    path.write_text(text.replace(old, new) if old else text, encoding="utf-8")
+    return path
+
+
+def test_a_profile_of_ones_own_is_described_from_its_file(tmp_path: Path, capsys: Captured) -> None:
+    path = own_profile(tmp_path / "my_chip.yaml", "kind:", "interval_only: true\nkind:")
+    found = described(capsys, path)
+    assert found["rows"] == described(capsys, "op_4.6_0.9")["rows"]
+    assert str(found["notes"][0]).startswith("mine: ")
+    assert found["notes"][-1] == "costs are given as intervals only"
+
+
+def test_a_terminal_shows_every_number(capsys: Captured) -> None:
+    assert main(["describe", "hardware", "loihi1_silicon", "--format", "table"]) == 0
+    shown = capsys.readouterr().out
+    keys = [row["key"] for row in reference.keys("hardware", "loihi1_silicon")]
+    assert len(keys) > 24  # more than other tables show
+    starts = [line.split()[0] for line in shown.splitlines() if line[:1].strip()]  # others go on a row
+    assert [start for start in starts if start in keys] == keys
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("value: 4.6", "value: -4.6", ":6: mac_pj must be 0 <= low <= value <= high, got [0.23, -4.6, 4.6]"),
+        ("low: 0.23", "low: 23", ":6: mac_pj must be 0 <= low <= value <= high, got [23, 4.6, 4.6]"),
+        ("unit: pJ", "unit: pt", ":6: mac_pj.unit must be 'pJ', got 'pt'"),
+        ("unit: pJ, ", "", ":6: mac_pj.unit is missing"),
+        ("addition_pj", "additions_pj", ":7: unknown number 'additions_pj'; known: "),
+        ("kind: operations", "kind: operation", ":4: unknown kind of hardware 'operation'; known: "),
+        (
+            "name: mine",
+            "name: loihi1_silicon",
+            ": name must not be that of a profile of the package, got 'loihi1",
+        ),
+        ("doc: ", "doc: [", ": not valid YAML"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_told(
+    tmp_path: Path, capsys: Captured, old: str, new: str, fault: str
+) -> None:
+    path = own_profile(tmp_path / "my_chip.yaml")
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text("".join(line for line in text.splitlines(keepends=True) if line[0] not in "#\n"))
+    path.write_text("# mine\n\n" + path.read_text().replace(old, new))
+    assert main(["describe", "hardware", str(path)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert any(line.startswith(f"{path}") and fault in line for line in shown.err.splitlines()), shown.err
+
+
+def test_no_such_profile(tmp_path: Path, capsys: Captured) -> None:
+    (tmp_path / "empty.yaml").write_text("")
+    (tmp_path / "folder.yaml").mkdir()
+    for name in ("empty.yaml", "folder.yaml", "none.yaml"):
+        assert main(["describe", "hardware", str(tmp_path / name)]) == 2
+        assert capsys.readouterr().err.startswith(str(tmp_path / name))
+    assert main(["describe", "hardware", "loihi1_silicn"]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith("dse describe: unknown hardware 'loihi1_silicn'; known: ")
+    assert shown.endswith("Did you mean 'loihi1_silicon'?\n")

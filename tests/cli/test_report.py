@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from dse import store, study
+from dse import pricing, store, study
 from dse.cli import main
 from dse.config import load_space
 from tests.report.made import write
@@ -17,7 +18,7 @@ from tests.spaces import write_space
 Captured = pytest.CaptureFixture[str]
 COLUMNS = [
     *("system", "figure", "task", "published", "ours", "se", "test", "runs", "family", "trial", "design"),
-    *("split", "study"),
+    *("split", "study", "hardware", "low", "high"),
 ]
 
 
@@ -120,6 +121,43 @@ def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
         assert rows[figure]["split"].startswith("train: repetition 0; validation: repetition 1 (train 12")
     assert rows["best accuracy, not spiking"]["family"] == "knn"
     assert rows["accuracy, 160 ms (printed: 250 ms)"]["published"] == 0.93
+
+
+def test_chips_are_set_against_each_other(
+    tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns = {"energy_uj": 5.0, "energy_uj_low": 4.0, "energy_uj_high": 7.0, "fits": True}
+    on = {"one": columns, "two": columns}
+    folder = write(tmp_path / "nets", [{"accuracy": 0.9, "on": on}]).folder
+    monkeypatch.setattr(pricing, "energies_uj", lambda folder, rows, hardware: np.full((4, len(rows)), 5.0))
+    assert main(["report", str(folder), "--format", "table"]) == 0
+    table, _, notes = capsys.readouterr().out.partition("A: real-time texture SNN")
+    header = table.splitlines()[0].split()
+    assert {"low", "high", "hardware"} <= set(header)
+    [energy] = [
+        line.split() for line in table.splitlines() if "winner: energy_uj" in line and " one " in line
+    ]
+    assert energy[-3:] == ["one", "snn", "0"] and ["5", "-", "4", "7"] == energy[5:9]
+    assert (
+        "nets, texture: two: snn, trial 0 wins, accuracy 0.9 ± 0.01, 5 uJ (5 to 5); it wins on one too"
+        in notes
+    )
+    main(["report", str(folder), "--system", "A", "--format", "table"])
+    header = capsys.readouterr().out.splitlines()[0].split()
+    assert header[0] == "system" and not {"low", "high", "hardware"} & set(header), "only where told"
+
+
+def test_chips_are_named_twice_or_more_and_exist(results: Path, capsys: Captured) -> None:
+    assert main(["report", str(results), "--hardware", "loihi1_silicon"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "--hardware must be said of two profiles or more, got 'loihi1_silicon' alone\n"
+    )
+    folder = results / "nets"
+    study.open(folder).points().assign(point=0).to_parquet(folder / "points.parquet")
+    assert main(["report", str(folder), "--hardware", "loihi1_silicon", "--hardware", "lohi"]) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and "lohi" in told.err and told.err.count("\n") == 1
 
 
 def test_parquet_holds_every_column(

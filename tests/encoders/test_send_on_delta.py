@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from dse import registry
-from dse.encoders.send_on_delta import REFERENCES, SendOnDelta, send_on_delta
+from dse.encoders.send_on_delta import POLARITIES, REFERENCES, SendOnDelta, send_on_delta
 from dse.recordings.time_series import TimeSeries
 from dse.records import Signals, Spikes
 
@@ -68,11 +68,32 @@ def test_channels_are_threshold_then_polarity_then_channel():
     ),
     thresholds=st.lists(st.sampled_from([0.25, 0.3, 1.0, 2.5, 7.0]), min_size=1, max_size=3),
     reference=st.sampled_from(REFERENCES),
+    polarity=st.sampled_from(POLARITIES),
 )  # fmt: skip
-def test_the_fast_path_is_the_definition(values, thresholds, reference):
-    encoder = SendOnDelta(tuple(thresholds), reference)
+def test_the_fast_path_is_the_definition(values, thresholds, reference, polarity):
+    encoder = SendOnDelta(tuple(thresholds), reference, polarity)
     found = dense(encoder.encode_all(one(values), np.array([0]), np.array([len(values)])))
-    assert np.array_equal(found[0], send_on_delta(values, tuple(thresholds), reference))
+    assert np.array_equal(found[0], send_on_delta(values, tuple(thresholds), reference, polarity))
+
+
+def test_merged_polarities_by_hand():
+    # Thresholds 2 and 4, level sent last by rule 'value': 10 10 13 13 9 9 and 10 10 10 10 10 10
+    values = np.array([[10, 0], [11, 0], [13, 0], [13, 0], [9, 0], [8, -5]])
+    separate = [[], [], [2], [], [0], [1, 5]]  # OFF 0 1, ON 2 3 of threshold 2; OFF 4 5, ON 6 7 of 4
+    merged = [[], [], [0], [], [0], [1, 3]]
+    for polarity, wanted in (("separate", separate), ("merged", merged)):
+        encoder = SendOnDelta((2.0, 4.0), "value", polarity)
+        found = encoder.encode_all(one(values), np.array([0]), np.array([6]))
+        assert [np.flatnonzero(row).tolist() for row in dense(found)[0]] == wanted
+    assert found.n_channels == encoder.n_channels(2) == 4
+
+
+@given(values=arrays.arrays(np.int16, (12, 2), elements=st.integers(-30, 30)))
+def test_merged_is_either_polarity_of_a_channel(values):
+    separate = send_on_delta(values, (1.0, 3.0), "step").reshape(12, 2, 2, 2)
+    merged = send_on_delta(values, (1.0, 3.0), "step", "merged").reshape(12, 2, 2)
+    assert np.array_equal(merged, separate.any(axis=2))
+    assert np.array_equal(send_on_delta(-values, (1.0, 3.0), "step", "merged").reshape(12, 2, 2), merged)
 
 
 @given(
@@ -153,3 +174,5 @@ def test_copies_of_a_channel_lie_where_it_does_in_planes_of_their_own():
     assert found[:, 2].tolist() == [0, 0, 4, 1, 1, 5, 2, 2, 6, 3, 3, 7]
     assert len(np.unique(found, axis=0)) == len(found)
     assert inputs[2].tolist() == [5, 2, 1], "the input is left as it was"
+    merged = SendOnDelta((1.0, 2.0), polarity="merged").positions(inputs)
+    assert merged.tolist() == [[5, 2, 0], [7, 3, 0], [5, 2, 2], [5, 2, 1], [7, 3, 1], [5, 2, 3]]

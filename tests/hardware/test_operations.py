@@ -1,62 +1,112 @@
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
-import dse.hardware.profile
 from dse.config.faults import ConfigError
-from dse.hardware import operations
-from dse.hardware.operations import energy_uj
-from dse.hardware.profile import load
+from dse.hardware.cost import cost, drawn
+from dse.hardware.kinds.operations import CountedOperations
+from dse.hardware.profile import load, names
+from dse.records import Operations, Workload
 
 NAME = "op_4.6_0.9"
+PROFILE = load(NAME)
+
+
+def operations(macs, additions, updates=0.0):
+    macs = np.asarray(macs, dtype=float)
+    nothing = np.zeros_like(macs)
+    return Operations(macs, np.asarray(additions, dtype=float), nothing + updates, nothing, nothing)
+
+
+def network(sizes, spikes, n_steps=10.0, **more):
+    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
+    return Workload(tuple(sizes), (False,) * (len(sizes) - 1), n_steps, spikes, None, 1.0, **more)
 
 
 def test_energy_by_hand():
     # 1000 MACs and 2000 additions: 4600 + 1800 pJ; low end 230 + 60 pJ.
-    value, low, high = energy_uj(load(NAME), 1000, 2000)
-    assert (float(value), float(low), float(high)) == pytest.approx((6.4e-3, 2.9e-4, 6.4e-3))
+    found = cost(PROFILE, operations(1000, 2000))
+    assert float(found.energy_uj) == pytest.approx(6.4e-3)
+    assert float(found.energy_uj_low) == pytest.approx(2.9e-4)
+    assert float(found.energy_uj_high) == pytest.approx(6.4e-3)
+    assert {cause: float(x) for cause, x in found.breakdown.items()} == pytest.approx(
+        {"mac": 4.6e-3, "addition": 1.8e-3}
+    )
+    assert not found.timed and found.fits and found.n_cores == 0
+    assert found.hardware_latency_ms == found.idle_mw == found.static_throttled_uj == 0
+
+
+def test_the_rule_of_syops_counter_by_hand():
+    # A dense layer from 4 to 3, 10 steps: of numbers 4 x 3 x 10 = 120 MACs, 552 pJ; of spikes at a mean rate
+    # of 0.25 per input and step 0.25 x 120 = 30 ACs, 27 pJ.
+    assert cost(PROFILE, operations(120, 0)).energy_uj == pytest.approx(552e-6)
+    of_spikes = cost(PROFILE, network((4, 3), [0.25 * 4 * 10, 0]))
+    assert of_spikes.energy_uj == pytest.approx(27e-6)
+    # Then a layer from 3 to 2: 6 spikes of the first layer are 6 x 2 more ACs, 10.8 pJ.
+    assert cost(PROFILE, network((4, 3, 2), [10, 6, 5])).energy_uj == pytest.approx(37.8e-6)
+
+
+def test_weights_that_are_zero_are_no_additions():
+    pruned = network((4, 3, 2), [10, 6, 5], synapses=(1.5, 0.5, 0.0), stored=(6, 2))
+    assert cost(PROFILE, pruned).energy_uj == pytest.approx(0.9e-6 * (10 * 1.5 + 6 * 0.5))
 
 
 def test_leading_axes_and_nothing_done():
-    macs, additions = np.array([[0, 1e6], [2e6, 0]]), np.array([[0, 0], [1e6, 1e6]])
-    value, low, high = energy_uj(load(NAME), macs, additions)
-    assert value.tolist() == [[0.0, 4.6], [pytest.approx(10.1), pytest.approx(0.9)]]
-    assert (low <= value).all() and (value <= high).all() and low.shape == (2, 2)
+    found = cost(PROFILE, operations([[0, 1e6], [2e6, 0]], [[0, 0], [1e6, 1e6]]))
+    assert found.energy_uj.tolist() == [[0.0, pytest.approx(4.6)], [pytest.approx(10.1), pytest.approx(0.9)]]
+    assert (found.energy_uj_low <= found.energy_uj).all() and found.energy_uj_low.shape == (2, 2)
+    assert cost(PROFILE, network((4, 3), [0, 0])).energy_uj == 0
+    assert cost(PROFILE, network((4, 3), [0, 0], n_steps=0)).energy_uj_high == 0
 
 
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
 def test_counts_that_are_none(bad):
     with pytest.raises(ValueError, match="macs must be finite and >= 0"):
-        energy_uj(load(NAME), [1.0, bad], 0.0)
+        cost(PROFILE, operations([1.0, bad], [0.0, 0.0]))
     with pytest.raises(ValueError, match="additions must be finite and >= 0"):
-        energy_uj(load(NAME), 0.0, bad)
+        cost(PROFILE, operations(0.0, bad))
 
 
-def test_it_is_a_profile_of_another_kind():
-    profile = load(NAME)
-    assert isinstance(profile, operations.OperationProfile)
-    assert NAME in dse.hardware.profile.names()
-    assert {profile.mac_pj.evidence, profile.addition_pj.evidence} == {"convention"}
-    assert not isinstance(load("loihi1_silicon"), operations.OperationProfile)
+def test_draws_stay_within_the_range():
+    figures = PROFILE.drawn(200, np.random.default_rng(0))
+    for each in (operations(1000, 2000), network((4, 3), [10, 0])):
+        energy_uj, found = drawn(PROFILE, each, figures).energy_uj, cost(PROFILE, each)
+        assert energy_uj.shape == (200,) and np.ptp(energy_uj) > 0
+        assert (energy_uj >= found.energy_uj_low).all()
+        assert (energy_uj <= found.energy_uj_high * (1 + 1e-12)).all()
+
+
+@given(*[st.floats(0, 1e9)] * 4)
+def test_more_operations_never_cost_less(macs, additions, more_macs, more_additions):
+    before = cost(PROFILE, operations(macs, additions))
+    after = cost(PROFILE, operations(macs + more_macs, additions + more_additions))
+    assert after.energy_uj >= before.energy_uj
+    assert after.energy_uj_low <= after.energy_uj <= after.energy_uj_high
+
+
+def test_it_is_a_profile_of_its_kind():
+    assert isinstance(PROFILE, CountedOperations)
+    assert NAME in names()
+    assert {PROFILE.mac_pj.evidence, PROFILE.addition_pj.evidence} == {"convention"}
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda d: d["mac_pj"].update(unit="nJ"), "mac_pj.unit must be 'pJ', got 'nJ'"),
+        (lambda d: d["mac_pj"].update(low=5), "mac_pj must be 0 <= low <= value <= high"),
         (lambda d: d.pop("addition_pj"), "addition_pj is missing"),
         (lambda d: d.pop("mac_pj"), "mac_pj is missing"),
         (
             lambda d: d.update(static_mw=d["mac_pj"]),
-            "unknown number 'static_mw'; known: name, doc, mac_pj, addition",
+            "unknown number 'static_mw'; known: .*mac_pj, addition_pj",
         ),
-        (lambda d: d["mac_pj"].update(low=5), "mac_pj must be 0 <= low <= value <= high"),
     ],
 )
 def test_a_wrong_number_is_named(tmp_path, change, message):
-    data = {"name": "mine", "doc": "mine"} | {
-        key: vars(getattr(load(NAME), key)).copy() for key in ("mac_pj", "addition_pj")
-    }
+    data = yaml.safe_load(PROFILE.text) | {"name": "mine"}
     change(data)
     file = tmp_path / "mine.yaml"
     file.write_text(yaml.safe_dump(data, sort_keys=False))

@@ -1,27 +1,56 @@
 from pathlib import Path
+from typing import get_args
 
+import numpy as np
 import pytest
 import yaml
 
 import dse.hardware
 from dse.config.faults import ConfigError
-from dse.hardware.profile import Number, load, names
+from dse.hardware.profile import Evidence, Number, Profile, kinds, load, load_all, names, read
 
-FILE = Path(dse.hardware.__file__).parent / "profiles" / "loihi1_silicon.yaml"
+PROFILES = Path(dse.hardware.__file__).parent / "profiles"
+FILE = PROFILES / "loihi1_silicon.yaml"
 
 
 def test_every_profile_of_the_package_loads():
-    assert "loihi1_silicon" in names()
+    assert {"loihi1_silicon", "op_4.6_0.9"} <= set(names())
     for name in names():
-        assert load(name).name == name
+        profile = load(name)
+        assert profile.name == name
+        assert profile.text == (PROFILES / f"{name}.yaml").read_text()
+
+
+def test_every_number_of_every_profile_has_a_pedigree():
+    for profile in map(load, names()):
+        assert profile.numbers()
+        for name, figure in profile.numbers().items():
+            number = getattr(profile, name)
+            assert number.low <= number.value <= number.high, (profile.name, name)
+            assert number.unit == figure.unit
+            assert number.evidence in get_args(Evidence)
+            assert number.source.strip()
+            assert figure.doc
+
+
+def test_the_unit_of_a_number_is_in_its_name():
+    units = {
+        **{"pj": "pJ", "nj": "nJ", "uj": "uJ", "ns": "ns", "us": "us", "ms": "ms"},
+        **{"mw": "mW", "uw": "uW", "mhz": "MHz", "kib": "KiB", "hz": "Hz"},
+    }
+    assert len(kinds()) > 1
+    for kind, cls in kinds().items():
+        for name, figure in cls.numbers().items():
+            assert figure.unit == units.get(name.rsplit("_", 1)[-1], "1"), (kind, name)
 
 
 def test_the_figures_of_the_reference():
     profile = load("loihi1_silicon")
     assert profile.synaptic_event_pj.value == 35.5
-    assert profile.static_mw == Number(104.0, 29.0, 104.0, "mW", "measured", profile.static_mw.source)
+    assert profile.static_mw == Number(104.0, 29.0, 104.0, "mW", "second-hand", profile.static_mw.source)
     assert profile.at("value")["barrier_29_us"] == 1.8
     assert profile.at("low")["static_mw"] == 29.0
+    assert profile.ends["static_mw"].tolist() == [104, 29, 104]
 
 
 def test_uncertainty_is_as_stated():
@@ -33,18 +62,32 @@ def test_uncertainty_is_as_stated():
             assert profile.at("high")[name] == pytest.approx((1 + share) * value)
 
 
-def written(tmp_path, change):
-    data = yaml.safe_load(FILE.read_text())
+def test_draws_lie_within_the_range_and_have_the_value_as_median():
+    profile = load("loihi1_silicon")
+    drawn = profile.drawn(2001, np.random.default_rng(1))
+    for name, values in drawn.items():
+        number = getattr(profile, name)
+        assert values.shape == (2001,)
+        assert number.low <= values.min() <= values.max() <= number.high
+        width = number.high - number.low
+        assert np.median(values) == pytest.approx(number.value, abs=0.05 * width + 1e-12)
+
+
+def written(tmp_path, change, name="chip.yaml"):
+    data = yaml.safe_load(FILE.read_text()) | {"name": "mine"}
     change(data)
-    file = tmp_path / "chip.yaml"
+    file = tmp_path / name
     file.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=1000))
     return file
 
 
 def test_a_file_of_ones_own_loads(tmp_path):
     file = written(tmp_path, lambda data: data["static_mw"].update(value=60))
-    assert load(file).static_mw.value == 60
+    profile = load(file)
+    assert (profile.name, profile.static_mw.value) == ("mine", 60)
     assert load(str(file)).static_mw.low == 29
+    assert type(profile) is kinds()["mesh"]
+    assert read(profile.text, "again") == profile
 
 
 @pytest.mark.parametrize(
@@ -65,8 +108,19 @@ def test_a_file_of_ones_own_loads(tmp_path):
         ),
         (lambda d: d["spike_pj"].update(value=True), "must be finite numbers"),
         (lambda d: d["spike_pj"].update(high=float("inf")), "must be finite numbers"),
-        (lambda d: d["spike_pj"].pop("source"), "spike_pj must hold exactly value, low, high, unit"),
-        (lambda d: d.update(spike_pj=69.3), "spike_pj must hold exactly"),
+        (lambda d: d["spike_pj"].pop("source"), "spike_pj.source is missing"),
+        (lambda d: d["spike_pj"].pop("unit"), "spike_pj.unit is missing"),
+        (lambda d: d["spike_pj"].pop("high"), "spike_pj.high is missing"),
+        (
+            lambda d: d["spike_pj"].update(evidnce="memory"),
+            "spike_pj: unknown 'evidnce'; known: .* Did you mean 'evidence'",
+        ),
+        (lambda d: d["spike_pj"].update(unit="furlong"), "spike_pj.unit must be 'pJ', got 'furlong'"),
+        (lambda d: d["spike_pj"].update(unit=None), "spike_pj.unit must be 'pJ', got None"),
+        (
+            lambda d: d.update(spike_pj=69.3),
+            "spike_pj must hold exactly value, low, high, unit, evidence, source",
+        ),
         (lambda d: d["cores"].update(high=130), "cores must be one whole number"),
         (lambda d: d["cores"].update(low=1.5, value=1.5, high=1.5), "cores must be one whole number"),
         (lambda d: d["cores"].update(low=0, value=0, high=0), "cores must be one whole number"),
@@ -78,6 +132,13 @@ def test_a_file_of_ones_own_loads(tmp_path):
         (lambda d: d.update(spike_nj=d["spike_pj"]), "unknown number 'spike_nj'; .* Did you mean 'spike_"),
         (lambda d: d.pop("spike_pj"), "spike_pj is missing"),
         (lambda d: d.update(doc=""), "doc must be text"),
+        (lambda d: d.pop("kind"), "kind is missing; known: .*mesh"),
+        (lambda d: d.update(kind="mush"), "unknown kind of hardware 'mush'; known: .* Did you mean 'mesh'"),
+        (lambda d: d.update(kind=["mesh"]), "unknown kind of hardware"),
+        (lambda d: d.update(interval_only="yes"), "interval_only must be true or false, got 'yes'"),
+        (lambda d: d.update(name=3), "name must be text, got 3"),
+        (lambda d: d.update(name="../mine"), "name must be one that a file can have, got '../mine'"),
+        (lambda d: d["spike_pj"].update(high=10**400), "must be finite numbers"),
     ],
 )
 def test_a_wrong_number_is_named(tmp_path, change, message):
@@ -114,3 +175,37 @@ def test_no_profile(tmp_path):
     (tmp_path / "torn.yaml").write_text("name: [\n")
     with pytest.raises(ConfigError, match="not valid YAML"):
         load(tmp_path / "torn.yaml")
+    (tmp_path / "empty.yaml").write_text("")
+    with pytest.raises(ConfigError, match=r"empty\.yaml:1: kind is missing; known: "):
+        load(tmp_path / "empty.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "folder.yaml").mkdir()
+    for name in ("binary.yaml", "folder.yaml", "none.yaml"):
+        with pytest.raises(ConfigError) as caught:
+            load(tmp_path / name)
+        (fault,) = caught.value.faults
+        assert fault.path == str(tmp_path / name)
+
+
+def test_a_file_must_not_have_the_name_of_a_profile_of_the_package(tmp_path):
+    file = written(tmp_path, lambda data: data.update(name="op_4.6_0.9"))
+    message = "name must not be that of a profile of the package, got 'op_4.6_0.9'"
+    with pytest.raises(ConfigError, match=message):
+        load(file)
+
+
+def test_profiles_of_a_search_space_have_names_of_their_own(tmp_path):
+    written(tmp_path, lambda data: data.update(name="one"), "one.yaml")
+    written(tmp_path, lambda data: data.update(name="two"), "two.yaml")
+    found = load_all(["one.yaml", "loihi1_silicon", "two.yaml"], tmp_path)
+    assert [profile.name for profile in found] == ["one", "loihi1_silicon", "two"]
+    assert all(isinstance(profile, Profile) for profile in found)
+    written(tmp_path, lambda data: data.update(name="one"), "two.yaml")
+    written(tmp_path, lambda data: data.update(name="", doc=""), "three.yaml")
+    with pytest.raises(ConfigError) as caught:
+        load_all(["one.yaml", "two.yaml", "three.yaml", "loihi2"], tmp_path)
+    again, no_name, no_doc, unknown = map(str, caught.value.faults)
+    assert "two.yaml: another profile is named 'one' too" in again
+    assert "three.yaml:1: name must be text" in no_name
+    assert "three.yaml:3: doc must be text" in no_doc
+    assert "loihi2: no hardware profile; known: " in unknown

@@ -33,7 +33,7 @@ def write(
     Args:
         folder: of the study.
         designs: columns of each design's full read-out; `model` holds settings of its family, `runs` the
-            accuracies of its runs where there are several.
+            accuracies of its runs where there are several, `on` its columns on each chip.
         sections: sections of every design's record that differ from SECTIONS.
         failed: how many designs failed.
         of_record: what record.json holds beside.
@@ -43,7 +43,7 @@ def write(
     (folder / "search_space.yaml").write_text(yaml.safe_dump(space))
     for trial, given in enumerate(designs):
         design = dict(given)
-        model, runs = design.pop("model", {}), design.pop("runs", None)
+        model, runs, on = design.pop("model", {}), design.pop("runs", None), design.pop("on", None)
         accuracies = runs or [design["accuracy"]]
         row = {
             "trial": trial,
@@ -61,7 +61,14 @@ def write(
             "transductive": False,
             **design,
         }
-        rows += [row, {**row, "read_out_ms": 500.0, "accuracy": 0.999}]
+        points = [row, {**row, "read_out_ms": 500.0, "accuracy": 0.999}]
+        if on is not None:
+            points = [
+                {**point, "hardware": chip, "point": k, **columns}
+                for chip, columns in on.items()
+                for k, point in enumerate(points)
+            ]
+        rows += points
         own = {**SECTIONS, **(sections or {})}
         own["model"] = {**own["model"], "kind": row["family"], **model}
         record = {

@@ -6,8 +6,9 @@ import argparse
 import json
 
 from dse.cli.answer import Answer, add_format
-from dse.cli.reference import keys, names, sections
+from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
+from dse.config.locate import is_hardware_file
 
 HELP = "print what a search space or a scene may hold: sections, components, keys, units, ranges"
 
@@ -15,7 +16,9 @@ HELP = "print what a search space or a scene may hold: sections, components, key
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("section", nargs="?", metavar="SECTION", help="such as model")
-    parser.add_argument("name", nargs="?", metavar="NAME", help="a component of it, such as snn")
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="a component of it, such as snn, or a hardware file"
+    )
     parser.add_argument(
         "--schema", action="store_true", help="print the JSON Schema of a search space, for editors"
     )
@@ -26,7 +29,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the sections, the components of one, or the keys of one component.
 
     Raises:
-        ConfigError: there is no such section or component.
+        ConfigError: there is no such section or component; what is wrong with a hardware file.
     """
     if arguments.schema:
         from dse.config.schema import json_schema
@@ -39,10 +42,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
     known = names(arguments.section)
     if arguments.name is None and known:
         return Answer(known, text=_listing(known, "name", "doc"))
-    if known:
+    own_file = arguments.section == "hardware" and is_hardware_file(arguments.name)
+    if known and not own_file:
         _expect(arguments.section, arguments.name, [row["name"] for row in known])
     rows = keys(arguments.section, arguments.name)
-    return Answer(rows)
+    return Answer(rows, remarks(arguments.section, arguments.name), all_rows=True)
 
 
 def _expect(what: str, name: str, known: list[str]) -> None:

@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dse.cli import priced
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import Objective, columns, records
+from dse.cli.numbers import positive, share
 
 if TYPE_CHECKING:
     import pandas
@@ -25,6 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--budget", action="append", default=[], metavar="EXPR", help='such as "energy_uj<=50"; repeatable'
     )
     parser.add_argument("--maximise", default="accuracy", metavar="COLUMN", help="default: accuracy")
+    priced.add_hardware(parser)
+    parser.add_argument(
+        "--confidence",
+        type=share,
+        metavar="SHARE",
+        help="such as 0.9: in so many draws of the hardware's figures the pick is within the budgets, and no "
+        "design beats it in every objective",
+    )
+    parser.add_argument(
+        "--draws", type=positive, default=200, metavar="N", help="draws for --confidence (default: 200)"
+    )
     parser.add_argument("--export", metavar="DIR", help="write the design as a bundle")
     add_format(parser)
 
@@ -37,14 +50,23 @@ def answer(arguments: argparse.Namespace) -> Answer:
     is_study = Path(arguments.results).is_dir()
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
-    points = skyline.read(arguments.results)
+    [points] = priced.points([arguments.results], arguments.hardware)
     objectives: list[Objective] = study.open(arguments.results).objectives if is_study else []
     ties = [(name, way) for name, way in objectives if name != arguments.maximise and name in points]
-    found = skyline.pick(points, arguments.budget, arguments.maximise, ties)
     goals = [(arguments.maximise, "max"), *ties]
+    if arguments.confidence is None:
+        found = skyline.pick(points, arguments.budget, arguments.maximise, ties)
+    else:
+        names = [*(name for name, _ in goals), *skyline.budgeted(arguments.budget)]
+        costs = priced.drawn([arguments.results], [points], names, arguments.draws)
+        apart = [name for name in ("task", "hardware") if name in points]
+        found = skyline.sure_pick(
+            points, arguments.budget, arguments.maximise, ties, costs, arguments.confidence, apart
+        )
     if found.row is None:
         missed = [str(name) for name in found.nearest.columns if str(name).startswith("missed ")]
-        notes = ["no design point is within the budgets; these come nearest", *found.notes]
+        sure = "" if arguments.confidence is None else f" in {arguments.confidence:.0%} of the draws"
+        notes = [f"no design point is within the budgets{sure}; these come nearest", *found.notes]
         shown = [*columns(found.nearest, goals), *missed]
         return Answer(records(found.nearest), notes, shown, code=_NOTHING_FEASIBLE)
     row: dict[str, Any] = {str(name): value for name, value in found.row.items()}
@@ -76,7 +98,7 @@ def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
     """Return the columns of one row that a table shows: the design and the objectives."""
     import pandas
 
-    about = ("trial", "family", "phi", "theta", "read_out_ms", "hardware")
+    about = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
     axes = [
         name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
     ]

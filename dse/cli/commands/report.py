@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from dse.study import Study
 
 HELP = "print the figures of the published systems beside those of studies"
-_SHOWN = ("system", "figure", "task", "published", "ours", "se", "test", "runs", "family", "trial", "study")
+_SHOWN = (
+    *("system", "figure", "task", "published", "ours", "se", "low", "high", "test", "runs"),
+    *("hardware", "family", "trial", "study"),
+)
 _NOTHING = 1
 
 
@@ -24,6 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--system", metavar="LETTERS", help="rows of these published systems only, such as A or DE"
     )
+    parser.add_argument(
+        "--hardware",
+        action="append",
+        metavar="NAME",
+        help="set this profile, a name or file, against others; repeatable (default: those of each study)",
+    )
     add_format(parser, FORMATS)
 
 
@@ -34,15 +43,20 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
     known = published()
     wanted = _wanted(arguments.system, list(known))
+    chips = _chips(arguments.hardware)
     studies = {one.folder.resolve(): one for text in arguments.results for one in _studies(Path(text))}
-    found = report(list(studies.values()))
+    found = report(list(studies.values()), chips)
     rows = [row for row in found.rows if wanted is None or row.system in wanted]
-    shown = {row.system for row in rows}
-    titles = [f"{name}: {known[name]['title']} ({known[name]['source']})" for name in known if name in shown]
+    used = {row.system for row in rows}
+    titles = [f"{name}: {known[name]['title']} ({known[name]['source']})" for name in known if name in used]
     splits = dict.fromkeys((row.study, row.task, row.split) for row in rows if row.split)
     told = [f"{study}, {task}: {split}" for study, task, split in splits]
     code = 0 if rows else _NOTHING
-    return Answer([row.columns for row in rows], [*titles, *told, *found.notes], _SHOWN, "", code, True)
+    columns = [row.columns for row in rows]
+    said = {name: {row[name] for row in columns} - {None, ""} for name in _SHOWN}
+    # On a terminal, what no row says takes no room, nor does the name of the only study.
+    shown = [name for name in _SHOWN if len(said[name]) > (name == "study")]
+    return Answer(columns, [*titles, *told, *found.notes], shown, "", code, True)
 
 
 def _wanted(text: str | None, known: list[str]) -> set[str] | None:
@@ -60,6 +74,20 @@ def _wanted(text: str | None, known: list[str]) -> set[str] | None:
     if unknown or not wanted:
         raise ExpressionError(f"--system must be letters of {', '.join(known)}, such as DE, got '{text}'")
     return set(wanted)
+
+
+def _chips(names: list[str] | None) -> list[str]:
+    """Return the profiles that are to be compared; none where nothing was said.
+
+    Raises:
+        ExpressionError: there is only one.
+    """
+    from dse.constraints import ExpressionError
+
+    chips = list(dict.fromkeys(names or []))
+    if len(chips) == 1:
+        raise ExpressionError(f"--hardware must be said of two profiles or more, got '{chips[0]}' alone")
+    return chips
 
 
 def _studies(path: Path) -> list[Study]:

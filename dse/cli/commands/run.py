@@ -7,6 +7,7 @@ import dataclasses
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import front
+from dse.cli.numbers import positive
 from dse.cli.pages import write_page
 from dse.cli.spaces import add_space, load
 
@@ -25,17 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
     add_format(parser)
-
-
-def positive(text: str) -> int:
-    """Return a number of processes.
-
-    Raises:
-        argparse.ArgumentTypeError: it is no integer above 0.
-    """
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be an integer >= 1, got '{text}'")
-    return int(text)
 
 
 def answer(arguments: argparse.Namespace) -> Answer:

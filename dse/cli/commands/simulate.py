@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dse import progress
 from dse.cli.answer import Answer, add_format
-from dse.cli.commands.run import positive
+from dse.cli.numbers import positive
 from dse.cli.spaces import add_set, overrides_of
 from dse.config import ConfigError, Fault
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from dse.cli import priced
 from dse.cli.answer import FORMATS, Answer, add_format
-from dse.cli.fronts import Objective, front
+from dse.cli.fronts import Objective, columns, records
+from dse.cli.numbers import positive
 
 HELP = "print the non-dominated design points of a study or of any table of points"
 
@@ -28,7 +30,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--where", metavar="EXPR", help='condition, such as "n_weights <= 100000 and phi > 2"'
     )
     parser.add_argument(
-        "--by", metavar="COLUMN", help="one front for each value of this column, such as task"
+        "--by",
+        metavar="COLUMN",
+        help="one front for each value of this column, such as task; several with commas. Costs on different "
+        "hardware never share a front",
+    )
+    priced.add_hardware(parser)
+    parser.add_argument(
+        "--draws",
+        type=positive,
+        metavar="N",
+        help="draw the figures of the hardware so often: column front_share is the share of draws in which a "
+        "point stays non-dominated",
     )
     add_format(parser, FORMATS)
 
@@ -39,9 +52,22 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
     from dse import skyline
 
-    frames = [skyline.read(path) for path in arguments.results]
+    frames = priced.points(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    return front(pandas.concat(frames, ignore_index=True), objectives, arguments.where, arguments.by)
+    frame = pandas.concat(frames, ignore_index=True)
+    by = priced.apart(frame, arguments.by, objectives)
+    found = skyline.skyline(frame, objectives, arguments.where, by)
+    rows, shown = found.rows, columns(found.rows, objectives)
+    if arguments.draws:
+        names = [name for name, _ in objectives]
+        costs = priced.drawn(arguments.results, frames, names, arguments.draws)
+        among = skyline.comparable(frame, objectives, arguments.where).rows
+        share = skyline.front_share(
+            among, objectives, {name: values[:, among.index] for name, values in costs.items()}, by
+        )
+        rows = rows.assign(front_share=pandas.Series(share, among.index)[rows.index])
+        shown = [*shown, "front_share"]
+    return Answer(records(rows), found.notes, shown)
 
 
 def objectives_of(text: str | None, results: str) -> list[Objective]:

@@ -1,0 +1,175 @@
+"""A core that works through its neurons and spikes one after the other at a clock: SynSense Xylo's kind.
+
+Cycles, from counts per inference (T steps; I inputs, N hidden neurons in all, H of them in the last hidden
+layer, O outputs; s_0 input spikes, s_l spikes of hidden layer l):
+
+    cycles = T (input_channel I + neuron N + output_neuron O) + input_synapse s_0 n_1
+             + sum over hidden layers l of s_l (spike + hidden_synapse f_l)
+             + s_H (output_spike + output_synapse O)
+
+n_1 neurons have input weights: the first layer; f_l hidden neurons get a spike of layer l: those of the next
+hidden layer, and its own where it is recurrent. With one hidden layer, p = s / (neurons x steps) and the
+vendor's numbers this is its model:
+
+    I (1 + 3.5 p_I N) + N (22 + 3 p_H) + N p_H (1 + 8 O) + 12 O + 7 f N p_H       cycles per step
+
+Energy: power above idle times computing time is dynamic; power that flows in any case is static, of core and
+IO while computing, of core and waiting IO between steps. The clock must be fast enough for a step in which
+everything spikes, with a margin.
+
+Weights of 0 cost no cycles between hidden neurons; from inputs and to outputs they cost as much as others.
+
+Source: Rockpool's cycle model of this chip (REFERENCES.md), without aliases.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.hardware.plan import Misfit, NotApplicable, Placement, Plan, Values
+from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.records import Operations, Workload
+from dse.registry import register
+
+
+@register("hardware.kinds", "clocked")
+@dataclass(frozen=True)
+class Clocked(Profile):
+    """One clocked core with hidden and output neurons: SynSense Xylo's kind."""
+
+    input_channel_cycles: Number = figure("1", "cycles of every input, every step")
+    input_synapse_cycles: Number = figure("1", "cycles of every input spike and neuron with input weights")
+    neuron_cycles: Number = figure("1", "cycles of every hidden neuron, every step")
+    spike_cycles: Number = figure("1", "cycles of every spike of a hidden neuron")
+    hidden_synapse_cycles: Number = figure("1", "cycles of every hidden neuron that such a spike reaches")
+    output_spike_cycles: Number = figure("1", "cycles of every spike that goes to the outputs")
+    output_synapse_cycles: Number = figure("1", "cycles of every output that it goes to")
+    output_neuron_cycles: Number = figure("1", "cycles of every output, every step")
+    computing_uw: Number = figure("uW", "power while computing, in addition to all others")
+    core_idle_uw: Number = figure("uW", "power of the core at any time")
+    io_uw: Number = figure("uW", "power of inputs and outputs while computing")
+    io_waiting_uw: Number = figure("uW", "power of inputs and outputs while waiting for the next step")
+    clock_mhz: Number = figure("MHz", "clock that the cycles are counted at", whole=True)
+    maximum_clock_mhz: Number = figure("MHz", "fastest clock", whole=True)
+    clock_margin: Number = figure("1", "times the cycles of a step in which everything spikes")
+    inputs: Number = figure("1", "input channels", whole=True)
+    hidden_neurons: Number = figure("1", "neurons between inputs and outputs", whole=True)
+    outputs: Number = figure("1", "output neurons", whole=True)
+    neurons_with_input: Number = figure("1", "hidden neurons that inputs may go to", whole=True)
+    neurons_with_output: Number = figure("1", "hidden neurons that may go to outputs", whole=True)
+    fan_out: Number = figure("1", "hidden neurons that a hidden neuron may go to", whole=True)
+    hidden_weights: Number = figure("1", "weights between hidden neurons", whole=True)
+    weight_bits: Number = figure("1", "bits per weight", whole=True)
+
+    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`)."""
+        if isinstance(load, Operations):
+            raise NotApplicable(f"{self.name} runs networks of spiking layers only")
+        cycles = _cycles(load, figures)
+        cycle_ns = 1e3 / self.clock_mhz.value
+        computing_mw = figures["computing_uw"] * 1e-3
+        return Plan(
+            energy_pj={cause: (computing_mw * cycle_ns)[..., None] * per for cause, per in cycles.items()},
+            time_ns=cycle_ns * np.sum(list(cycles.values()), axis=0)[..., None, :],
+            static_mw=(figures["core_idle_uw"] + figures["io_uw"]) * 1e-3,
+            idle_mw=(figures["core_idle_uw"] + figures["io_waiting_uw"]) * 1e-3,
+            placement=self._placement(load),
+        )
+
+    def worst_clock_mhz(self, load: Workload) -> float:
+        """Return the clock at which a step in which everything spikes is done in time, with the margin."""
+        per_count = np.sum(list(_cycles(load, self.ends).values()), axis=0)[0]
+        n_layers = len(load.sizes)
+        cycles = per_count[0] + per_count[1 : 1 + n_layers] @ np.array(load.sizes, np.float64)
+        return float(cycles) * self.clock_margin.value / (load.step_ms * 1e3)
+
+    def _placement(self, load: Workload) -> Placement:
+        needed_mhz, most_mhz = self.worst_clock_mhz(load), self.maximum_clock_mhz.value
+        misfits = self._broken_limits(load)
+        if needed_mhz > most_mhz:
+            # In microseconds, rounded up so that the change is enough.
+            least_ms = math.ceil(load.step_ms * needed_mhz / most_mhz * 1e3) / 1e3
+            text = f"a clock of {needed_mhz:.1f} MHz for steps of {load.step_ms:g} ms, {most_mhz:.0f} at most"
+            misfits.append(Misfit("maximum_clock_mhz", text, f"steps of {least_ms:.3f} ms"))
+        assumption = (
+            f"clock of {self.clock_mhz.value:.0f} MHz; if everything spiked, {needed_mhz:.1f} MHz would do"
+        )
+        return Placement((1,), tuple(misfits), assumptions=(assumption,))
+
+    def _broken_limits(self, load: Workload) -> list[Misfit]:
+        """Return the limits that the network breaks, whatever the clock."""
+        hidden = load.sizes[1:-1]
+        if not hidden:
+            text = "no hidden layer, inputs cannot go to outputs"
+            misfits = [Misfit("layers", text, "a hidden layer")]
+        else:
+            misfits = []
+        counts = (
+            ("inputs", load.sizes[0], "inputs"),
+            ("hidden_neurons", sum(hidden), "hidden neurons"),
+            ("outputs", load.sizes[-1], "outputs"),
+            ("neurons_with_input", hidden[0] if hidden else 0, "neurons in the first layer"),
+            ("neurons_with_output", hidden[-1] if hidden else 0, "neurons in the last hidden layer"),
+            ("fan_out", math.ceil(max(_hidden_targets(load), default=0)), "hidden neurons per spike"),
+            ("hidden_weights", math.ceil(_hidden_weights(load)), "weights between hidden neurons"),
+            ("weight_bits", load.weight_bits, "bits per weight"),
+        )
+        for rule, needed, what in counts:
+            most = int(getattr(self, rule).value)
+            if needed > most:
+                misfits.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what}"))
+        if load.recurrent[-1]:
+            text = "outputs that go to each other, only hidden neurons can"
+            misfits.append(Misfit("recurrent_outputs", text, "an output layer without recurrence"))
+        if load.delay_bits:
+            text = f"{load.delay_bits} bits of delay per synapse, the chip has none"
+            misfits.append(Misfit("delays", text, "synapses without delays of their own"))
+        return misfits
+
+
+def _cycles(load: Workload, figures: Figures) -> dict[str, Values]:
+    """Return the cycles per count by cause, (D..., F)."""
+    sizes, n_layers = load.sizes, len(load.sizes)
+    shape = figures["neuron_cycles"].shape
+    rows = {
+        cause: np.zeros((*shape, 2 * n_layers)) for cause in ("input", "neuron", "spike", "synapse", "output")
+    }
+    rows["input"][..., 0] = figures["input_channel_cycles"] * sizes[0]
+    rows["input"][..., 1] = figures["input_synapse_cycles"] * sizes[1]
+    rows["neuron"][..., 0] = figures["neuron_cycles"] * sum(sizes[1:-1])
+    rows["output"][..., 0] = figures["output_neuron_cycles"] * sizes[-1]
+    for layer, reached in enumerate(_hidden_targets(load), start=1):
+        rows["spike"][..., 1 + layer] = figures["spike_cycles"]
+        rows["synapse"][..., 1 + layer] = figures["hidden_synapse_cycles"] * reached
+    if n_layers > 2:
+        rows["output"][..., n_layers - 1] = (
+            figures["output_spike_cycles"] + figures["output_synapse_cycles"] * sizes[-1]
+        )
+    return rows
+
+
+def _hidden_targets(load: Workload) -> list[float]:
+    """Return how many hidden neurons a spike of each hidden layer reaches in the mean."""
+    n_hidden = len(load.sizes) - 2
+    reached = []
+    for layer in range(1, n_hidden + 1):
+        onward = load.sizes[layer + 1] if layer < n_hidden else 0
+        own = load.sizes[layer] if load.recurrent[layer - 1] else 0
+        share = 1.0 if load.synapses is None else load.synapses[layer] / load.fan_out[layer]
+        reached.append(share * (onward + own))
+    return reached
+
+
+def _hidden_weights(load: Workload) -> float:
+    """Return the weights between hidden neurons that are not 0, if zeros are spread evenly over a layer's."""
+    total = 0.0
+    for layer in range(1, len(load.sizes) - 1):
+        before = load.sizes[layer - 1] if layer > 1 else 0
+        own = load.sizes[layer] if load.recurrent[layer - 1] else 0
+        dense = load.dense[layer - 1]
+        kept = dense if load.stored is None else load.stored[layer - 1]
+        total += load.sizes[layer] * (before + own) * kept / dense
+    return total

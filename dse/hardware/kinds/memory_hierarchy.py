@@ -1,0 +1,121 @@
+"""Energy of arithmetic and of memory at 45 nm: fetching numbers costs more than computing with them.
+
+No chip is meant: no time, no static power, no limits. Weights lie in one memory and states in another, each
+the smallest that holds them: on-chip memory (SRAM) of 8 KiB, 32 KiB or 1 MiB, beyond that DRAM.
+
+    access(value of b bits) = energy of an access of 64 bits x min(1, fetched_per_used x b / 64)
+
+    synaptic event      an 8-bit addition; a weight is read, the state that it is added to read and written
+    neuron update       the arithmetic of two states; both are read and written
+    multiply-accumulate a weight is read; its operand and its sum stay in registers
+    addition            where nothing spikes: a counter is read and written (8 KiB hold all of them)
+
+A state takes 32 bits (registers of 24) and a neuron has two, current and voltage; a delay per synapse needs a
+current per step of delay. Where lists of the weights that are left, each with an index of 16 bits, are
+smaller than all weights, lists are stored, and only weights other than 0 are events. Neurons are updated as
+counted: what is 0 and gets no input is left alone. Of design points together, the memory is what the largest
+needs.
+
+What is counted: `dse.hardware.kinds.operations`.
+Sources: SpikingJelly's estimators and Horowitz 2014 (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.hardware.plan import Plan, Values
+from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.records import Operations, Workload
+from dse.registry import register
+
+INDEX_BITS = 16
+"""Bits that say which neuron a weight of a list goes to."""
+STATE_BITS = 32
+"""Bits that a state takes in memory; Loihi's registers have 24."""
+
+_WORD_BITS = 64
+_MEMORIES = ((8, "sram_8_kib_pj"), (32, "sram_32_kib_pj"), (1024, "sram_1_mib_pj"))
+
+
+@register("hardware.kinds", "memory_hierarchy")
+@dataclass(frozen=True)
+class MemoryHierarchy(Profile):
+    """Arithmetic and memory accesses of any classifier, without static power, cores or time."""
+
+    int8_addition_pj: Number = figure("pJ", "an 8-bit integer addition")
+    int8_mac_pj: Number = figure("pJ", "an 8-bit integer multiply-accumulate")
+    float_mac_pj: Number = figure("pJ", "a multiply-accumulate of numbers of more than 8 bits")
+    update_pj: Number = figure("pJ", "the arithmetic of a neuron's update")
+    sram_8_kib_pj: Number = figure("pJ", "an access of 64 bits to a memory of 8 KiB")
+    sram_32_kib_pj: Number = figure("pJ", "the same, 32 KiB")
+    sram_1_mib_pj: Number = figure("pJ", "the same, 1 MiB")
+    dram_pj: Number = figure("pJ", "the same, larger")
+    fetched_per_used: Number = figure("1", "bits fetched per bit used, up to one access per value")
+
+    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+        """Return the plan of any classifier (`Profile.plan`)."""
+        energy = _of_network(load, figures) if isinstance(load, Workload) else _of_operations(load, figures)
+        first = next(iter(energy.values()))
+        none = np.zeros(first.shape[:-1])
+        return Plan(energy, np.zeros((*none.shape, 1, first.shape[-1])), none, none, None)
+
+
+def as_lists(load: Workload, weight_bits: int) -> bool:
+    """Return whether lists of the weights that are left take less memory than all weights do."""
+    if load.stored is None:
+        return False
+    return sum(load.stored) * (weight_bits + INDEX_BITS) < sum(load.dense) * weight_bits
+
+
+def states_per_neuron(delay_bits: int) -> int:
+    """Return how many states a neuron keeps: current and voltage, and a current per step of delay."""
+    return 2 + (2**delay_bits if delay_bits else 0)
+
+
+def _of_network(load: Workload, figures: Figures) -> dict[str, Values]:
+    """Return the energy per count by cause, (D..., F)."""
+    n_layers, bits = len(load.sizes), load.weight_bits + load.delay_bits
+    n_weights = sum(load.dense)
+    reached: tuple[float, ...] = load.fan_out
+    if load.stored is not None and as_lists(load, bits):
+        n_weights, bits = sum(load.stored), bits + INDEX_BITS
+        reached = reached if load.synapses is None else load.synapses
+    n_states = sum(load.sizes[1:]) * states_per_neuron(load.delay_bits)
+    weight = _access_pj(figures, n_weights * bits, bits)
+    state = _access_pj(figures, n_states * STATE_BITS, STATE_BITS)
+    events = np.array([0.0, *reached, *[0.0] * (n_layers - 1)])
+    updates = np.array([0.0] * (1 + n_layers) + [1.0] * (n_layers - 1))
+    return {
+        "addition": np.multiply.outer(figures["int8_addition_pj"], events),
+        "neuron_update": np.multiply.outer(figures["update_pj"], updates),
+        "weight_memory": np.multiply.outer(weight, events),
+        "state_memory": np.multiply.outer(state, 2 * events + 4 * updates),
+    }
+
+
+def _of_operations(load: Operations, figures: Figures) -> dict[str, Values]:
+    """Return the energy per count by cause, (D..., 4)."""
+    n_weights = float(np.max(load.n_weights, initial=0))
+    weight = _access_pj(figures, n_weights * load.number_bits, load.number_bits)
+    state = _access_pj(figures, 0.0, STATE_BITS)
+    macs, additions, updates = np.eye(4)[1:]
+    # What has state updates spikes, so that its additions are of weights; of anything else they count spikes.
+    is_spiking = bool((np.asarray(load.updates) > 0).any())
+    return {
+        "mac": np.multiply.outer(figures["int8_mac_pj" if load.number_bits <= 8 else "float_mac_pj"], macs),
+        "addition": np.multiply.outer(figures["int8_addition_pj"], additions),
+        "neuron_update": np.multiply.outer(figures["update_pj"], updates),
+        "weight_memory": np.multiply.outer(weight, macs + additions * is_spiking),
+        "state_memory": np.multiply.outer(state, 2 * additions + 4 * updates),
+    }
+
+
+def _access_pj(figures: Figures, stored_bits: float, value_bits: int) -> Values:
+    """Return the energy of reading or writing one value in the smallest memory that holds all, (D...)."""
+    fits = (name for kib, name in _MEMORIES if stored_bits <= kib * 1024 * 8)
+    access = figures[next(fits, "dram_pj")]
+    share = np.minimum(1.0, figures["fetched_per_used"] * value_bits / _WORD_BITS)
+    return np.asarray(access * share)

@@ -1,0 +1,211 @@
+"""Asynchronous cores on a mesh that pass spikes as messages: Intel Loihi's kind, in closed form.
+
+Dynamic energy, from counts per inference (T steps; layers 1.. are neurons, layer 0 the input):
+
+    E = access N T + update U + spike S + event sum_l s_l f_l + message M + hops
+
+N neurons, U updates, S spikes of neurons, s_l spikes and f_l targets per spike of layer l, and M
+messages: one per spike and destination core. On a chip that skips zero weights, f_l counts the weights
+that pruning left (`Workload.synapses`). Time of a step, from counts per step:
+
+    t = barrier(tiles) + max over cores of max(send, receive)
+    send    = access n + update u + spike s + message_out m        what the core's own n neurons do
+    receive = sum over messages received of (message_in + event n)          n: targets in the core
+
+The answer of the last step leaves the last layer `steps_per_layer` steps per layer later.
+
+Mean field of a pruned network: every spike of a layer reaches the same share of each core's neurons,
+and every neuron still gets every message.
+
+What it leaves out: from mean counts, the maximum of means is below the mean of maxima (up to 6 % on
+reference runs whose activity fluctuates); queues in the network count in the high end only; spreading a
+layer over more cores than hold it, as compilers do, sends more messages.
+
+Source: SANA-FE (REFERENCES.md), whose energy and `simple` time it reproduces from the same counts.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dse.hardware.placement import Architecture, Rules, architecture, hops, place
+from dse.hardware.plan import Congestion, NotApplicable, Plan, Values
+from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.records import Operations, Workload
+from dse.registry import register
+
+_EVENTS = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message", "hop_x", "hop_y")
+_BUSY = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message_out", "message_in")
+
+
+@dataclass(frozen=True)
+class _Work:
+    """How often a network on its cores pays each figure, per count of an inference (F, see `features`).
+
+    events: (event, F), by _EVENTS.
+    busy: (event, K, F), by _BUSY, of what can be the slowest.
+    destinations: (layer,), cores that a spike goes to, input first.
+    """
+
+    events: Values
+    busy: Values
+    destinations: NDArray[np.int64]
+
+
+@register("hardware.kinds", "mesh")
+@dataclass(frozen=True)
+class Mesh(Profile):
+    """Asynchronous cores on a mesh, with a barrier at every step: Intel Loihi's kind."""
+
+    neuron_access_pj: Number = figure("pJ", "every mapped neuron, every step")
+    neuron_update_pj: Number = figure("pJ", "every neuron whose state changes, every step")
+    spike_pj: Number = figure("pJ", "every spike of a neuron")
+    synaptic_event_pj: Number = figure("pJ", "every synapse that a spike reaches")
+    message_pj: Number = figure("pJ", "every spike and core that it goes to")
+    hop_x_pj: Number = figure("pJ", "a message from a tile to the next along x")
+    hop_y_pj: Number = figure("pJ", "a message from a tile to the next along y")
+    neuron_access_ns: Number = figure("ns", "as neuron_access_pj")
+    neuron_update_ns: Number = figure("ns", "as neuron_update_pj")
+    spike_ns: Number = figure("ns", "as spike_pj")
+    synaptic_event_ns: Number = figure("ns", "as synaptic_event_pj")
+    message_out_ns: Number = figure("ns", "sending a message")
+    message_in_ns: Number = figure("ns", "receiving a message")
+    barrier_1_us: Number = figure("us", "synchronisation of a step, 1 tile in use")
+    barrier_2_us: Number = figure("us", "the same from 2 tiles on")
+    barrier_4_us: Number = figure("us", "the same from 4 tiles on")
+    barrier_29_us: Number = figure("us", "the same from 29 tiles on")
+    congestion_factor: Number = figure("1", "times a step whose network is congested")
+    congestion_spikes: Number = figure("1", "spikes of a layer per step above which it is")
+    congestion_cores: Number = figure("1", "cores that those spikes go to, from which on it is")
+    static_mw: Number = figure("mW", "static power of the whole chip")
+    steps_per_layer: Number = figure("1", "steps that a spike takes to the next layer", whole=True)
+    cores: Number = figure("1", "cores of the chip", whole=True)
+    cores_per_tile: Number = figure("1", "cores that share a router", whole=True)
+    mesh_height: Number = figure("1", "tiles along y", whole=True)
+    neurons_per_core: Number = figure("1", "neurons that a core holds", whole=True)
+    synapse_memory_bits: Number = figure("1", "bits for synapses in a core", whole=True)
+    input_axons_per_core: Number = figure("1", "sources of spikes that a core listens to", whole=True)
+    output_axons_per_core: Number = figure("1", "(neuron, destination core) pairs of a core", whole=True)
+    synapse_block: Number = figure(
+        "1", "targets of an axon in a core that are stored as one block", whole=True
+    )
+    synapse_header_bits: Number = figure("1", "bits that a block takes beside its synapses; no range")
+    synapse_word_bits: Number = figure("1", "bits that a block is rounded up to", whole=True)
+    synapse_index_bits: Number = figure("1", "bits of a target's index where zeros are skipped", whole=True)
+    weight_bits_any: Number = figure(
+        "1", "weights can be stored in any number of bits up to this", whole=True
+    )
+    weight_bits_most: Number = figure("1", "and in this, the most", whole=True)
+    delay_bits_most: Number = figure("1", "bits of a synapse's own delay", whole=True)
+    practice_weights_per_core: Number = figure(
+        "1", "8-bit weights per core that a compiler was seen to reach; 0: as many as fit"
+    )
+    skips_zero_weights: Number = figure(
+        "1", "1 where a weight of 0 need not be stored and takes no synaptic event, else 0", claim=True
+    )
+
+    @functools.cached_property
+    def rules(self) -> Rules:
+        """What a core and the chip hold."""
+        practice = self.practice_weights_per_core
+        whole = {
+            name: int(getattr(self, name).value)
+            for name in Rules.__annotations__
+            if name not in ("skips_zero_weights", "practice")
+        }
+        return Rules(
+            **whole,
+            skips_zero_weights=bool(self.skips_zero_weights.value),
+            practice=(practice.low, practice.high) if practice.low > 0 else None,
+        )
+
+    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`)."""
+        if isinstance(load, Operations):
+            raise NotApplicable(f"{self.name} runs networks of spiking layers only")
+        rules = self.rules
+        net = architecture(load, rules)
+        placement = place(net, rules)
+        work = _work(net, placement.cores, load.synapses if rules.skips_zero_weights else None, rules)
+        energy_pj = {
+            event: figures[f"{event}_pj"][..., None] * per_count
+            for event, per_count in zip(_EVENTS, work.events, strict=True)
+        }
+        energy_pj["hop"] = energy_pj.pop("hop_x") + energy_pj.pop("hop_y")
+        ns = np.array([figures[f"{event}_ns"] for event in _BUSY]).T
+        time_ns = (ns @ work.busy.reshape(len(_BUSY), -1)).reshape(*ns.shape[:-1], *work.busy.shape[1:])
+        time_ns[..., 0] += self._barrier_ns(placement.n_cores, figures)[..., None]
+        chips = -(-max(placement.n_cores, placement.low or 0) // rules.cores)
+        static_mw = figures["static_mw"] * chips
+        return Plan(
+            energy_pj=energy_pj,
+            time_ns=time_ns,
+            static_mw=static_mw,
+            idle_mw=static_mw,
+            placement=placement,
+            congestion=Congestion(
+                work.destinations >= self.congestion_cores.value,
+                self.congestion_spikes.value,
+                figures["congestion_factor"],
+            ),
+        )
+
+    def pipeline_steps(self, load: Workload | Operations) -> int:
+        """Return the steps that an answer takes through the layers (`Profile.pipeline_steps`)."""
+        return 0 if isinstance(load, Operations) else int(self.steps_per_layer.value) * len(load.recurrent)
+
+    def _barrier_ns(self, n_cores: int, figures: Figures) -> Values:
+        tiles = -(-n_cores // self.rules.cores_per_tile)
+        return np.asarray(figures[f"barrier_{max(n for n in (1, 2, 4, 29) if n <= tiles)}_us"] * 1e3)
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def _work(
+    net: Architecture, cores: tuple[int, ...], synapses: tuple[float, ...] | None, rules: Rules
+) -> _Work:
+    """Return the work of a network.
+
+    Args:
+        net: the network.
+        cores: of each layer after the input.
+        synapses: per layer, input first, weights other than 0 that a spike reaches; None: all.
+        rules: of the chip.
+    """
+    sizes, recurrent, n_layers = net.sizes, net.recurrent, len(net.sizes)
+    fan_out = [a + b * own for a, b, own in zip((*sizes[1:], 0), sizes, (False, *recurrent), strict=True)]
+    reached = fan_out if synapses is None else synapses
+    shares = [a / b if b else 1.0 for a, b in zip(reached, fan_out, strict=True)]
+    destinations = [
+        a + b * own for a, b, own in zip((*cores, 0), (0, *cores), (False, *recurrent), strict=True)
+    ]
+
+    # Counts: steps, spikes of each layer, updates of each layer after the input.
+    spikes, updates = slice(1, 1 + n_layers), slice(1 + n_layers, 2 * n_layers)
+    events = np.zeros((len(_EVENTS), 2 * n_layers))
+    access, update, spike, event, message, hop_x, hop_y = events
+    access[0] = sum(sizes[1:])
+    update[updates] = 1
+    spike[2 : 1 + n_layers] = 1
+    event[spikes] = reached
+    message[spikes] = destinations
+    hop_x[spikes], hop_y[spikes] = zip(*hops(net, cores, rules), strict=True)
+
+    busy = np.zeros((len(_BUSY), 2 * n_layers - 1, 2 * n_layers))
+    access, update, spike, event, message_out, message_in = busy
+    # Inputs are sent by sources of as many channels as a core has neurons.
+    message_out[0, 1] = destinations[0] / -(-sizes[0] // rules.neurons_per_core)
+    for layer in range(1, n_layers):
+        neurons = -(-sizes[layer] // cores[layer - 1])
+        send, receive, share = 2 * layer - 1, 2 * layer, neurons / sizes[layer]
+        access[send, 0] = neurons
+        update[send, n_layers + layer] = share
+        spike[send, 1 + layer] = share
+        message_out[send, 1 + layer] = destinations[layer] * share
+        for source in (layer - 1, layer)[: 1 + recurrent[layer - 1]]:
+            message_in[receive, 1 + source] = 1
+            event[receive, 1 + source] = neurons * shares[source]
+    return _Work(events, busy, np.array(destinations))

@@ -1,0 +1,291 @@
+"""Chips of which little more is known than what an event costs, and a convention of papers of the same form.
+
+    E = synaptic_event events + neuron_update N T + spike S        events = sum over layers l of s_l f_l
+    t = tick T + synaptic_event_ns events
+
+Counts per inference: T steps, N neurons, S spikes of neurons, s_l spikes and f_l targets per spike of layer
+l. `synaptic_event_pj` of some chips is all that a busy chip draws divided by its events (`all_in`): neurons,
+spikes and static power are inside, near the activity that it was measured at. A chip with little to do draws
+more per event: that is what the high end of its static power is for.
+
+Where zeros are skipped, f_l counts the weights other than 0. Mapping onto cores of so many neurons, axons
+(sources of spikes) and weights:
+
+    1 core     all layers share it
+    more       a core holds neurons of one layer, as many as it has room for with all their weights
+
+On a crossbar of bits (IBM TrueNorth) a weight of b bits takes b axons of different types, as each neuron
+holds a number per type: two's complement, so b is at most the number of types. A neuron sends to one axon, so
+it has a copy for each of the b axons in each core that it goes to, and every copy gets all synaptic events.
+Inputs come from outside and go to any axon. A neuron must see all its sources on one core: a wider layer
+would have to be a sum of sums, which is another network.
+
+Sources: those of the profiles; the rule for the crossbar is derived from what the chip is (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dse.hardware.plan import Misfit, NotApplicable, Placement, Plan, Values
+from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.records import Operations, Workload
+from dse.registry import register
+
+
+@register("hardware.kinds", "per_event_convention")
+@dataclass(frozen=True)
+class EventConvention(Profile):
+    """Figures per synaptic event and neuron update: a convention, without cores, time or static power."""
+
+    synaptic_event_pj: Number = figure("pJ", "every synapse that a spike reaches, weights of 0 included")
+    neuron_update_pj: Number = figure("pJ", "every neuron, every step")
+
+    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`)."""
+        if isinstance(load, Operations):
+            raise NotApplicable(f"{self.name} counts networks of spiking layers only")
+        none = np.zeros_like(figures["neuron_update_pj"])
+        energy = {
+            "synaptic_event": _per_spike(load, load.fan_out, figures["synaptic_event_pj"]),
+            "neuron_update": _per_step(load, sum(load.sizes[1:]), figures["neuron_update_pj"]),
+        }
+        return Plan(energy, np.zeros((*none.shape, 1, 2 * len(load.sizes))), none, none, None)
+
+
+@register("hardware.kinds", "per_event")
+@dataclass(frozen=True)
+class PerEvent(Profile):
+    """Cores with published energies per event and little else."""
+
+    synaptic_event_pj: Number = figure("pJ", "every synapse that a spike reaches")
+    neuron_update_pj: Number = figure("pJ", "every neuron, every step")
+    spike_pj: Number = figure("pJ", "every spike of a neuron")
+    all_in: Number = figure("1", "1 where synaptic_event_pj is all a busy chip draws, else 0", claim=True)
+    static_mw: Number = figure("mW", "static power of the whole chip beside that, at any time")
+    tick_us: Number = figure("us", "every step, whatever happens in it")
+    synaptic_event_ns: Number = figure("ns", "every synapse that a spike reaches")
+    skips_zero_weights: Number = figure(
+        "1", "1 where a weight of 0 need not be stored and takes no synaptic event, else 0", claim=True
+    )
+    crossbar: Number = figure("1", "1 where a weight is bits of a crossbar, an axon each, else 0", claim=True)
+    inputs: Number = figure("1", "input channels", whole=True)
+    cores: Number = figure("1", "cores of the chip", whole=True)
+    neurons_per_core: Number = figure("1", "neurons that a core holds", whole=True)
+    axons_per_core: Number = figure("1", "sources of spikes that a core listens to", whole=True)
+    synapses_per_core: Number = figure("1", "weights that a core holds", whole=True)
+    weight_bits: Number = figure("1", "bits per weight; on a crossbar, types of axon", whole=True)
+
+    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`)."""
+        if isinstance(load, Operations):
+            raise NotApplicable(f"{self.name} runs networks of spiking layers only")
+        mapping = self._mapping(load)
+        # Copies of a neuron get every spike that it gets; a weight of b bits has b bits of the crossbar.
+        onward = [n * copies for n, copies in zip(load.sizes[1:], mapping.copies, strict=True)]
+        own = [n if back else 0 for n, back in zip(onward, load.recurrent, strict=True)]
+        copied = np.add((*onward, 0), (0, *own)) * mapping.axons_per_source
+        events = [n * share for n, share in zip(copied, self._shares(load), strict=True)]
+        times = (0.0, *mapping.copies)
+        energy = {
+            "synaptic_event": _per_spike(load, events, figures["synaptic_event_pj"]),
+            "neuron_update": _per_step(load, sum(onward), figures["neuron_update_pj"]),
+            "spike": _per_spike(load, times, figures["spike_pj"]),
+        }
+        time_ns = _per_step(load, 1e3, figures["tick_us"])
+        time_ns += _per_spike(load, events, figures["synaptic_event_ns"])
+        chips = -(-sum(mapping.cores) // int(self.cores.value))
+        static_mw = figures["static_mw"] * chips
+        placement = Placement(
+            mapping.cores, self._misfits(load, mapping), assumptions=self._assumptions(load, mapping)
+        )
+        return Plan(energy, time_ns[..., None, :], static_mw, static_mw, placement)
+
+    def _shares(self, load: Workload) -> list[float]:
+        """Return the share of its synapses at which a spike of each layer costs something."""
+        if load.synapses is None or not self.skips_zero_weights.value:
+            return [1.0] * len(load.sizes)
+        return [
+            reached / dense if dense else 1.0
+            for reached, dense in zip(load.synapses, load.fan_out, strict=True)
+        ]
+
+    def _stored(self, load: Workload) -> tuple[int, ...]:
+        """Return the weights that take memory in each layer after the input."""
+        return load.stored if load.stored is not None and self.skips_zero_weights.value else load.dense
+
+    def _axons_per_source(self, load: Workload) -> int:
+        return min(load.weight_bits, int(self.weight_bits.value)) if self.crossbar.value else 1
+
+    def _mapping(self, load: Workload) -> _Mapping:
+        """Return where a network goes; one that does not fit, as if cores held what they do not."""
+        n_layers = len(load.sizes) - 1
+        axons_per_source = self._axons_per_source(load)
+        if self.cores.value == 1:
+            # One that does not fit is cut into as many chips as its neurons or its weights need.
+            needed = max(
+                sum(load.sizes[1:]) / self.neurons_per_core.value,
+                sum(self._stored(load)) / self.synapses_per_core.value,
+            )
+            return _Mapping((max(1, math.ceil(needed)),), (1,) * n_layers, axons_per_source)
+        cores: list[int] = []
+        copies: list[int] = []
+        after = 0  # cores of the next layer: a layer's copies depend on them, so the last comes first
+        for layer in range(n_layers, 0, -1):
+            n, own = load.sizes[layer], load.recurrent[layer - 1]
+            per_neuron = max(1.0, self._stored(load)[layer - 1] / n)
+            held = max(1, int(min(self.neurons_per_core.value, self.synapses_per_core.value / per_neuron)))
+            n_cores, n_copies = _copied(n, held, after, own, axons_per_source if self.crossbar.value else 0)
+            cores.append(n_cores)
+            copies.append(n_copies)
+            after = n_cores
+        return _Mapping(tuple(reversed(cores)), tuple(reversed(copies)), axons_per_source)
+
+    def _misfits(self, load: Workload, mapping: _Mapping) -> tuple[Misfit, ...]:
+        found = []
+        most_bits = int(self.weight_bits.value)
+        if load.weight_bits > most_bits:
+            text = f"weights of {load.weight_bits} bits, {most_bits} at most"
+            found.append(Misfit("weight_bits", text, f"weights of {most_bits} bits"))
+        if load.delay_bits:
+            text = f"{load.delay_bits} bits of delay per synapse, none are known to be possible"
+            found.append(Misfit("delays", text, "synapses without delays of their own"))
+        if load.step_ms * 1e3 < self.tick_us.value:
+            least_ms = self.tick_us.value * 1e-3
+            text = f"steps of {load.step_ms:g} ms, a step takes {least_ms:g} ms"
+            found.append(Misfit("tick_us", text, f"steps of {least_ms:g} ms"))
+        if load.sizes[0] > self.inputs.value:
+            most = int(self.inputs.value)
+            found.append(Misfit("inputs", f"{load.sizes[0]} inputs, {most} at most", f"{most} inputs"))
+        if self.cores.value == 1:
+            return (*found, *self._misfits_of_one_core(load))
+        return (*found, *self._misfits_of_layers(load, mapping))
+
+    def _misfits_of_one_core(self, load: Workload) -> list[Misfit]:
+        sources = sum(n for n, targets in zip(load.sizes, load.fan_out, strict=True) if targets)
+        counts = (
+            ("neurons_per_core", sum(load.sizes[1:]), "neurons"),
+            ("axons_per_core", sources, "inputs and neurons that send to neurons"),
+            ("synapses_per_core", sum(self._stored(load)), "weights"),
+        )
+        found = []
+        for rule, needed, what in counts:
+            most = int(getattr(self, rule).value)
+            if needed > most:
+                found.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what} in all"))
+        return found
+
+    def _misfits_of_layers(self, load: Workload, mapping: _Mapping) -> list[Misfit]:
+        found = []
+        most = int(self.axons_per_core.value)
+        for layer, (n, own) in enumerate(zip(load.sizes[1:], load.recurrent, strict=True), start=1):
+            sources = load.sizes[layer - 1] + (n if own else 0)
+            axons = sources * mapping.axons_per_source
+            if axons > most:
+                text = f"layer {layer}: {axons} axons for {sources} sources, {most} per core"
+                change = f"{most // mapping.axons_per_source} sources to layer {layer}"
+                if self.crossbar.value and sources <= most:
+                    change += f", or weights of {most // sources} bits"
+                found.append(Misfit("axons_per_core", text, change))
+            weights = math.ceil(self._stored(load)[layer - 1] / n)
+            if weights > self.synapses_per_core.value:
+                most_weights = int(self.synapses_per_core.value)
+                text = f"layer {layer}: {weights} weights of one neuron, {most_weights} per core"
+                found.append(Misfit("synapses_per_core", text, f"{most_weights} weights per neuron"))
+        needed, limit = sum(mapping.cores), int(self.cores.value)
+        if needed > limit:
+            change = self._smaller(load) or f"{-(-needed // limit)} chips"
+            found.append(Misfit("cores", f"{needed} cores, the chip has {limit}", change))
+        return found
+
+    def _smaller(self, load: Workload) -> str | None:
+        """Return which hidden layer fits the cores by losing the fewest neurons; None: none can."""
+        kept = [few / all_of for few, all_of in zip(self._stored(load), load.dense, strict=True)]
+        best: tuple[int, int, int] | None = None
+        for layer in range(1, len(load.sizes) - 1):
+
+            def fits(n: int, layer: int = layer) -> bool:
+                sizes = (*load.sizes[:layer], n, *load.sizes[layer + 1 :])
+                dense = replace(load, sizes=sizes, stored=None, synapses=None)
+                stored = tuple(math.ceil(k * n) for k, n in zip(kept, dense.dense, strict=True))
+                return sum(self._mapping(replace(dense, stored=stored)).cores) <= self.cores.value
+
+            n = _largest(load.sizes[layer], fits)
+            if n and (best is None or load.sizes[layer] - n < best[0]):
+                best = (load.sizes[layer] - n, layer, n)
+        return None if best is None else f"{best[2]} neurons in layer {best[1]}"
+
+    def _assumptions(self, load: Workload, mapping: _Mapping) -> tuple[str, ...]:
+        found = []
+        if self.all_in.value:
+            found.append(
+                "all costs are inside the energy per synaptic event, which holds near the activity that it "
+                "was measured at; a chip with less to do costs up to its static power more"
+            )
+        elif self.static_mw.value == 0:
+            found.append("static power is unknown and left out; its high end is what whole chips draw")
+        if self.crossbar.value:
+            found.append(
+                f"{mapping.axons_per_source} axons per source for the bits of a weight, and a copy of a "
+                f"neuron for every axon that it serves: {', '.join(map(str, mapping.copies))} per layer"
+            )
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Mapping:
+    """Where a network goes: cores (one entry for a shared core) and copies of a neuron, layer by layer."""
+
+    cores: tuple[int, ...]
+    copies: tuple[int, ...]
+    axons_per_source: int
+
+
+def _copied(n: int, held: int, after: int, recurrent: bool, axons_per_source: int) -> tuple[int, int]:
+    """Return the cores of a layer and the copies of each of its neurons.
+
+    A neuron has a copy for every axon that it serves, on the cores after it and, if recurrent, its own.
+
+    Args:
+        n: neurons of the layer.
+        held: copies that a core holds.
+        after: cores of the next layer.
+        recurrent: whether the layer sends to itself.
+        axons_per_source: axons per core and neuron; 0 where one message serves all and nothing is copied.
+    """
+    # More axons for one's own layer than a core holds neurons have no solution, and too many axons anyway.
+    own = axons_per_source if recurrent and n * axons_per_source < held else 0
+    n_cores = 1
+    while True:
+        copies = max(1, axons_per_source * after + own * n_cores)
+        needed = -(-n * copies // held)
+        if needed <= n_cores:
+            return n_cores, copies
+        n_cores = needed
+
+
+def _largest(most: int, fits: Callable[[int], bool]) -> int:
+    """Return the largest number up to `most` that fits, 0 if none; what is larger never fits better."""
+    low, high = 0, most
+    while low < high:
+        middle = (low + high + 1) // 2
+        if fits(middle):
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+def _per_spike(load: Workload, times: Sequence[float], figure: Values) -> Values:
+    """Return a figure (D...) times a number for each layer's spikes, (D..., F)."""
+    n_layers = len(load.sizes)
+    return np.asarray(figure[..., None] * np.array([0.0, *times, *[0.0] * (n_layers - 1)]))
+
+
+def _per_step(load: Workload, times: float, figure: Values) -> Values:
+    """Return a figure (D...) times a number for each step, (D..., F)."""
+    return np.asarray(figure[..., None] * np.array([times, *[0.0] * (2 * len(load.sizes) - 1)]))

@@ -1,0 +1,168 @@
+"""A microcontroller that runs the classifier as a program: cycles, times the energy of a cycle.
+
+    energy = cycles x cycle_nj              time = cycles / clock
+
+    cycles of a spiking network   event_cycles x synaptic events + update_macs x mac_cycles x updates
+    cycles of anything else       mac_cycles x multiply-accumulates + event_cycles x additions
+                                  + update_macs x mac_cycles x state updates
+
+The program is driven by spikes: each walks the weights of its targets and adds them up, one by one. Every
+neuron is updated in every step, as its state decays, and finding out that it need not be costs about as much.
+Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
+float. Delivering a spike to the loop, and anything done once per step or per inference, is left to the range.
+
+Weights lie in flash as numbers of 8, 16, 32 or 64 bits: shorter ones are not unpacked on the way. Where lists
+of the weights that are left, each with an index of 16 bits, are smaller than all weights, lists are stored,
+and an event takes index_cycles more; else weights that are 0 take what others take. A delay per synapse takes
+8 bits. States lie in working memory, 32 bits each: current and voltage, and with delays per synapse a current
+per step of delay. The program, its inputs and, of what is no spiking network, activations are not counted.
+
+Between steps the processor sleeps, if it can: it takes sleep_uw, and running power for wake_us per step. What
+is no spiking network sleeps until its input has arrived, so something else must gather it; its one wake-up is
+left out. A step that takes longer than its period is slow, no misfit.
+
+What is counted: `dse.hardware.kinds.operations`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.hardware.kinds.memory_hierarchy import INDEX_BITS, STATE_BITS, as_lists, states_per_neuron
+from dse.hardware.plan import Misfit, Placement, Plan, Values
+from dse.hardware.profile import Figures, Number, Profile, figure, fixed
+from dse.records import Operations, Workload
+from dse.registry import register
+
+_NO_PROGRAM = "the program and what it keeps beside weights and states take no memory"
+
+
+@register("hardware.kinds", "processor")
+@dataclass(frozen=True)
+class Processor(Profile):
+    """A microcontroller with one core, which runs any classifier."""
+
+    cycle_nj: Number = figure("nJ", "a cycle of the running processor, whole chip")
+    mac_cycles: Number = figure("1", "cycles per 8-bit integer multiply-accumulate")
+    float_mac_cycles: Number = figure("1", "cycles per floating-point multiply-accumulate")
+    event_cycles: Number = figure("1", "cycles per synaptic event or other addition")
+    index_cycles: Number = figure("1", "more cycles per event where weights are lists with indices")
+    update_macs: Number = figure("1", "8-bit multiply-accumulates that a neuron's update takes as long as")
+    sleep_uw: Number = figure("uW", "the sleeping processor, memory kept")
+    wake_us: Number = figure("us", "waking up, as time at running power")
+    clock_mhz: Number = figure("MHz", "clock", whole=True)
+    flash_kib: Number = figure("KiB", "flash, for weights", whole=True)
+    sram_kib: Number = figure("KiB", "working memory, for states", whole=True)
+
+    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+        """Return the plan of any classifier (`Profile.plan`); a mapping given by hand is not looked at."""
+        limits = {name: fixed(figures, name) for name, what in self.numbers().items() if what.fixed}
+        cycles = _of_network(load, figures) if isinstance(load, Workload) else _of_operations(load, figures)
+        total: Values = np.sum(list(cycles.values()), axis=0)
+        cycle_pj = figures["cycle_nj"] * 1e3
+        running_mw = figures["cycle_nj"] * limits["clock_mhz"]
+        waking_mw = np.zeros_like(running_mw)
+        if isinstance(load, Workload):
+            waking_mw = running_mw * figures["wake_us"] * 1e-3 / load.step_ms
+        return Plan(
+            energy_pj={cause: cycle_pj[..., None] * per_count for cause, per_count in cycles.items()},
+            time_ns=total[..., None, :] * (1e3 / limits["clock_mhz"]),
+            static_mw=np.zeros_like(running_mw),  # in the energy of a cycle
+            idle_mw=np.minimum(figures["sleep_uw"] * 1e-3 + waking_mw, running_mw),
+            placement=_placed(load, limits),
+        )
+
+
+def _of_network(load: Workload, figures: Figures) -> dict[str, Values]:
+    """Return the cycles per count by cause, (D..., F)."""
+    n_layers = len(load.sizes)
+    lists = as_lists(load, _stored_bits(load))
+    event = figures["event_cycles"] + figures["index_cycles"] * float(lists)
+    reached = load.synapses if lists and load.synapses is not None else load.fan_out
+    events = np.array([0.0, *reached, *[0.0] * (n_layers - 1)])
+    neurons = np.array([float(sum(load.sizes[1:])), *[0.0] * (2 * n_layers - 1)])
+    return {
+        "synaptic_event": np.multiply.outer(event, events),
+        "neuron_update": np.multiply.outer(figures["update_macs"] * figures["mac_cycles"], neurons),
+    }
+
+
+def _of_operations(load: Operations, figures: Figures) -> dict[str, Values]:
+    """Return the cycles per count by cause, (D..., 4)."""
+    macs, additions, updates = np.eye(4)[1:]
+    mac = figures["mac_cycles" if load.number_bits <= 8 else "float_mac_cycles"]
+    return {
+        "mac": np.multiply.outer(mac, macs),
+        "addition": np.multiply.outer(figures["event_cycles"], additions),
+        "neuron_update": np.multiply.outer(figures["update_macs"] * figures["mac_cycles"], updates),
+    }
+
+
+def _bytes(bits: int) -> int:
+    """Return the bytes of the shortest type that holds so many bits: 1, 2, 4, 8; of no bits, none."""
+    return 1 << (-(-bits // 8) - 1).bit_length() if bits else 0
+
+
+def _stored_bits(load: Workload) -> int:
+    """Return the bits that a weight takes in flash, its delay included."""
+    return 8 * (_bytes(load.weight_bits) + _bytes(load.delay_bits))
+
+
+def _placed(load: Workload | Operations, limits: Mapping[str, float]) -> Placement:
+    """Return the one core, and whether the memories hold what they must."""
+    flash, sram = int(limits["flash_kib"]) * 1024, int(limits["sram_kib"]) * 1024
+    if isinstance(load, Operations):
+        n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
+        misfits = _flash_misfits(n_weights, load.number_bits, 0, flash)
+        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "it sleeps until all input has arrived"))
+    lists = as_lists(load, _stored_bits(load))
+    n_weights = sum(load.stored or ()) if lists else sum(load.dense)
+    beside = _bytes(load.delay_bits) + (INDEX_BITS // 8 if lists else 0)
+    misfits = _flash_misfits(n_weights, load.weight_bits, beside, flash) + _sram_misfits(load, sram)
+    return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "it wakes once per step"))
+
+
+def _flash_misfits(n_weights: int, bits: int, beside: int, flash: int) -> tuple[Misfit, ...]:
+    """Return the misfit of the weights, where there is one.
+
+    Args:
+        n_weights: numbers stored.
+        bits: of each.
+        beside: bytes that are stored with each.
+        flash: bytes that there are.
+    """
+    size = _bytes(bits) + beside
+    if n_weights * size <= flash:
+        return ()
+    # The longest numbers that fit are the smallest change.
+    types = (_bytes(bits) >> halved for halved in range(1, _bytes(bits).bit_length()))
+    shorter = next((each for each in types if n_weights * (each + beside) <= flash), None)
+    if shorter is None:
+        change = f"at most {flash // size} weights instead of {n_weights}"
+    else:
+        change = f"weights of {8 * shorter} bits instead of {bits}"
+    text = f"weights of {n_weights * size} bytes, {flash} bytes of flash"
+    return (Misfit("flash_kib", text, change),)
+
+
+def _sram_misfits(load: Workload, sram: int) -> tuple[Misfit, ...]:
+    """Return the misfit of the states, where there is one."""
+    n_neurons = sum(load.sizes[1:])
+
+    def needed(delay_bits: int) -> int:
+        return n_neurons * states_per_neuron(delay_bits) * STATE_BITS // 8
+
+    if needed(load.delay_bits) <= sram:
+        return ()
+    shorter = next((bits for bits in range(load.delay_bits - 1, -1, -1) if needed(bits) <= sram), None)
+    if shorter is None:
+        change = f"at most {sram * n_neurons // needed(load.delay_bits)} neurons instead of {n_neurons}"
+    elif shorter == 0:
+        change = "no delays of synapses of their own"
+    else:
+        change = f"delays of {shorter} bits instead of {load.delay_bits}"
+    text = f"states of {needed(load.delay_bits)} bytes, {sram} bytes of working memory"
+    return (Misfit("sram_kib", text, change),)

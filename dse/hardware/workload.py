@@ -1,0 +1,311 @@
+"""Workload files: what one inference does, written down, so that a design can be priced without training it.
+
+    layers: [24, 50, 7]                neurons per layer, input first
+    n_steps: 100                       network steps
+    mean_rate: [0.02, 0.02, 0.0]       spikes per neuron and step, each layer
+    spikes: [0.5, 1.0, 0.1]            or spikes per step of each layer, or a list of n_steps counts
+    updates: [50, 7]                   neuron updates per step after the input, in the same forms
+    recurrent: [true, false]           which layers after the input are recurrent
+    mapping: [2, 1]                    cores of each layer after the input
+    stored: [900, 350]                 weights into each layer after the input that pruning left
+    step_ms, weight_bits, delay_bits, pipeline_steps
+
+or `layers` as one mapping per layer: {neurons, spikes | mean_rate, updates, recurrent, cores, stored}. A
+classifier that is no stack of spiking layers has macs, additions, updates, n_weights, number_bits and
+duration_ms instead. A mean stands for the same count in every step. Updates that are not given are those
+that the mean rates let expect (`dse.hardware.activity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.values import INVALID, Report, dotted, echo, read
+from dse.config.yaml_lines import Document, in_file_order, parse
+from dse.config.yaml_lines import Path as Keys
+from dse.hardware.inference import Inference, of_network
+from dse.records import Operations, Workload
+from dse.registry import Rule, param, rule_of
+
+_MOST, _MOST_BITS = 1e9, 64  # far beyond any hardware; above, products overflow
+
+
+@dataclass(frozen=True)
+class _Network:
+    n_steps: int = param(doc="network steps of an inference", low=0, high=_MOST)
+    step_ms: float = param(1.0, doc="period of a step", low=0, low_open=True, high=_MOST)
+    weight_bits: int = param(8, doc="bits per weight", low=1, high=_MOST_BITS)
+    delay_bits: int = param(0, doc="bits per synapse for a delay of its own", low=0, high=_MOST_BITS)
+    pipeline_steps: int | None = param(
+        None, doc="steps through the layers, null: as the hardware takes", low=0, high=_MOST
+    )
+
+
+@dataclass(frozen=True)
+class _Operations:
+    macs: float = param(doc="multiply-accumulates", low=0, high=_MOST**2)
+    additions: float = param(doc="additions without multiplication", low=0, high=_MOST**2)
+    n_weights: int = param(doc="stored numbers", low=0, high=_MOST**2)
+    duration_ms: float = param(doc="length of the input", low=0, low_open=True, high=_MOST)
+    updates: float = param(0.0, doc="state updates of a spiking classifier", low=0, high=_MOST**2)
+    number_bits: int = param(32, doc="bits per stored number", low=1, high=_MOST_BITS)
+
+
+_COUNTS = ("spikes", "mean_rate")
+_OF_NEURONS = ("updates", "recurrent", "mapping", "stored")  # the input has none of these
+_IN_INPUT = ("neurons", *_COUNTS)
+_IN_LAYER = (*_IN_INPUT, "updates", "recurrent", "cores", "stored")
+_Entry = dict[str, tuple[Any, Keys]]  # key -> what is written, and where
+
+
+def load_inference(path: str | Path) -> Inference:
+    """Read a workload file, YAML or JSON.
+
+    Raises:
+        ConfigError: it cannot be read, or everything that is wrong with it.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Fault(str(path), 0, f"cannot be read: {error.strerror}")]) from None
+    except UnicodeDecodeError:
+        raise ConfigError([Fault(str(path), 0, "cannot be read: not UTF-8 text")]) from None
+    if Path(path).suffix == ".json":
+        text = text.replace("\t", " ")  # white space in JSON, an error in YAML
+    return read_inference(text, str(path))
+
+
+def read_inference(text: str, source: str) -> Inference:
+    """Read a workload (see the head of this module).
+
+    Args:
+        text: YAML or JSON.
+        source: what faults call the file.
+
+    Raises:
+        ConfigError: everything that is wrong with it.
+    """
+    document = parse(text, source)
+    faults = list(document.faults)
+    found = None if faults else _read(document, faults)
+    if faults or found is None:
+        raise in_file_order(faults)
+    return found
+
+
+def _read(document: Document, faults: list[Fault]) -> Inference | None:
+    def report(path: Keys, message: str) -> None:
+        faults.append(document.fault(path, message))
+
+    data = document.data
+    if not isinstance(data, dict):
+        report((), f"a workload must be a mapping of keys to values, got {echo(data)}")
+        return None
+    if "layers" in data:
+        return _network(data, report)
+    if "macs" in data or "additions" in data:
+        values = _scalars(_Operations, data, report)
+        return None if values is None else _operations(values)
+    report((), "a workload must have layers (a network), or macs and additions (any other classifier)")
+    return None
+
+
+def _scalars(
+    cls: type, data: Mapping[str, Any], report: Report, also: Sequence[str] = ()
+) -> dict[str, Any] | None:
+    """Return the values of a dataclass's fields, or None after a fault; `also` are read elsewhere."""
+    known = {field.name: field for field in fields(cls)}
+    hints = get_type_hints(cls)
+    for key in data:
+        if key not in known and key not in also:
+            report((key,), f"unknown key '{key}'; {known_names(key, [*also, *known])}")
+    values = {}
+    for key, field in known.items():
+        if key in data:
+            values[key] = read(data[key], hints[key], rule_of(field), (key,), report)
+        elif isinstance(field.default, int | float) or field.default is None:
+            values[key] = field.default
+        else:
+            report((), f"{key} is required: {rule_of(field).doc}")
+            values[key] = INVALID
+    return None if INVALID in values.values() or not set(data) <= {*known, *also} else values
+
+
+def _operations(values: Mapping[str, Any]) -> Inference:
+    counts = {key: np.asarray(x, np.float64) for key, x in values.items() if key != "number_bits"}
+    load = Operations(**counts, number_bits=values["number_bits"])
+    return Inference(load, False, values["n_weights"], 1, values["duration_ms"])
+
+
+def _network(data: Mapping[str, Any], report: Report) -> Inference | None:
+    also = ("layers", *_COUNTS, *_OF_NEURONS)
+    values = _scalars(_Network, data, report, also)
+    entries = _entries(data, report)
+    if entries is None:
+        return None
+    n_steps = read(data.get("n_steps"), int, Rule(doc="", low=0), ("n_steps",), lambda path, text: None)
+    layers = [
+        _layer(index, entry, None if n_steps is INVALID else n_steps, report)
+        for index, entry in enumerate(entries)
+    ]
+    sizes = tuple(layer["neurons"] for layer in layers)
+    recurrent = tuple(layer["recurrent"] for layer in layers[1:])
+    known = INVALID not in sizes and INVALID not in recurrent
+    stored = _stored(entries, sizes, recurrent, report) if known else INVALID
+    whole = [_for_all(key, entries, report) for key in ("updates", "cores")]
+    if values is None or stored is INVALID or not all(whole):
+        return None
+    if any(value is INVALID for layer in layers for value in layer.values()):
+        return None
+    updates, cores = ([layer[key] for layer in layers[1:]] for key in ("updates", "cores"))
+    net = Workload(
+        sizes,
+        recurrent,
+        np.zeros(()),
+        np.zeros(len(sizes)),
+        None,
+        values["step_ms"],
+        weight_bits=values["weight_bits"],
+        stored=stored,
+        delay_bits=values["delay_bits"],
+        cores=None if cores[0] is None else tuple(cores),
+    )
+    return of_network(
+        net,
+        values["n_steps"],
+        [layer["spikes"] for layer in layers],
+        None if updates[0] is None else updates,
+        values["pipeline_steps"],
+    )
+
+
+def _for_all(key: str, entries: Sequence[_Entry], report: Report) -> bool:
+    """Return whether all layers after the input say something, or none."""
+    lack = [index for index, entry in enumerate(entries) if index and key not in entry]
+    if len(lack) in (0, len(entries) - 1):
+        return True
+    report(("layers", lack[0]), f"{dotted(('layers', lack[0]))} must have {key}, as other layers do")
+    return False
+
+
+def _entries(data: Mapping[str, Any], report: Report) -> list[_Entry] | None:
+    """Return what is written of each layer, or None after a fault that leaves nothing to read."""
+    layers = data["layers"]
+    if not isinstance(layers, list) or len(layers) < 2:
+        report(("layers",), f"layers must be a list of an input and one layer or more, got {echo(layers)}")
+        return None
+    if not any(isinstance(layer, dict) for layer in layers):
+        return _flat(data, layers, report)
+    for key in (*_COUNTS, *_OF_NEURONS):
+        if key in data:
+            inner = "cores" if key == "mapping" else key
+            report((key,), f"{key} must stand in each layer (as {inner}) where layers are mappings")
+    entries: list[_Entry] = []
+    for index, layer in enumerate(layers):
+        path: Keys = ("layers", index)
+        if not isinstance(layer, dict):
+            report(path, f"{dotted(path)} must be a mapping like the others, got {echo(layer)}")
+            layer = {}
+        known = _IN_INPUT if index == 0 else _IN_LAYER
+        for key in layer:
+            if key not in known:
+                what = "of the input has no meaning" if key in _IN_LAYER else "is unknown"
+                report((*path, key), f"key '{key}' in {dotted(path)} {what}; {known_names(key, known)}")
+        entry = {key: (layer[key], (*path, key)) for key in known if key in layer}
+        if layer and "neurons" not in layer:
+            report(path, f"{dotted(path)}.neurons is required")
+        given = [key for key in _COUNTS if key in layer]
+        if layer and len(given) != 1:
+            got = "both" if given else "neither"
+            report(path, f"{dotted(path)} must have either spikes or mean_rate, got {got}")
+        entries.append(entry)
+    return entries
+
+
+def _flat(data: Mapping[str, Any], layers: list[Any], report: Report) -> list[_Entry]:
+    entries: list[_Entry] = [{"neurons": (size, ("layers", index))} for index, size in enumerate(layers)]
+    if all(key in data for key in _COUNTS):
+        report(("mean_rate",), "a workload must have either spikes or mean_rate, got both")
+    elif not any(key in data for key in _COUNTS):
+        report((), "a workload must have either spikes or mean_rate, got neither")
+    for key in (*_COUNTS, *_OF_NEURONS):
+        if key not in data:
+            continue
+        values, first = data[key], 1 if key in _OF_NEURONS else 0
+        expected = len(layers) - first
+        if not isinstance(values, list) or len(values) != expected:
+            which = "layer after the input" if first else "layer"
+            got = f"{len(values)} of them" if isinstance(values, list) else echo(values)
+            report((key,), f"{key} must be a list of {expected}, one per {which}, got {got}")
+            continue
+        for index, value in enumerate(values):
+            entries[first + index]["cores" if key == "mapping" else key] = (value, (key, index))
+    return entries
+
+
+def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> dict[str, Any]:
+    """Return what a layer holds, INVALID where it is wrong; counts are spikes and updates per step.
+
+    Args:
+        index: of the layer, 0 for the input.
+        entry: as written.
+        n_steps: of the workload; None if that is wrong itself.
+        report: called with (path, sentence) for every mistake.
+    """
+
+    def value(key: str, hint: Any, default: Any, **rule: Any) -> Any:
+        return (
+            read(entry[key][0], hint, Rule(doc="", **rule), entry[key][1], report)
+            if key in entry
+            else default
+        )
+
+    def counts(key: str, most: float | None, default: Any) -> Any:
+        """Return a mean, or an array of n_steps counts."""
+        if key not in entry:
+            return default
+        given, path = entry[key]
+        rule = Rule(doc="", low=0, high=most)
+        if not isinstance(given, list):
+            return read(given, float, rule, path, report)
+        if key == "mean_rate":
+            report(path, f"{dotted(path)} must be one number, got a list; spikes takes a count for each step")
+            return INVALID
+        if n_steps is not None and len(given) != n_steps:
+            report(path, f"{dotted(path)} must have n_steps = {n_steps} counts, got {len(given)}")
+            return INVALID
+        found = [read(x, float, rule, (*path, step), report) for step, x in enumerate(given)]
+        return INVALID if any(x is INVALID for x in found) else np.array(found)
+
+    neurons = value("neurons", int, INVALID, low=1, high=_MOST)
+    most = None if neurons is INVALID else neurons
+    rate, spikes = counts("mean_rate", 1.0, INVALID), counts("spikes", most, INVALID)
+    if spikes is INVALID and rate is not INVALID and neurons is not INVALID:
+        spikes = rate * neurons
+    return {
+        "neurons": neurons,
+        "recurrent": value("recurrent", bool, False),
+        "spikes": spikes,
+        "updates": counts("updates", most, None),
+        "cores": value("cores", int, None, low=1, high=most),
+    }
+
+
+def _stored(
+    entries: Sequence[_Entry], sizes: Sequence[int], recurrent: Sequence[bool], report: Report
+) -> Any:
+    """Return the weights left into each layer after the input, None if all are, INVALID after a fault."""
+    if not any("stored" in entry for entry in entries):
+        return None
+    found = []
+    for layer, (entry, back) in enumerate(zip(entries[1:], recurrent, strict=True), start=1):
+        dense = sizes[layer] * (sizes[layer - 1] + sizes[layer] * back)
+        given, path = entry.get("stored", (dense, ("layers",)))
+        found.append(read(given, int, Rule(doc="", low=0, high=dense), path, report))
+    return INVALID if INVALID in found else tuple(found)

@@ -1,0 +1,313 @@
+"""`dse cost`: a workload file priced on hardware, as a document and as text; every mistake told at once."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+import yaml
+
+import dse.hardware
+from dse.cli import main
+from dse.hardware.cost import cost
+from dse.hardware.profile import Evidence, load, names
+from dse.hardware.workload import load_inference
+
+Captured = pytest.CaptureFixture[str]
+PROFILES = Path(dse.hardware.__file__).parent / "profiles"
+LOIHI = (PROFILES / "loihi1_silicon.yaml").read_text()
+NET = "layers: [24, 50, 7]\nn_steps: 100\nmean_rate: [0.02, 0.02, 0]\nupdates: [50, 7]\n"
+OPERATIONS = "macs: 12000\nadditions: 300\nn_weights: 5000\nduration_ms: 250\nnumber_bits: 8\n"
+
+
+@pytest.fixture
+def net(tmp_path: Path) -> Path:
+    path = tmp_path / "net.yaml"
+    path.write_text(NET)
+    return path
+
+
+def rows(capsys: Captured, *arguments: object) -> list[dict[str, Any]]:
+    assert main(["cost", *map(str, arguments), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "dse/cost/1"
+    return document["rows"]  # type: ignore[no-any-return]
+
+
+def faults(capsys: Captured, *arguments: object) -> list[str]:
+    assert main(["cost", *map(str, arguments)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    return shown.err.splitlines()
+
+
+def own_profile(path: Path, source: str = "loihi1_silicon", **changes: Any) -> Path:
+    """Write a profile like one of the package, with other keys."""
+    data = yaml.safe_load((PROFILES / f"{source}.yaml").read_text()) | {"name": "mine"} | changes
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    return path
+
+
+def test_a_network_on_loihi(net: Path, capsys: Captured) -> None:
+    (row,) = rows(capsys, net)
+    found = cost(load("loihi1_silicon"), load_inference(net).load)
+    assert (row["hardware"], row["n_weights"], row["not_applicable"]) == ("loihi1_silicon", 1550, None)
+    for name in ("energy_uj", "energy_throttled_uj", "step_time_us"):
+        for end in ("", "_low", "_high"):
+            assert row[name + end] == getattr(found, name + end)
+    assert row["energy_static_uj"] == pytest.approx(found.static_uj)
+    assert row["energy_static_throttled_uj"] == pytest.approx(104e-3 * 100e3)
+    assert row["energy_static_throttled_uj_low"] == pytest.approx(29e-3 * 100e3)
+    assert (row["n_cores"], row["n_cores_low"], row["n_cores_high"], row["fits"]) == (
+        found.n_cores,
+        found.n_cores_low,
+        found.n_cores_high,
+        True,
+    )
+    assert row["misfits"] == []
+    assert row["hardware_latency_ms"] == pytest.approx(0.1 * row["step_time_us"])
+    assert (row["decision_ms"], row["pipeline_ms"]) == (100, 2)
+    assert row["latency_ms"] == pytest.approx(100 + 2 + row["step_time_us"] * 1e-3)
+    assert row["evidence"] == [word for word in get_args(Evidence) if f"evidence: {word}," in LOIHI]
+
+
+def test_the_terms_add_up(net: Path, capsys: Captured) -> None:
+    (row,) = rows(capsys, net)
+    causes = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message", "hop")
+    for end, share in (("", 1.0), ("_low", 0.85), ("_high", 1.15)):
+        terms = [row[f"energy_{cause}_uj{end}"] for cause in causes]
+        assert terms[0] == pytest.approx(share * 51.2e-6 * 57 * 100)
+        assert sum(terms) == pytest.approx(row[f"energy_dynamic_uj{end}"])
+        assert row[f"energy_dynamic_uj{end}"] + row[f"energy_static_uj{end}"] == pytest.approx(
+            row[f"energy_uj{end}"]
+        )
+
+
+def test_a_network_in_print(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text("layers: [6084, 425, 12]\nn_steps: 1\nmean_rate: [0, 0, 0]\n")
+    (row,) = rows(capsys, path)
+    assert row["n_weights"] == 2_590_800
+    assert row["fits"] is False
+    (misfit,) = row["misfits"]
+    assert set(misfit) == {"rule", "text", "change"}
+    assert "6084 input axons" in misfit["text"]
+
+
+def test_cores_in_practice_are_a_range_and_rest_on_what_is_said(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    net = "layers: [1600, 450, 11]\nn_steps: 1\nmean_rate: [0, 0, 0]\n"
+    claimed = 68  # cores, in print
+    for content, holds in ((net, False), (net + "delay_bits: 6\n", True)):
+        path.write_text(content)
+        (row,) = rows(capsys, path, "--hardware", "loihi2_scenario")
+        assert (row["n_cores_low"] <= claimed <= row["n_cores_high"]) == holds
+        assert row["n_cores"] is None
+        assert any("every synapse stores a delay of its own" in text for text in row["assumptions"]) == holds
+
+
+def test_counts_of_each_step(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.json"
+    net = {"layers": [3, 200], "n_steps": 2, "spikes": [[3, 0], [0, 200]], "updates": [200]}
+    path.write_text(json.dumps(net))
+    (row,) = rows(capsys, path)
+    first, second = 0.6 + 3 * (16 + 200 * 3.8) * 1e-3, 0.6 + 200 * (6 + 3.7 + 30) * 1e-3
+    assert row["step_time_us"] == pytest.approx((first + second) / 2)
+    assert row["energy_spike_uj"] == pytest.approx(69.3e-6 * 200)
+    assert row["energy_synaptic_event_uj"] == pytest.approx(35.5e-6 * 600)
+
+
+def test_no_steps_are_exact_zeros(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text(NET.replace("100", "0"))
+    (row,) = rows(capsys, path, "--contacts-per-hour", 10, "--draws", 3)
+    ended = re.compile(r"(_uj|_us|_ms)(_low|_high|_q05|_q50|_q95)?$")
+    assert {row[name] for name in row if ended.search(name)} == {0}
+    assert row["power_mw"] == 104
+
+
+@pytest.mark.parametrize("content", [NET, OPERATIONS], ids=["network", "operations"])
+def test_every_profile_has_a_row_of_the_same_columns(tmp_path: Path, capsys: Captured, content: str) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text(content)
+    chosen = [text for name in names() for text in ("--hardware", name)]
+    found = rows(capsys, path, *chosen, "--contacts-per-hour", 60, "--battery-mwh", 100, "--draws", 5)
+    assert [row["hardware"] for row in found] == names()
+    always = set.intersection(*map(set, found))
+    assert all(name.startswith("energy_") for row in found for name in set(row) - always)
+    for row in found:
+        if row["not_applicable"]:
+            assert row["energy_uj_low"] is row["n_cores"] is row["power_mw_low"] is None
+        else:
+            assert 0 <= row["energy_uj_low"] <= row["energy_uj_q05"] <= row["energy_uj_q95"] * (1 + 1e-9)
+            assert row["energy_uj_q95"] <= row["energy_uj_high"] * (1 + 1e-9)
+            known = {
+                row[name] is not None for name in ("power_mw_low", "n_cores_low", "latency_ms_low", "fits")
+            }
+            assert len(known) == 1
+
+
+def test_what_a_chip_cannot_run_is_said(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text(OPERATIONS)
+    assert (
+        main(["cost", str(path), "--hardware", "loihi1_silicon", "--hardware", "op_4.6_0.9", "--json"]) == 0
+    )
+    document = json.loads(capsys.readouterr().out)
+    chip, counted = document["rows"]
+    assert chip["not_applicable"] == "loihi1_silicon runs networks of spiking layers only"
+    assert chip["energy_uj"] is chip["fits"] is chip["misfits"] is None
+    assert counted["energy_uj"] == pytest.approx(12000 * 4.6e-6 + 300 * 0.9e-6)
+    assert (
+        counted["n_cores"] is counted["latency_ms"] is counted["fits"] is counted["energy_static_uj"] is None
+    )
+    assert document["notes"] == [
+        "loihi1_silicon: not applicable, loihi1_silicon runs networks of spiking layers only",
+        "op_4.6_0.9: dynamic energy alone; no static power, time, cores or limits are meant",
+    ]
+
+
+def test_a_profile_of_intervals_gives_no_value(net: Path, tmp_path: Path, capsys: Captured) -> None:
+    chip = own_profile(tmp_path / "chip.yaml", interval_only=True)
+    (row,) = rows(
+        capsys, net, "--hardware", chip, "--contacts-per-hour", 1, "--battery-mwh", 9, "--draws", 20
+    )
+    (known,) = rows(capsys, net, "--contacts-per-hour", 1, "--battery-mwh", 9, "--draws", 20)
+    assert row["hardware"] == "mine"
+    assert row["n_cores"] is None
+    for name in ("energy_uj", "energy_dynamic_uj", "energy_spike_uj", "latency_ms", "power_mw", "battery_h"):
+        assert row[name] is None
+        assert (row[f"{name}_low"], row[f"{name}_high"]) == (known[f"{name}_low"], known[f"{name}_high"])
+    assert row["energy_uj_q50"] is None
+    assert row["energy_uj_low"] < row["energy_uj_q05"] < row["energy_uj_q95"] < row["energy_uj_high"]
+    assert main(["cost", str(net), "--hardware", str(chip)]) == 0
+    assert "mine: nobody has published numbers, so costs are intervals" in capsys.readouterr().out
+
+
+def test_battery_life(net: Path, capsys: Captured) -> None:
+    (row,) = rows(capsys, net, "--contacts-per-hour", 3600, "--battery-mwh", 520)
+    # A tenth of each second computes and waits for input, all at 104 mW and the dynamic energy on top.
+    assert row["power_mw"] == pytest.approx(104 + row["energy_dynamic_uj"] * 1e-3)
+    assert row["battery_h"] == pytest.approx(520 / row["power_mw"])
+    assert (row["battery_h_low"], row["battery_h_high"]) == (
+        pytest.approx(520 / row["power_mw_high"]),
+        pytest.approx(520 / row["power_mw_low"]),
+    )
+    (idle,) = rows(capsys, net, "--contacts-per-hour", 0)
+    assert idle["power_mw"] == 104
+    assert "battery_h" not in idle
+
+
+def test_a_battery_that_nothing_draws_from(net: Path, tmp_path: Path, capsys: Captured) -> None:
+    still = {"value": 0, "low": 0, "high": 0, "unit": "mW", "evidence": "assumption", "source": "none"}
+    chip = own_profile(tmp_path / "chip.yaml", static_mw=still)
+    arguments = ["cost", str(net), "--hardware", str(chip), "--contacts-per-hour", "0", "--battery-mwh", "5"]
+    assert main([*arguments, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["rows"][0]["power_mw"], document["rows"][0]["battery_h"]) == (0, None)
+    assert document["notes"] == ["mine: draws nothing, so a battery lasts for ever (null in JSON)"]
+
+
+def test_draws_are_the_same_every_time_and_lie_within_the_interval(net: Path, capsys: Captured) -> None:
+    (row,) = rows(capsys, net, "--draws", 400)
+    assert rows(capsys, net, "--draws", 400) == [row]
+    quantiles = [row[f"energy_uj{end}"] for end in ("_low", "_q05", "_q50", "_q95", "_high")]
+    assert quantiles == sorted(quantiles)
+    assert row["energy_throttled_uj_q50"] == pytest.approx(row["energy_throttled_uj"], rel=0.1)
+
+
+def test_text_has_a_table_for_each_hardware(net: Path, capsys: Captured) -> None:
+    assert main(["cost", str(net), "--hardware", "loihi1_silicon", "--hardware", "op_4.6_0.9"]) == 0
+    head, loihi, counted = capsys.readouterr().out.split("\n\n")[:3]
+    assert head == "24-50-7, W_t 1550 weights of 8 bits, 100 steps of 1 ms, mean counts"
+    lines = loihi.splitlines()
+    assert lines[0].startswith("loihi1_silicon: Intel Loihi 1")
+    assert lines[1].split() == ["value", "low", "high"]
+    cells = {" ".join(line.split()[:-4]): line.split()[-4:] for line in lines if " uJ " in line}
+    assert cells["neuron access"] == ["uJ", "0.2918", "0.2481", "0.3356"]
+    assert cells["dynamic"][1] == "0.5484"
+    assert "  fits" in lines
+    fitted = LOIHI.count("evidence: fitted,")
+    assert fitted > 0
+    assert re.search(rf"^  evidence: .*\b{fitted} fitted, ", lines[-1])
+    assert "evidence: 2 convention" in counted
+    assert "cores" not in counted
+
+
+def test_text_says_what_does_not_fit(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text("layers: [6084, 500, 12]\nn_steps: 1\nspikes: [1, 0, 0]\n")
+    assert main(["cost", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "  does not fit:\n" in shown
+    assert "6084 input axons" in shown
+
+
+def test_every_mistake_at_once(net: Path, tmp_path: Path, capsys: Captured) -> None:
+    net.write_text("layers: [24, 50]\nn_steps: -1\nmean_rate: [2, 0]\n")
+    upside_down = own_profile(tmp_path / "chip.yaml")
+    upside_down.write_text(upside_down.read_text().replace("low: 58.905", "low: 580"))
+    found = faults(capsys, net, "--hardware", "loihi1", "--hardware", upside_down, "--battery-mwh", 1)
+    assert found[0].startswith("--battery-mwh: needs --contacts-per-hour")
+    assert found[1] == f"{net}:2: n_steps must be in [0, 1e+09], got -1"
+    assert found[2] == f"{net}:3: mean_rate[0] must be in [0, 1], got 2.0"
+    assert found[3].startswith("loihi1: no hardware profile; known: ")
+    assert "spike_pj must be 0 <= low <= value <= high, got [580, 69.3, 79.695]" in found[4]
+    assert len(found) == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"),
+    [
+        (["--contacts-per-hour", "-1"], "--contacts-per-hour: must be a finite number >= 0, got -1"),
+        (["--contacts-per-hour", "nan"], "--contacts-per-hour: must be a finite number >= 0, got nan"),
+        (["--battery-mwh", "5"], "--battery-mwh: needs --contacts-per-hour (0: idle all the time)"),
+        (
+            ["--contacts-per-hour", "1", "--battery-mwh", "inf"],
+            "--battery-mwh: must be a finite number >= 0, got inf",
+        ),
+        (
+            ["--contacts-per-hour", "36001"],
+            "--contacts-per-hour: contacts must not overlap: of 100 ms each, 36000 fit into an hour, "
+            "got 36001 (on loihi1_silicon)",
+        ),
+        (
+            ["--hardware", "op_4.6_0.9", "--hardware", "op_4.6_0.9"],
+            "op_4.6_0.9: another profile is named 'op_4.6_0.9' too",
+        ),
+    ],
+)
+def test_one_mistake_is_one_line(net: Path, capsys: Captured, arguments: list[str], fault: str) -> None:
+    assert faults(capsys, net, *arguments) == [fault]
+
+
+def test_profiles_must_have_names_of_their_own(net: Path, tmp_path: Path, capsys: Captured) -> None:
+    one, two = own_profile(tmp_path / "one.yaml"), own_profile(tmp_path / "two.yaml")
+    assert faults(capsys, net, "--hardware", one, "--hardware", two) == [
+        f"{two}: another profile is named 'mine' too"
+    ]
+    packaged = own_profile(tmp_path / "three.yaml", name="op_4.6_0.9")
+    (fault,) = faults(capsys, net, "--hardware", packaged)
+    assert "name must not be that of a profile of the package, got 'op_4.6_0.9'" in fault
+
+
+def test_no_such_workload(tmp_path: Path, capsys: Captured) -> None:
+    assert faults(capsys, tmp_path / "none.yaml") == [
+        f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
+    ]
+
+
+def test_a_layer_wider_than_the_chip_and_one_neuron_are_priced(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text("layers: [1, 200000]\nn_steps: 1\nspikes: [1, 0]\n")
+    (wide,) = rows(capsys, path)
+    assert wide["fits"] is False
+    assert wide["n_cores"] > 128
+    assert math.isfinite(wide["energy_uj"])
+    path.write_text("layers: [1, 1]\nn_steps: 1\nspikes: [1, 1]\n")
+    (one,) = rows(capsys, path)
+    assert (one["n_weights"], one["n_cores"], one["fits"]) == (1, 1, True)

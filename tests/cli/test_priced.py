@@ -1,0 +1,122 @@
+"""Hardware as a free axis on the command line: other chips, draws of their figures, sure picks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import study
+from dse.cli import main
+from dse.hardware.profile import load
+from tests.spaces import write_space
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study of two designs on one chip."""
+    folder = tmp_path_factory.mktemp("study")
+    goals = "[accuracy:max, n_weights:min, energy_uj:min]"
+    changes = ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"), ("[4, 8, 12]", "[4, 40]")
+    space = write_space(folder, *changes, ("[accuracy:max, n_weights:min]", goals))
+    assert main(["run", str(space), "--results", str(folder / "results"), "--quiet", "--json"]) == 0
+    return folder / "results" / "tiny"
+
+
+def answered(capsys: Captured, *arguments: str, code: int = 0) -> dict[str, Any]:
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == code
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_a_front_on_hardware_that_the_study_was_not_run_with(results: Path, capsys: Captured) -> None:
+    own = answered(capsys, "skyline", str(results))["rows"]
+    assert {row["hardware"] for row in own} == {"loihi1_silicon"}
+    both = answered(
+        capsys, "skyline", str(results), "--hardware", "op_4.6_0.9", "--hardware", "loihi1_silicon"
+    )["rows"]
+    assert [row["hardware"] for row in both][:1] == ["op_4.6_0.9"]
+    on_chip = [row for row in both if row["hardware"] == "loihi1_silicon"]
+    # Figures are those of the same profile: the same front, whatever else is compared beside it.
+    assert [(r["trial"], r["point"], r["energy_uj"]) for r in on_chip] == [
+        (r["trial"], r["point"], r["energy_uj"]) for r in own
+    ]
+    assert study.open(results).points()["hardware"].unique().tolist() == ["loihi1_silicon"]
+
+
+def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Captured) -> None:
+    text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
+    (tmp_path / "mine.yaml").write_text(text.replace("static_mw: {value: 104.0", "static_mw: {value: 50.0"))
+    rows = answered(capsys, "skyline", str(results), "--hardware", str(tmp_path / "mine.yaml"))["rows"]
+    assert {row["hardware"] for row in rows} == {"mine"}
+    own = answered(capsys, "skyline", str(results))["rows"]
+    assert min(row["energy_uj"] for row in rows) < min(row["energy_uj"] for row in own)
+
+
+def test_draws_say_how_sure_each_point_of_the_front_is(results: Path, capsys: Captured) -> None:
+    rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+    shares = [row["front_share"] for row in rows]
+    assert all(0 <= share <= 1 for share in shares) and max(shares) == 1.0
+    assert all(np.isclose(share * 50, round(share * 50)) for share in shares)
+    assert rows == answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+
+
+def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
+    [plain] = answered(capsys, "pick", str(results))["rows"]
+    budget = f"energy_uj <= {plain['energy_uj'] * 1.001}"
+    [bold] = answered(capsys, "pick", str(results), "--budget", budget)["rows"]
+    assert (bold["trial"], bold["point"]) == (plain["trial"], plain["point"])
+    [sure] = answered(capsys, "pick", str(results), "--budget", budget, "--confidence", "0.95")["rows"]
+    assert sure["front_share"] >= 0.95
+    assert (sure["trial"], sure["point"]) != (bold["trial"], bold["point"]), "its range reaches beyond"
+    assert sure["energy_uj_low"] < sure["energy_uj"] < bold["energy_uj"]
+    none = answered(
+        capsys, "pick", str(results), "--budget", "energy_uj <= 1e-9", "--confidence", "0.5", code=3
+    )
+    assert none["notes"][0].startswith("no design point is within the budgets in 50% of the draws")
+    assert all(row["missed energy_uj<=1e-09"] > 0 for row in none["rows"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no hardware profile; known"),
+        (["skyline", "FOLDER", "--draws", "0"], "must be an integer >= 1, got '0'"),
+        (["pick", "FOLDER", "--confidence", "1.5"], "must be a number above 0 and up to 1, got '1.5'"),
+        (["pick", "FOLDER", "--confidence", "sure"], "must be a number above 0 and up to 1, got 'sure'"),
+        (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to draw"),
+        (
+            ["skyline", "TABLE", "--hardware", "loihi1_silicon", "--objectives", "accuracy:max"],
+            "--hardware needs the folder of a study",
+        ),
+        (["skyline", "TABLE", "--draws", "9", "--objectives", "energy_uj:min"], "draws need the folder"),
+        (["pick", "TABLE", "--confidence", "0.9"], "draws need the folder of a study"),
+    ],
+)
+def test_what_cannot_be_asked(
+    results: Path, tmp_path: Path, capsys: Captured, arguments: list[str], message: str
+) -> None:
+    table = tmp_path / "points.csv"
+    table.write_text("trial,accuracy,energy_uj\n0,0.5,1\n")
+    places = {"FOLDER": str(results), "TABLE": str(table)}
+    try:
+        code = main([places.get(text, text) for text in arguments])
+    except SystemExit as error:
+        code = int(str(error.code))
+    assert code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_wrong_chip_is_found_before_any_work(tmp_path: Path, capsys: Captured) -> None:
+    text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
+    (tmp_path / "mine.yaml").write_text(text.replace("unit: mW", "unit: W"))
+    space = write_space(tmp_path, ("hardware: [loihi1_silicon]", "hardware: [loihi1_silicon, mine.yaml]"))
+    for command in (["check"], ["run", "--results", str(tmp_path / "results"), "--quiet"]):
+        assert main([command[0], str(space), *command[1:]]) == 2
+        assert "static_mw.unit must be 'mW', got 'W'" in capsys.readouterr().err
+    assert not (tmp_path / "results").exists()

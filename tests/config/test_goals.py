@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse.config import ConfigError, goals, load_space
+from dse.config.locate import hardware_names, is_hardware_file
+from dse.config.schema import json_schema
+from tests.spaces import write_space
+
+
+def read(raw: Any, base: Path) -> tuple[tuple[str, ...], list[str]]:
+    faults: list[str] = []
+    found = goals.hardware(raw, lambda path, text: faults.append(f"{path}: {text}"), base)
+    return found, faults
+
+
+def test_hardware_is_named_or_a_file_beside_the_search_space(tmp_path: Path) -> None:
+    (tmp_path / "chips").mkdir()
+    (tmp_path / "chips" / "mine.yaml").touch()
+    written = ["loihi1_silicon", "chips/mine.yaml"]
+    assert read(written, tmp_path) == (tuple(written), [])
+    assert read("chips/mine.yaml", tmp_path) == (("chips/mine.yaml",), [])
+    assert read(None, tmp_path) == ((), [])
+
+
+def test_a_search_space_names_a_file(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("[loihi1_silicon]", "[mine.yaml]"))
+    with pytest.raises(ConfigError, match=r"tiny\.yaml:17: hardware 'mine\.yaml' must be a file beside"):
+        load_space(path)
+    (tmp_path / "mine.yaml").touch()
+    assert load_space(path).hardware == ("mine.yaml",)
+
+
+@pytest.mark.parametrize(
+    ("raw", "fault"),
+    [
+        (["loihi1_silicn"], "('hardware', 0): unknown hardware 'loihi1_silicn'; known: "),
+        (
+            ["loihi1_silicon", "none.yaml"],
+            "('hardware', 1): hardware 'none.yaml' must be a file beside the search space, got none there",
+        ),
+        (["folder.yaml"], "('hardware', 0): hardware 'folder.yaml' must be a file beside the search space"),
+        (["mine.yaml", "mine.yaml"], "('hardware', 1): hardware 'mine.yaml' is named twice"),
+        (["loihi1_silicon"] * 2, "('hardware', 1): hardware 'loihi1_silicon' is named twice"),
+        ({"name": "mine.yaml"}, "('hardware',): hardware must be a list of names"),
+    ],
+)
+def test_what_is_no_hardware(tmp_path: Path, raw: Any, fault: str) -> None:
+    (tmp_path / "mine.yaml").touch()
+    (tmp_path / "folder.yaml").mkdir()
+    _, (found,) = read(raw, tmp_path)
+    assert found.startswith(fault)
+
+
+def test_the_schema_knows_names_and_files() -> None:
+    element, listed = json_schema()["properties"]["hardware"]["anyOf"]
+    assert listed == {"type": "array", "items": element}
+    names, file = element["anyOf"]
+    assert names["enum"] == hardware_names()
+    assert file == {"type": "string", "pattern": r"\.ya?ml$"}
+    assert [is_hardware_file(name) for name in ("mine.yaml", "../x.yml", "op_4.6_0.9")] == [True, True, False]

@@ -1,0 +1,93 @@
+"""Section `precision`: at which bits and shares trained networks are evaluated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse.config import load_space
+from dse.config.schema import json_schema
+from tests.config.test_load import faults_of
+from tests.spaces import write_space
+
+LINE = "objectives: [accuracy:max, n_weights:min]"
+
+
+def with_section(folder: Path, text: str) -> Path:
+    """Write the small search space with a section in front of its objectives, on line 18."""
+    return write_space(folder, (LINE, f"precision: {text}\n{LINE}"))
+
+
+def test_absent_it_is_nothing(tmp_path: Path) -> None:
+    space = load_space(write_space(tmp_path))
+    assert space.precision is None
+    assert "precision" not in space.to_plain()
+
+
+def test_every_setting_but_the_trained_one(tmp_path: Path) -> None:
+    path = with_section(tmp_path, "{weight_bits: [8, 2, 4, 2], pruned: [0.5, 0]}")
+    found = load_space(path).precision
+    assert found is not None
+    assert (found.weight_bits, found.pruned, found.within) == ((2, 4, 8), (0.0, 0.5), 0.02)
+    assert found.settings == ((2, 0.0), (2, 0.5), (4, 0.0), (4, 0.5), (8, 0.5))
+
+
+def test_one_value_is_short_for_a_list_and_pruning_is_off(tmp_path: Path) -> None:
+    found = load_space(with_section(tmp_path, "{weight_bits: 4, within: 0}")).precision
+    assert found is not None
+    assert (found.weight_bits, found.pruned, found.within) == ((4,), (0.0,), 0.0)
+    only = load_space(with_section(tmp_path, "{weight_bits: 8}")).precision
+    assert only is not None and only.settings == ()
+
+
+def test_it_survives_a_round_trip(tmp_path: Path) -> None:
+    space = load_space(with_section(tmp_path, "{weight_bits: [3, 5], pruned: [0, 0.25], within: 0.05}"))
+    again = tmp_path / "again.yaml"
+    again.write_text(space.to_yaml(), encoding="utf-8")
+    assert load_space(again).precision == space.precision
+    assert load_space(again).to_yaml() == space.to_yaml()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", ["precision.weight_bits is required: bits per weight"]),
+        ("4", ["precision must be a mapping of keys to values, got 4"]),
+        (
+            "{weight_bits: [1, 9]}",
+            [
+                "precision.weight_bits[0] must be in [2, 8], got 1",
+                "precision.weight_bits[1] must be in [2, 8], got 9",
+            ],
+        ),
+        ("{weight_bits: [4.5]}", ["precision.weight_bits[0] must be an integer, got 4.5"]),
+        ("{weight_bits: [true]}", ["precision.weight_bits[0] must be an integer, got true"]),
+        ("{weight_bits: []}", ["precision.weight_bits must name one or more values, got []"]),
+        ("{weight_bits: 4, pruned: []}", ["precision.pruned must name one or more values, got []"]),
+        ("{weight_bits: 4, pruned: [1.0]}", ["precision.pruned[0] must be in [0, 1), got 1"]),
+        ("{weight_bits: 4, pruned: [-0.1]}", ["precision.pruned[0] must be in [0, 1), got -0.1"]),
+        ("{weight_bits: 4, pruned: [.nan]}", ["precision.pruned[0] must be a finite number, got nan"]),
+        ("{weight_bits: 4, within: -1}", ["precision.within must be in [0, 1], got -1"]),
+        ("{weight_bits: 4, bits: 2}", ["unknown key 'precision.bits'; known: weight_bits, pruned, within"]),
+        ("{weight_bits: {choice: [4, 8]}}", ["precision.weight_bits cannot be an axis"]),
+        (
+            "{weight_bits: four, pruned: 1, within: 2}",
+            ["precision.weight_bits", "precision.pruned", "precision.within"],
+        ),
+    ],
+)
+def test_every_mistake_is_said(tmp_path: Path, text: str, expected: list[str]) -> None:
+    faults = faults_of(with_section(tmp_path, text))
+    assert len(faults) == len(expected)
+    for fault, begin in zip(faults, expected, strict=True):
+        assert fault.startswith(f"18: {begin}")
+
+
+def test_editors_know_its_keys_and_bounds() -> None:
+    section: dict[str, Any] = json_schema()["properties"]["precision"]
+    assert section["required"] == ["weight_bits"]
+    assert set(section["properties"]) == {"weight_bits", "pruned", "within"}
+    one, several = section["properties"]["pruned"]["anyOf"]
+    assert one == several["items"] == {"type": "number", "minimum": 0, "exclusiveMaximum": 1}

@@ -1,0 +1,73 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.figures.precision import draw_precision, gather_precision
+
+NAN = np.nan
+
+
+@pytest.fixture
+def points():
+    return pd.DataFrame(
+        {
+            "trial": 7,
+            "hardware": "chip",
+            "weight_bits": [8, 4, 8, 2, 4, 8],
+            "pruned_after": [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+            "phi": [NAN, NAN, NAN, NAN, 2.0, NAN],
+            "read_out_ms": [NAN, NAN, NAN, NAN, NAN, 40.0],
+            "accuracy": [0.9, 0.8, 0.85, 0.5, 0.1, 0.1],
+            "accuracy_se": [0.01, 0.02, 0.03, 0.04, 0.5, 0.5],
+            "memory_bytes": [800.0, 400.0, 400.0, 200.0, 400.0, 800.0],
+            "energy_uj": [3.0, 2.5, 2.0, 1.0, 0.1, 0.1],
+        }
+    )
+
+
+def test_the_answers_at_the_end_by_bits_and_share(points):
+    found = gather_precision(points)
+    assert found.weight_bits.tolist() == [2, 4, 8] and found.pruned.tolist() == [0.0, 0.5]
+    np.testing.assert_array_equal(found.accuracy, [[0.5, 0.8, 0.9], [NAN, NAN, 0.85]])
+    np.testing.assert_array_equal(found.costs["memory_bytes"], [[200, 400, 800], [NAN, NAN, 400]])
+    assert found.accuracy_se[0].tolist() == [0.04, 0.02, 0.01]
+    assert list(found.costs) == ["weight_bits", "memory_bytes", "energy_uj"]
+
+
+def test_a_table_without_hardware_has_no_energy(points):
+    found = gather_precision(points.drop(columns=["hardware", "energy_uj"]))
+    assert list(found.costs) == ["weight_bits", "memory_bytes"]
+    assert len(draw_precision(found).data) == 4
+
+
+def test_drawing_has_a_panel_for_each_cost_and_a_line_for_each_share(points):
+    figure = draw_precision(gather_precision(points))
+    traces = [(t.name, list(t.x), list(t.y), list(t.error_y.array), t.showlegend) for t in figure.data]
+    assert traces == [
+        ("all weights", [2, 4, 8], [0.5, 0.8, 0.9], [0.04, 0.02, 0.01], True),
+        ("50% removed", [8], [0.85], [0.03], True),
+        ("all weights", [200, 400, 800], [0.5, 0.8, 0.9], [0.04, 0.02, 0.01], False),
+        ("50% removed", [400], [0.85], [0.03], False),
+        ("all weights", [1, 2.5, 3], [0.5, 0.8, 0.9], [0.04, 0.02, 0.01], False),
+        ("50% removed", [2], [0.85], [0.03], False),
+    ]
+    axes = figure.layout
+    titles = [axes.xaxis.title.text, axes.xaxis2.title.text, axes.xaxis3.title.text, axes.yaxis.title.text]
+    assert titles[0] == "bits per weight" and titles[2:] == ["energy (µJ)", "accuracy"]
+    assert titles[1].startswith("memory")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p: p.drop(columns="weight_bits"), "must have a column weight_bits"),
+        (lambda p: p.drop(columns="pruned_after"), "must have a column pruned_after"),
+        (lambda p: p.iloc[4:], "at least one answer at the end of the window, got none"),
+        (lambda p: p.assign(trial=[7, 8, 7, 7, 7, 7]), "of one trial, got 7, 8"),
+        (lambda p: p.assign(hardware=["a", "a", "b", "a", "a", "a"]), "of one hardware, got a, b"),
+        (lambda p: p.assign(task=["x", "x", "y", "x", "x", "x"]), "of one task, got x, y"),
+    ],
+)
+def test_what_cannot_be_shown(points, change, message):
+    with pytest.raises(ValueError, match=message):
+        gather_precision(change(points))

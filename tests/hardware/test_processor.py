@@ -1,0 +1,326 @@
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dse.config.faults import ConfigError
+from dse.hardware.cost import cost, drawn
+from dse.hardware.kinds.processor import Processor
+from dse.hardware.profile import load
+from dse.records import Operations, Workload
+
+M4, M33, M7 = PARTS = tuple(load(name) for name in ("mcu_m4", "mcu_m33", "mcu_m7"))
+EACH = pytest.mark.parametrize("profile", PARTS, ids=lambda profile: profile.name)
+
+
+def operations(macs, additions=0.0, updates=0.0, n_weights=0.0, duration_ms=0.0, number_bits=8):
+    counts = (np.asarray(x, dtype=float) for x in (macs, additions, updates, n_weights, duration_ms))
+    return Operations(*counts, number_bits)
+
+
+def network(sizes, spikes, n_steps=100.0, step_ms=1.0, recurrent=None, **more):
+    recurrent = recurrent or (False,) * (len(sizes) - 1)
+    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
+    return Workload(tuple(sizes), recurrent, n_steps, spikes, None, step_ms, **more)
+
+
+@pytest.mark.parametrize(
+    ("profile", "energy_uj", "latency_ms", "mac_nj", "mac_cycles", "clock_mhz"),
+    [
+        (M4, 323.0, 7.57, 1.22, 3.44, 120),
+        (M33, 119.1, 4.82, 0.45, 2.92, 160),
+        (M7, 266.5, 1.82, 1.01, 1.93, 280),
+    ],
+    ids=lambda x: getattr(x, "name", None),
+)
+def test_the_published_autoencoder(profile, energy_uj, latency_ms, mac_nj, mac_cycles, clock_mhz):
+    sizes = [640, *[128] * 4, 8, *[128] * 4, 640]
+    macs = sum(a * b for a, b in pairwise(sizes))
+    assert macs == 264_192
+    found = cost(profile, operations(macs, n_weights=macs))
+    # MLPerf Tiny v1.0, and what is printed per multiply-accumulate, to its last digit.
+    assert found.energy_uj == pytest.approx(energy_uj, rel=1e-4)
+    assert found.hardware_latency_ms == pytest.approx(latency_ms, rel=1e-4)
+    assert found.energy_uj * 1e3 / macs == pytest.approx(mac_nj, abs=0.005)
+    assert found.step_time_us * clock_mhz / macs == pytest.approx(mac_cycles, abs=0.005)
+    # Spread over software: 1.5 in energy, 1.25 in time; the same part takes 443.2 uJ and 8.61 ms with other.
+    assert found.energy_uj_high == pytest.approx(1.5 * energy_uj, rel=1e-3)
+    assert found.energy_uj_low == pytest.approx(energy_uj / 1.5, rel=1e-3)
+    assert found.step_time_us_high == pytest.approx(1.25e3 * latency_ms, rel=1e-3)
+    assert found.fits and found.n_cores == 1
+
+
+def test_other_software_on_the_same_part_lies_within_the_range():
+    found = cost(M4, operations(264_192))
+    assert found.energy_uj_low < 443.2 < found.energy_uj_high
+    assert found.step_time_us_low < 8.61e3 < found.step_time_us_high
+
+
+@pytest.mark.parametrize(
+    ("profile", "cycle_nj", "update_cycles", "wake_us", "sleep_mw", "clock_mhz"),
+    [
+        (M4, 0.35557, 2 * 3.4384, 5.0, 0.010, 120),
+        (M33, 0.15443, 2 * 2.9191, 20.5, 0.0295, 160),
+        (M7, 0.52296, 2 * 1.9289, 20.0, 0.106, 280),
+    ],
+    ids=lambda x: getattr(x, "name", None),
+)
+def test_a_spiking_network_by_hand(profile, cycle_nj, update_cycles, wake_us, sleep_mw, clock_mhz):
+    # 24-50-7, 100 steps: 46 x 50 + 100 x 7 = 3000 events of 4.5 cycles; 57 neurons x 100 updates.
+    found = cost(profile, network((24, 50, 7), [46, 100, 10]))
+    events, updates = 3000 * 4.5, 5700 * update_cycles
+    assert found.breakdown["synaptic_event"] == pytest.approx(events * cycle_nj * 1e-3)
+    assert found.breakdown["neuron_update"] == pytest.approx(updates * cycle_nj * 1e-3)
+    energy_uj, busy_ms = (events + updates) * cycle_nj * 1e-3, (events + updates) / clock_mhz * 1e-3
+    assert found.energy_uj == pytest.approx(energy_uj)
+    assert found.hardware_latency_ms == pytest.approx(busy_ms)
+    assert found.step_time_us == pytest.approx(busy_ms * 10)
+    # Spikes drive the program: a factor of 3 either way.
+    assert found.energy_uj_high == pytest.approx(3 * energy_uj, rel=1e-3)
+    assert found.energy_uj_low == pytest.approx(energy_uj / 3, rel=1e-3)
+    # Asleep until the next step of 1 ms, which it wakes for at running power.
+    idle_mw = sleep_mw + cycle_nj * clock_mhz * wake_us / 1e3
+    assert found.idle_mw == pytest.approx(idle_mw)
+    assert found.energy_throttled_uj == pytest.approx(energy_uj + idle_mw * (100 - busy_ms))
+    assert "it wakes once per step" in found.assumptions
+
+
+@pytest.mark.parametrize(
+    ("profile", "cycle_nj", "mac_cycles", "sleep_mw", "clock_mhz"),
+    [
+        (M4, 0.35557, 9.0, 0.010, 120),
+        (M33, 0.15443, 9.0, 0.0295, 160),
+        (M7, 0.52296, 5.0, 0.106, 280),
+    ],
+    ids=lambda x: getattr(x, "name", None),
+)
+def test_a_classifier_measured_in_float_by_hand(profile, cycle_nj, mac_cycles, sleep_mw, clock_mhz):
+    # 5000 float multiply-accumulates and 200 spikes counted with 4.5 cycles each, of 300 ms of input.
+    found = cost(profile, operations(5000, 200, n_weights=5000, duration_ms=300.0, number_bits=32))
+    cycles = 5000 * mac_cycles + 200 * 4.5
+    assert found.energy_uj == pytest.approx(cycles * cycle_nj * 1e-3)
+    busy_ms = cycles / clock_mhz * 1e-3
+    assert found.hardware_latency_ms == pytest.approx(busy_ms)
+    assert found.energy_throttled_uj == pytest.approx(found.energy_uj + sleep_mw * (300 - busy_ms))
+    assert "it sleeps until all input has arrived" in found.assumptions
+
+
+def test_state_updates_of_operations_cost_what_those_of_a_network_do():
+    one = cost(M4, operations(0, 3000, 5700))
+    other = cost(M4, network((24, 50, 7), [46, 100, 10]))
+    assert one.energy_uj == pytest.approx(float(other.energy_uj))
+
+
+def test_every_neuron_is_updated_whatever_is_quiet():
+    counted = dataclasses.replace(network((24, 50, 7), [46, 100, 10]), updates=np.array([1.0, 2.0]))
+    assert cost(M4, counted).energy_uj == cost(M4, network((24, 50, 7), [46, 100, 10])).energy_uj
+
+
+def test_recurrent_weights_are_events_too():
+    forward = cost(M4, network((24, 50, 7), [46, 100, 10]))
+    back = cost(M4, network((24, 50, 7), [46, 100, 10], recurrent=(True, True)))
+    more = (100 * 50 + 10 * 7) * 4.5 * 0.35557e-3
+    assert back.energy_uj - forward.energy_uj == pytest.approx(more)
+
+
+def test_weights_that_are_zero_are_skipped_where_lists_are_smaller():
+    sizes, spikes = (24, 50, 7), [46, 100, 10]
+    few = network(sizes, spikes, synapses=(10.0, 1.5, 0.0), stored=(240, 75))
+    # 315 weights of 8 bits with indices of 16 are 945 bytes, all 1550 are 1550: lists, 4.5 + 2 cycles.
+    found = cost(M4, few)
+    assert found.breakdown["synaptic_event"] == pytest.approx((460 + 150) * 6.5 * 0.35557e-3)
+    # 1000 with indices are 3000 bytes: all are stored, and all are events.
+    many = network(sizes, spikes, synapses=(30.0, 5.0, 0.0), stored=(800, 200))
+    assert cost(M4, many).energy_uj == cost(M4, network(sizes, spikes)).energy_uj
+
+
+def test_weights_that_do_not_fit_in_flash():
+    fits = cost(M4, network((2048, 1000, 48), [0, 0, 0]))
+    assert fits.fits and fits.misfits == ()  # 2 096 000 of 2 097 152 bytes
+    found = cost(M4, network((2048, 1000, 50), [0, 0, 0]))
+    assert not found.fits
+    (misfit,) = found.misfits
+    assert misfit.rule == "flash_kib"
+    assert misfit.text == "weights of 2098000 bytes, 2097152 bytes of flash"
+    assert misfit.change == "at most 2097152 weights instead of 2098000"
+    lists = network((3000, 3000, 10), [0, 0, 0], synapses=(300.0, 5.0, 0.0), stored=(900_000, 15_000))
+    assert "at most 699050 weights instead of 915000" in str(cost(M4, lists).misfits[0])
+
+
+@pytest.mark.parametrize(
+    ("n_weights", "bits", "change"),
+    [
+        (524_288, 32, None),
+        (524_289, 32, "weights of 16 bits instead of 32"),
+        (1_048_577, 32, "weights of 8 bits instead of 32"),
+        (2_097_153, 32, "at most 524288 weights instead of 2097153"),
+        (2_097_152, 5, None),
+        (2_097_153, 5, "at most 2097152 weights instead of 2097153"),
+        (1_048_577, 9, "weights of 8 bits instead of 9"),
+    ],
+)
+def test_the_smallest_change_that_fits_in_flash(n_weights, bits, change):
+    found = cost(M4, operations(1, n_weights=n_weights, number_bits=bits))
+    assert [misfit.change for misfit in found.misfits] == ([change] if change else [])
+
+
+def test_of_design_points_together_the_largest_must_fit():
+    found = cost(M4, operations([1, 1], [0, 0], [0, 0], [10, 3e6], [0, 0]))
+    assert not found.fits and found.energy_uj.shape == (2,)
+
+
+def test_states_that_do_not_fit_in_working_memory():
+    # 81 920 neurons of two states of 4 bytes fill 640 KiB.
+    assert cost(M4, network((1, 81_920), [0, 0])).fits
+    (misfit,) = cost(M4, network((1, 81_921), [0, 0])).misfits
+    assert misfit.rule == "sram_kib"
+    assert misfit.text == "states of 655368 bytes, 655360 bytes of working memory"
+    assert misfit.change == "at most 81920 neurons instead of 81921"
+
+
+@pytest.mark.parametrize(
+    ("n_neurons", "change"),
+    [
+        (2482, None),  # 2 states and 64 slots of 4 bytes: 264 bytes a neuron
+        (2483, "delays of 5 bits instead of 6"),
+        (4819, "delays of 4 bits instead of 6"),
+        (40_961, "no delays of synapses of their own"),
+        (81_921, "at most 2482 neurons instead of 81921"),
+    ],
+)
+def test_delays_take_working_memory(n_neurons, change):
+    found = cost(M4, network((1, n_neurons), [0, 0], delay_bits=6))
+    assert [misfit.change for misfit in found.misfits] == ([change] if change else [])
+
+
+def test_delays_take_flash():
+    assert cost(M4, network((1000, 1048), [0, 0], delay_bits=4)).fits
+    assert "at most 1048576 weights" in str(cost(M4, network((1000, 1049), [0, 0], delay_bits=4)).misfits[0])
+
+
+@EACH
+def test_nothing_costs_nothing(profile):
+    for each in (
+        operations(0),
+        network((24, 50, 7), [0, 0, 0], n_steps=0),
+        network((24, 50, 7), [0, 0, 0], n_steps=0, synapses=(0.0, 0.0, 0.0), stored=(0, 0)),
+    ):
+        found = cost(profile, each)
+        assert found.energy_uj == found.energy_uj_high == found.energy_throttled_uj_high == 0
+        assert found.hardware_latency_ms == found.step_time_us_high == 0
+        assert found.fits
+    # Without spikes there are updates still, and no events.
+    silent = cost(profile, network((24, 50, 7), [0, 0, 0]))
+    assert silent.breakdown["synaptic_event"] == 0
+    assert silent.energy_uj == pytest.approx(silent.breakdown["neuron_update"])
+    assert silent.energy_uj > 0
+
+
+def test_a_step_longer_than_its_period_is_slow_and_fits():
+    # 1e6 x 50 events in 10 steps of 1 us: it never sleeps.
+    found = cost(M4, network((24, 50, 7), [1e6, 0, 0], n_steps=10, step_ms=1e-3))
+    assert found.step_time_us > 1.0 and found.fits
+    assert found.energy_throttled_uj == found.energy_uj
+
+
+@EACH
+def test_a_processor_that_cannot_sleep_runs(profile):
+    # Steps of 1 us are shorter than waking up: it idles at running power, no more.
+    found = cost(profile, network((2, 1), [0, 0], step_ms=1e-3))
+    assert found.idle_mw == pytest.approx(profile.cycle_nj.value * profile.clock_mhz.value)
+
+
+def test_leading_axes_are_design_points_of_their_own():
+    rng = np.random.default_rng(0)
+    spikes, n_steps = rng.uniform(0, 5000, (3, 2, 3)), rng.uniform(1, 200, (3, 2))
+    together = cost(M7, network((24, 50, 7), spikes, n_steps))
+    for at in np.ndindex(3, 2):
+        alone = cost(M7, network((24, 50, 7), spikes[at], n_steps[at]))
+        for field in dataclasses.fields(together):
+            values = getattr(together, field.name)
+            if isinstance(values, np.ndarray):
+                assert values.shape == (3, 2)
+                assert values[at] == pytest.approx(getattr(alone, field.name), rel=1e-12)
+
+
+@EACH
+def test_draws_stay_within_the_range(profile):
+    figures = profile.drawn(200, np.random.default_rng(0))
+    for each in (
+        operations(5000, 200, 30, duration_ms=300.0, number_bits=32),
+        network((24, 50, 7), [46, 100, 10]),
+        network((24, 50, 7), [46, 100, 10], synapses=(10.0, 1.5, 0.0), stored=(240, 75)),
+    ):
+        draws, found = drawn(profile, each, figures), cost(profile, each)
+        for name in ("energy_uj", "energy_throttled_uj", "step_time_us"):
+            values = getattr(draws, name)
+            assert values.shape == (200,) and np.ptp(values) > 0
+            assert (values >= getattr(found, f"{name}_low")).all()
+            assert (values <= getattr(found, f"{name}_high")).all()
+
+
+def ordered(before, after):
+    for name in ("energy_uj", "energy_throttled_uj", "step_time_us"):
+        low, value, high = (getattr(after, name + end) for end in ("_low", "", "_high"))
+        assert low <= value <= high
+    for name in ("energy_uj", "energy_uj_low", "energy_uj_high", "hardware_latency_ms"):
+        assert getattr(after, name) >= getattr(before, name) * (1 - 1e-12)
+
+
+@given(
+    st.sampled_from(PARTS),
+    st.tuples(*[st.integers(1, 3000)] * 3),
+    st.tuples(st.booleans(), st.booleans()),
+    st.tuples(*[st.floats(0, 1e5)] * 3),
+    st.integers(0, 2),
+    st.floats(0, 1e5),
+    st.integers(0, 100),
+)
+def test_more_spikes_and_steps_never_cost_less(profile, sizes, recurrent, spikes, layer, more, steps):
+    before = cost(profile, network(sizes, spikes, 100.0, recurrent=recurrent))
+    spikes = np.array(spikes)
+    spikes[layer] += more
+    ordered(before, cost(profile, network(sizes, spikes, 100.0 + steps, recurrent=recurrent)))
+
+
+@given(
+    st.sampled_from(PARTS),
+    st.lists(st.floats(0, 1e7), min_size=5, max_size=5),
+    st.lists(st.floats(0, 1e7), min_size=5, max_size=5),
+    st.sampled_from([8, 32]),
+)
+def test_more_operations_never_cost_less(profile, counts, more, bits):
+    before = cost(profile, operations(*counts, number_bits=bits))
+    after = cost(profile, operations(*np.add(counts, more), number_bits=bits))
+    ordered(before, after)
+    assert before.fits or not after.fits
+
+
+@EACH
+def test_every_number_says_what_it_is(profile):
+    assert isinstance(profile, Processor)
+    assert {profile.cycle_nj.evidence, profile.mac_cycles.evidence} == {"measured"}
+    assert {profile.event_cycles.evidence, profile.update_macs.evidence} == {"memory"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["cycle_nj"].update(unit="pJ"), "cycle_nj.unit must be 'nJ', got 'pJ'"),
+        (lambda d: d["clock_mhz"].update(high=130), "clock_mhz must be one whole number"),
+        (lambda d: d["flash_kib"].update(low=0, value=0, high=0), "flash_kib must be one whole number >= 1"),
+        (lambda d: d["wake_us"].update(low=50), "wake_us must be 0 <= low <= value <= high"),
+        (lambda d: d.pop("sleep_uw"), "sleep_uw is missing"),
+    ],
+)
+def test_a_wrong_number_is_named(tmp_path, change, message):
+    data = yaml.safe_load(M4.text) | {"name": "mine"}
+    change(data)
+    file = tmp_path / "mine.yaml"
+    file.write_text(yaml.safe_dump(data, sort_keys=False))
+    with pytest.raises(ConfigError, match=message):
+        load(file)
