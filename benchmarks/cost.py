@@ -8,8 +8,8 @@ simulation  energy and time of a step, from counts, beside a chip simulated neur
             `steps` from those of every step. Bursty: all input comes in a fifth of the steps. Queues: the
             simulation with a network whose links and inputs hold 16 messages each; `in range`: whether the
             closed form's interval, from means, holds its time. SANA-FE simulates the same weights and inputs
-            where this Python or `--python` has it, those from cores of their own; `cycle` is its
-            cycle-accurate network (a minute per case and more)
+            where this Python or `--python` has it, inputs sent by cores of their own after the others, as
+            `queues so` has them; `cycle` is its cycle-accurate network (a minute per case and more)
 counts      the mean over inferences and steps, or over the steps of each inference, instead of every step's
             own counts: drawn in bursts, and, where DSE_DATA is set, those of networks on recorded touch,
             trained ones and such as training starts from
@@ -170,8 +170,8 @@ class Peer:
 
 def peer_heads(asked: Asked) -> list[str]:
     """Return the headings of the peer's columns."""
-    timed = [f"{name}: ms, %" for name in ("simple", "detailed", *(["cycle"] if asked.cycle else []))]
-    return ["SANA-FE: energy, %", *timed]
+    timed = [f"{name}\nms, %" for name in ("simple", "detailed", *(["cycle"] if asked.cycle else []))]
+    return ["queues so, %", "SANA-FE\nenergy, %", *timed]
 
 
 def simulation(asked: Asked) -> Table:
@@ -182,7 +182,7 @@ def simulation(asked: Asked) -> Table:
         Column("activity", no_wrap=True),
         "cores",
         Column("spikes / step", no_wrap=True),
-        *("us / step", "simulated, ms", "queues, ms", "means, us", "steps, us"),
+        *("us / step", "simulated\nms", "queues, ms", "means, us", "steps, us"),
         *("energy, %", "means, %", "steps, %", "queues, %", "in range", *peer_heads(asked)),
         title=f"{HARDWARE}: closed form beside simulation of {N_STEPS} steps; errors, of time and of energy "
         "where it says so, against it without queues",
@@ -239,14 +239,16 @@ def beside(profile: Profile, case: Case, peer: Peer | None, asked: Asked) -> lis
     placement = profile.plan(means, profile.ends).placement
     assert placement is not None
     chip = chip_simulation.layout(profile, means, case.connected, ports_last=True)
-    ours = chip_simulation.simulate(profile, chip, *case.activity, None)
-    ours_us = float(ours.step_ns.mean()) * 1e-3
+    ours, queues = (
+        chip_simulation.simulate(profile, chip, *case.activity, n) for n in (None, chip_simulation.BUFFER)
+    )
+    ours_us, queues_us = (float(x.step_ns.mean()) * 1e-3 for x in (ours, queues))
     found = peer(case, placement.cores, ("simple", "detailed"))
     if asked.cycle:  # its network runs once per process
         with Worker(asked.python, "benchmarks.cost_contender", SANAFE) as worker:
             found += Peer(worker)(case, placement.cores, ("cycle",))
     times = [f"{1e3 * x['cpu_s']:.0f}, {percent(x['step_us'], ours_us)}" for x in found]
-    return [percent(found[0]["energy_uj"], ours.energy_pj * 1e-6), *times]
+    return [percent(queues_us, ours_us), percent(found[0]["energy_uj"], ours.energy_pj * 1e-6), *times]
 
 
 def drawn_counts(
@@ -549,7 +551,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     python = pythons(given.python).get(SANAFE, sys.executable)
     nets = given.nets or list(NETS)[: 1 if given.quick else None]
     asked = Asked(given.rounds, given.quick, nets, python, given.cycle)
-    console = Console(width=210)
+    console = Console(width=220)
     for name in given.only:
         console.print(PARTS[name](asked))
 

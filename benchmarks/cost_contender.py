@@ -96,7 +96,7 @@ def _place(group: Any, parts: list[np.ndarray], places: Any) -> None:
 def price(hardware: str, n_architectures: int, n_points: int) -> dict[str, float]:
     """Return CPU seconds and peak memory of pricing points of many architectures, and of a loop over some.
 
-    The peak is that of the process, Python and the points included.
+    The peak is that of the process, Python and the points included; Linux starts it from the parent's.
     """
     from dse.hardware.cost import cost
     from dse.hardware.profile import load

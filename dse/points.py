@@ -55,12 +55,12 @@ def points_table(
     for trial, runs in sorted(trials.items()):
         if any(r["status"] == "failed" for r in runs):
             continue
-        answers = _answers(folder, runs)
+        answered = answers(folder, runs)
         about = tables.named(space, trial, runs)
-        rows = _rows(answers)
+        rows = _rows(answered)
         n = len(rows["accuracy"])
         rows = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)} | rows
-        on = [{"hardware": _repeated(chip.name, n)} | _priced(answers, chip) for chip in profiles]
+        on = [{"hardware": _repeated(chip.name, n)} | priced(answered, chip) for chip in profiles]
         parts += [rows | columns for columns in on or [{}]]
     names = dict.fromkeys(name for part in parts for name in part)
     frame = pandas.DataFrame(
@@ -75,40 +75,40 @@ def points_table(
     return frame.astype(dict.fromkeys(claims, "boolean")).assign(**lacking)
 
 
-def priced(folder: Path, records: Sequence[Record], profile: Profile) -> dict[str, Array]:
-    """Return the hardware columns of a trial's points; empty where the chip cannot run them.
-
-    Args:
-        folder: of the study.
-        records: runs of the trial.
-        profile: the chip.
-    """
-    return _priced(_answers(folder, records), profile)
+def priced(answers: Sequence[Answered], profile: Profile) -> dict[str, Array]:
+    """Return the hardware columns of a trial's points, means over runs; empty if the chip cannot run them."""
+    pieces = [_averaged([columns_on(profile, load) for load in piece.work]) for piece in answers]
+    return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
 
 def drawn(
-    folder: Path, records: Sequence[Record], profile: Profile, figures: Figures, columns: Sequence[str]
+    answers: Sequence[Answered], profile: Profile, figures: Figures, columns: Sequence[str], wanted: Array
 ) -> dict[str, Array]:
-    """Return hardware columns of a trial's points under draws of a chip's figures, (draw, point) each.
+    """Return hardware columns of some points of a trial under draws of a chip's figures, (draw, wanted) each.
 
     Args:
-        folder: of the study.
-        records: runs of the trial; costs are means over them.
+        answers: of the trial.
         profile: the chip.
         figures: draws of its figures, the same for every trial that is to be compared.
         columns: some of `dse.measure.DRAWN`.
+        wanted: which points, numbered as the rows of `answers` are.
 
     Returns:
-        Points in the order of column `point`; NaN where the chip cannot run them.
+        NaN where the chip cannot run them.
     """
     n_draws = len(next(iter(figures.values())))
-    pieces: dict[str, list[Array]] = {name: [] for name in columns}
-    for piece in _answers(folder, records):
-        runs = [drawn_on(profile, load, figures) for load in piece.work]
-        nothing = np.full((n_draws, len(piece.columns["accuracy"])), np.nan)
-        for name, found in pieces.items():
-            found.append(np.mean([run.get(name, nothing) for run in runs], axis=0))
-    return {name: np.concatenate(found, axis=1) for name, found in pieces.items()}
+    found = {name: np.full((n_draws, len(wanted)), np.nan) for name in columns}
+    start = 0
+    for piece in answers:
+        here = np.flatnonzero((wanted >= start) & (wanted < start + len(piece)))
+        rows = wanted[here] - start
+        start += len(piece)
+        if len(here):
+            runs = [drawn_on(profile, _part(load, rows), figures) for load in piece.work]
+            for name in columns:
+                if all(name in run for run in runs):
+                    found[name][:, here] = np.mean([run[name] for run in runs], axis=0)
+    return found
 
 
 # Columns of one answer, not of its design: rows that do not measure them have none.
@@ -123,7 +123,7 @@ _OF_SETTINGS = (
 
 
 @dataclass(frozen=True)
-class _Answers:
+class Answered:
     """Rows of a trial that answer in one way: their columns, and each run's work on them.
 
     design: columns that every row of the same design and head has.
@@ -133,14 +133,34 @@ class _Answers:
     columns: dict[str, Array]
     work: list[Workload | Operations]
 
+    def __len__(self) -> int:
+        return len(self.columns["accuracy"])
 
-def _answers(folder: Path, records: Sequence[Record]) -> list[_Answers]:
-    """Return what a trial answers as it was trained, and then at other precisions."""
+
+def answers(
+    folder: Path, records: Sequence[Record], settings: Sequence[precision.Setting] | None = None
+) -> list[Answered]:
+    """Return what a trial answers as it was trained, and then at other precisions.
+
+    Args:
+        folder: of the study.
+        records: runs of the trial.
+        settings: other precisions, in this order; None: those that all its runs were evaluated at, by bits
+            and then by share.
+
+    Raises:
+        StoreError: an artefact is damaged, or a run was not evaluated at such a precision.
+    """
     runs = [store.run_folder(folder, record["trial"], record["repeat"]) for record in records]
     trained = [_as_trained(run, record) for run, record in zip(runs, records, strict=True)]
     found = _of_runs(trained)
-    for _, evaluations in precision.common(runs):
-        found += _of_runs(evaluations)
+    evaluated = {} if settings is not None and not settings else dict(precision.common(runs))
+    for setting in evaluated if settings is None else settings:
+        if setting not in evaluated:
+            bits, pruned = setting
+            lack = f"has no evaluation at {bits} bits with {pruned:g} pruned any more; run the study again"
+            raise store.StoreError(f"{runs[0].parent}: {lack}")
+        found += _of_runs(evaluated[setting])
     return found
 
 
@@ -148,16 +168,20 @@ def _as_trained(run: Path, record: Record) -> precision.Evaluation:
     """Return what a run measured in training, as if it were an evaluation at another precision."""
     names = [name for name in record["files"] if name.startswith(("read_out", "surface"))]
     files = {name: store.load_arrays(run / name) for name in names}
+    for name, arrays in files.items():
+        if not any(key.startswith("work/") for key in arrays):
+            why = "is of an older version, which kept no work to price; run the study in another folder"
+            raise store.StoreError(f"{run / name}: {why}")
     return precision.Evaluation(*precision.AS_TRAINED, record, files)
 
 
-def _of_runs(runs: Sequence[precision.Evaluation]) -> list[_Answers]:
+def _of_runs(runs: Sequence[precision.Evaluation]) -> list[Answered]:
     """Return, head by head, the full read-out, the surface where there is one, and earlier read-outs."""
     heads = runs[0].numbers.get("of_heads") or [None]
     return [piece for head in heads for piece in _of_head(runs, head)]
 
 
-def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[_Answers]:
+def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Answered]:
     suffix = f"_{head}" if head else ""
     numbers = [run.numbers if head is None else run.numbers["of_heads"][head] for run in runs]
     read_outs = [run.files[f"read_out{suffix}.npz"] for run in runs]
@@ -171,31 +195,29 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[_An
     first = full | (end if surfaces else {}) | {"read_out_ms": np.nan}
     design = {name: value for name, value in first.items() if name not in _OF_ONE_ANSWER}
     last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
-    found = [_Answers(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
+    found = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
     if surfaces:
         grids = [store.work_of(arrays).mapped(_flat) for arrays in surfaces]
-        found.append(_Answers(design, _grid([_measured(x) for x in surfaces]), grids))
+        found.append(Answered(design, _grid([_measured(x) for x in surfaces]), grids))
     earlier = [load.mapped(lambda x: x[:-1]) for load in of_lengths]
-    found.append(_Answers(design, _earlier([_measured(x) for x in read_outs]), earlier))
+    found.append(Answered(design, _earlier([_measured(x) for x in read_outs]), earlier))
     return found
 
 
-def _rows(answers: Sequence[_Answers]) -> dict[str, Array]:
+def _rows(answers: Sequence[Answered]) -> dict[str, Array]:
     """Return the columns of all answers, one after the other; what the design has, every row has."""
     names = dict.fromkeys(name for piece in answers for name in piece.columns)
     columns: dict[str, list[Array]] = {name: [] for name in names}
     for piece in answers:
-        n = len(piece.columns["accuracy"])
         for name, column in columns.items():
             own = piece.columns.get(name)
-            column.append(_repeated(piece.design.get(name, np.nan), n) if own is None else own)
+            column.append(_repeated(piece.design.get(name, np.nan), len(piece)) if own is None else own)
     return {name: np.concatenate(column) for name, column in columns.items()}
 
 
-def _priced(answers: Sequence[_Answers], profile: Profile) -> dict[str, Array]:
-    """Return the hardware columns of all answers: means over runs; empty where the chip cannot run them."""
-    pieces = [_averaged([columns_on(profile, load) for load in piece.work]) for piece in answers]
-    return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+def _part(load: Workload | Operations, rows: Array) -> Workload | Operations:
+    """Return the work of some points."""
+    return load.mapped(lambda counts: counts[rows])
 
 
 def _flat(counts: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,8 +11,10 @@ import numpy as np
 
 from dse import points as _points
 from dse import seeds, skyline, store
+from dse.config import ConfigError, Fault
 from dse.config.sections import OF_HARDWARE
 from dse.hardware.profile import Figures, Profile, load, read
+from dse.precision import AS_TRAINED, Setting
 from dse.records import Array
 
 if TYPE_CHECKING:
@@ -21,6 +24,22 @@ _FOLDER = "hardware"
 
 DRAWS = 200
 """How often a chip's figures are drawn where nothing else is said."""
+
+
+def check(profiles: Sequence[Profile], folder: Path) -> None:
+    """Check that profiles say what a study keeps of them: its samplers were told costs by those figures.
+
+    Raises:
+        ConfigError: one says something else.
+    """
+    faults = []
+    for chip in profiles:
+        kept = folder / _FOLDER / f"{chip.name}.yaml"
+        if kept.is_file() and replace(profile(folder, chip.name), text="") != replace(chip, text=""):
+            hint = "change it back, name it otherwise, or choose another --results folder"
+            faults.append(Fault(chip.name, 0, f"the figures differ from those in {kept}; {hint}"))
+    if faults:
+        raise ConfigError(faults)
 
 
 def keep(profiles: Sequence[Profile], folder: Path) -> None:
@@ -46,6 +65,20 @@ def figures(chip: Profile, n_draws: int) -> Figures:
     return chip.drawn(n_draws, seeds.generator(0, {"hardware": chip.name}, "figures"))
 
 
+def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
+    """Return hardware profiles of different names; one that is named twice is meant once.
+
+    Raises:
+        ConfigError: as `profile`, or two files give one name.
+    """
+    found: dict[str, Profile] = {}
+    for name in dict.fromkeys(hardware):
+        chip = profile(folder, name)
+        if found.setdefault(chip.name, chip) != chip:
+            raise ConfigError([Fault(name, 0, f"another profile is named '{chip.name}' too")])
+    return list(found.values())
+
+
 def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     """Return the design points of a study, priced on other hardware than it was run with.
 
@@ -60,35 +93,45 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     import pandas
 
     folder = Path(folder)
-    chips = [profile(folder, name) for name in hardware]
+    chips = profiles(folder, hardware)
     table = skyline.read(folder)
     if "point" not in table:
         raise store.StoreError(f"{folder}: is of an older version, which kept no work to price; run it again")
     if "hardware" in table:
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     table = table.drop(columns=[name for name in table if name in OF_HARDWARE])
-    priced = []
-    for chip in chips:
-        columns = [
-            pandas.DataFrame(
-                _points.priced(folder, records(folder, int(own["trial"].iloc[0])), chip), own.index
-            )
-            for _, own in table.groupby("trial", sort=False)
-        ]
-        priced.append(pandas.concat([table.assign(hardware=chip.name), pandas.concat(columns)], axis=1))
-    return pandas.concat(priced, ignore_index=True)
+    on: list[list[pandas.DataFrame]] = [[] for _ in chips]
+    for trial, own in table.groupby("trial", sort=False):
+        answered = _answered(folder, trial, own)
+        if sum(map(len, answered)) != len(own):
+            raise store.StoreError(f"{folder}: trial {trial} has other points by now; run the study again")
+        for columns, chip in zip(on, chips, strict=True):
+            columns.append(pandas.DataFrame(_points.priced(answered, chip), own.index))
+    priced = [
+        pandas.concat([table.assign(hardware=chip.name), pandas.concat(columns)], axis=1)
+        for chip, columns in zip(chips, on, strict=True)
+    ]
+    found = pandas.concat(priced, ignore_index=True)
+    # A chip that no design can run on has no costs; fronts over them still look for the columns.
+    lacking = {name: np.nan for name in ("energy_uj", "energy_uj_high", "latency_ms") if name not in found}
+    return found.assign(**lacking).astype({"fits": "boolean"} if "fits" in found else {})
 
 
 def drawn(
-    folder: str | Path, rows: pandas.DataFrame, columns: Sequence[str], n_draws: int = DRAWS
+    folder: str | Path,
+    rows: pandas.DataFrame,
+    columns: Sequence[str],
+    n_draws: int = DRAWS,
+    hardware: Sequence[str] = (),
 ) -> dict[str, Array]:
     """Return hardware columns of design points under draws of their chips' figures, (n_draws, row) each.
 
     Args:
         folder: of the study.
-        rows: of its points; columns `trial`, `point` and `hardware` say which.
+        rows: of its points, with all columns that say which.
         columns: some of `dse.measure.DRAWN`.
         n_draws: how many; the same ones at every call, and for all designs on a chip.
+        hardware: as of `points`, where the rows are from there: files are not found by the name of a profile.
 
     Returns:
         NaN where the chip cannot run the classifier.
@@ -98,15 +141,19 @@ def drawn(
     """
     folder = Path(folder)
     found = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}
-    trial_of, point_of, chip_of = (rows[name].to_numpy() for name in ("trial", "point", "hardware"))
-    for name in dict.fromkeys(chip_of.tolist()):
-        chip = profile(folder, name)
-        figures_of_it = figures(chip, n_draws)
-        for trial in dict.fromkeys(trial_of[chip_of == name].tolist()):
-            own = np.flatnonzero((chip_of == name) & (trial_of == trial))
-            costs = _points.drawn(folder, records(folder, trial), chip, figures_of_it, columns)
-            for column, values in costs.items():
-                found[column][:, own] = values[:, point_of[own]]
+    named = {chip.name: chip for chip in profiles(folder, hardware)}
+    chips = {name: named.get(name) or profile(folder, name) for name in rows["hardware"].unique()}
+    draws = {name: figures(chip, n_draws) for name, chip in chips.items()}
+    for trial, place in rows.groupby("trial", sort=False).indices.items():
+        own = rows.iloc[place]
+        answered = _answered(folder, trial, own)
+        wanted = _place(own, sum(map(len, answered)))
+        for name, chip in chips.items():
+            here = np.flatnonzero(own["hardware"] == name)
+            if len(here):
+                costs = _points.drawn(answered, chip, draws[name], columns, wanted[here])
+                for column, values in costs.items():
+                    found[column][:, place[here]] = values
     return found
 
 
@@ -120,6 +167,34 @@ def energies_uj(folder: str | Path, rows: pandas.DataFrame, hardware: str, n_dra
         n_draws: as of `drawn`.
     """
     return drawn(folder, rows.assign(hardware=hardware), ("energy_uj",), n_draws)["energy_uj"]
+
+
+def _settings(rows: pandas.DataFrame) -> list[Setting]:
+    """Return the other precisions of some points of a trial, in the order of all its points."""
+    if "weight_bits" not in rows:
+        return []
+    pairs = rows[["weight_bits", "pruned_after"]].dropna().drop_duplicates().itertuples(index=False)
+    return sorted({(int(bits), float(pruned)) for bits, pruned in pairs} - {AS_TRAINED})
+
+
+def _answered(folder: Path, trial: Any, rows: pandas.DataFrame) -> list[_points.Answered]:
+    """Return what a trial answers at the precisions of some rows, by the runs that these are means of.
+
+    There may be more by now: a study that is being run writes its table now and then.
+    """
+    runs = records(folder, int(trial))[: int(rows["repeats"].iloc[0])]
+    return _points.answers(folder, runs, _settings(rows))
+
+
+def _place(rows: pandas.DataFrame, n_points: int) -> Array:
+    """Return where points are among those that a trial has at the precisions of these rows alone."""
+    settings = _settings(rows)
+    n_each = n_points // (1 + len(settings))  # the same at every precision
+    found = rows["point"].to_numpy() % n_each
+    for number, (bits, pruned) in enumerate(settings, 1):
+        at = (rows["weight_bits"] == bits) & (rows["pruned_after"] == pruned)
+        found[at.to_numpy()] += number * n_each
+    return np.asarray(found)
 
 
 def records(folder: Path, trial: int) -> list[Mapping[str, Any]]:

@@ -9,7 +9,8 @@ unless a condition names that column.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,6 +51,17 @@ class Pick(NamedTuple):
     row: pd.Series[Any] | None
     nearest: pd.DataFrame
     notes: list[str]
+
+
+class Draws(NamedTuple):
+    """What some columns of a table are under draws of what they depend on.
+
+    columns: which; of those, `<column>_low` and `<column>_high` are the ends of what a draw may give.
+    of: rows -> column -> (draw, row).
+    """
+
+    columns: Sequence[str]
+    of: Callable[[pd.DataFrame], Mapping[str, NDArray[np.float64]]]
 
 
 def read(path: str | Path) -> pd.DataFrame:
@@ -110,8 +122,9 @@ def skyline(
 ) -> Skyline:
     """Return the rows that meet a condition and that no other such row dominates.
 
-    Rows with equal objectives do not dominate each other: all of them are kept, one after the other.
-    Rows come group by group, best first objective first; the index says where they stood in the table.
+    Costs on different hardware do not compare: each has a front of its own. Rows with equal objectives do
+    not dominate each other: all of them are kept, one after the other. Rows come group by group, best first
+    objective first; the index says where they stood in the table.
 
     Args:
         frame: design points.
@@ -122,36 +135,48 @@ def skyline(
     Raises:
         ExpressionError: an unknown column or direction, or a condition that cannot be read.
     """
-    rows, notes = comparable(frame, objectives, where)
+    rows, notes = comparable(frame, objectives, where, by)
     costs = _costs(rows, objectives)
-    group = _groups(rows, by)
+    group = _groups(rows, _apart(rows, by))
     on_front = _on_front(costs, group)
     order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
     return Skyline(rows[on_front].iloc[order], notes)
 
 
-def comparable(frame: pd.DataFrame, objectives: Sequence[Objective], where: str | None = None) -> Skyline:
+def comparable(
+    frame: pd.DataFrame,
+    objectives: Sequence[Objective],
+    where: str | None = None,
+    by: str | Sequence[str] | None = None,
+) -> Skyline:
     """Return the rows that a front is sought among: those that meet a condition and have every objective.
+
+    Rows that do not fit their hardware are left out where others do, unless the condition names `fits`. Where
+    no objective depends on hardware and the table holds the same points on several, the first serves.
 
     Args:
         frame: design points.
         objectives: (column, 'max' or 'min') pairs.
         where: condition in the language of `dse.constraints`.
+        by: as of `skyline`.
 
     Raises:
         ExpressionError: as of `skyline`.
     """
     _check(objectives)
     rows = frame if where is None else frame[matches(where, frame)]
+    names = [name for name, _ in objectives]
+    rows, once = _once(rows, [*names, *([by] if isinstance(by, str) else by or [])], where or "")
     rows, leaky = _honest(rows, where or "")
-    rows, notes = _comparable(rows, [name for name, _ in objectives])
-    return Skyline(rows, leaky + notes)
+    rows, misfits = _fitting(rows, where or "")
+    rows, notes = _comparable(rows, names)
+    return Skyline(rows, once + leaky + misfits + notes)
 
 
 def front_share(
     frame: pd.DataFrame,
     objectives: Sequence[Objective],
-    drawn: Mapping[str, NDArray[np.float64]],
+    draws: Draws,
     by: str | Sequence[str] | None = None,
 ) -> NDArray[np.float64]:
     """Return in what share of draws each row is non-dominated among all of them, (row,).
@@ -159,53 +184,73 @@ def front_share(
     Args:
         frame: rows of `comparable`.
         objectives: (column, 'max' or 'min') pairs.
-        drawn: column -> (draw, row), its values under draws of what is uncertain; others are as they stand.
-            A row with NaN in a draw is not on that draw's front.
+        draws: of what is uncertain; other columns are as they stand. A row with NaN in a draw is not on that
+            draw's front. Asked only for rows whose ranges leave them a chance.
         by: as of `skyline`.
     """
     _check(objectives)
     costs = _costs(frame, objectives)
-    uncertain = {
-        place: (values if direction == "min" else -values)
+    group = _groups(frame, _apart(frame, by))
+    places = {
+        place: (name, 1.0 if direction == "min" else -1.0)
         for place, (name, direction) in enumerate(objectives)
-        if (values := drawn.get(name)) is not None
+        if name in draws.columns
     }
-    group = _groups(frame, by)
-    if not uncertain:
+    if not places:
         return _on_front(costs, group).astype(np.float64)
-    possible = _possible(costs, uncertain, group)
+    share = np.zeros(len(frame))
+    possible = _possible(costs, {place: _range(frame, *of) for place, of in places.items()}, group)
+    if not len(possible):
+        return share
+    drawn = draws.of(frame.iloc[possible])
+    values = {place: sign * drawn[name] for place, (name, sign) in places.items()}
     costs, group = costs[possible], group[possible]
-    n_draws = len(next(iter(uncertain.values())))
+    # What the draws themselves leave a chance is less again than what the ends of all figures do.
+    ranges = {place: (np.min(x, axis=0), np.max(x, axis=0)) for place, x in values.items()}
+    left = _possible(costs, ranges, group)
+    costs, group, values = costs[left], group[left], {place: x[:, left] for place, x in values.items()}
+    n_draws = len(next(iter(values.values())))
     times = np.zeros(len(costs))
     for draw in range(n_draws):
-        for place, values in uncertain.items():
-            costs[:, place] = values[draw, possible]
+        for place, x in values.items():
+            costs[:, place] = x[draw]
         here = np.isfinite(costs).all(axis=1)
         times[here] += _on_front(costs[here], group[here])
-    share = np.zeros(len(frame))
-    share[possible] = times / n_draws
+    share[possible[left]] = times / n_draws
     return share
 
 
-def _possible(
-    costs: NDArray[np.float64], uncertain: Mapping[int, NDArray[np.float64]], group: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the rows that some draw may have on the front.
+_ROUNDING = 1e-9  # of a range's ends, relative: draws at an end are computed in another order
 
-    A row whose least cost over the draws is dominated by another's largest is on none of them.
+
+def _range(frame: pd.DataFrame, name: str, sign: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest cost that a draw may give each row; without a range, anything."""
+    if not {f"{name}_low", f"{name}_high"} <= set(frame):
+        return np.full(len(frame), -np.inf), np.full(len(frame), np.inf)
+    ends = np.sort([sign * _numbers(frame, f"{name}_{end}") for end in ("low", "high")], axis=0)
+    return ends[0] - _ROUNDING * abs(ends[0]), ends[1] + _ROUNDING * abs(ends[1])
+
+
+def _possible(
+    costs: NDArray[np.float64],
+    ranges: Mapping[int, tuple[NDArray[np.float64], NDArray[np.float64]]],
+    group: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Return the rows that may be on the front, wherever in their ranges (least, most) the costs are.
+
+    A row whose least cost is dominated by another's largest is never on it.
     """
     least, most = costs.copy(), costs.copy()
-    for place, values in uncertain.items():
-        silent = np.isnan(values).any(axis=0)
-        least[:, place] = np.where(silent, -np.inf, np.min(values, axis=0))
-        most[:, place] = np.where(silent, np.inf, np.max(values, axis=0))
+    for place, (low, high) in ranges.items():
+        silent = np.isnan(low) | np.isnan(high)
+        least[:, place] = np.where(silent, -np.inf, low)
+        most[:, place] = np.where(silent, np.inf, high)
     found = []
     for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
-        worst = most[members][_on_front(most[members], np.zeros(len(members), np.int64))]
-        beaten = np.zeros(len(members), bool)
-        for one in worst:
-            beaten |= (one <= least[members]).all(axis=1) & (one < least[members]).any(axis=1)
-        found.append(members[~beaten])
+        for one in most[members][non_dominated(most[members])]:
+            own = least[members]
+            members = members[~((one <= own).all(axis=1) & (one < own).any(axis=1))]
+        found.append(members)
     return np.sort(np.concatenate(found)) if found else np.zeros(0, np.int64)
 
 
@@ -305,9 +350,10 @@ def pick(
     for condition in conditions:
         rows = rows[matches(condition, rows)]
     rows, leaky = _honest(rows, " ".join([*conditions, *(limit.column for limit in limits)]))
+    rows, misfits = _fitting(rows, " ".join([*conditions, *(limit.column for limit in limits)]))
     empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
     rows, notes = _comparable(rows, list(dict.fromkeys([maximise, *(limit.column for limit in limits)])))
-    notes = leaky + empty + notes
+    notes = leaky + misfits + empty + notes
     costs = _costs(rows, order)
     ranking = np.where(np.isfinite(costs), costs, np.inf).T[::-1]
     values = [_numbers(rows, limit.column) for limit in limits]
@@ -342,14 +388,14 @@ def sure_pick(
     budgets: Sequence[str],
     maximise: str,
     tie_breaks: Sequence[Objective],
-    drawn: Mapping[str, NDArray[np.float64]],
+    draws: Draws,
     confidence: float,
     by: str | Sequence[str] | None = None,
     n_nearest: int = 5,
 ) -> Pick:
     """Return `pick` among the rows that are surely good, whatever the hardware's figures turn out to be.
 
-    A row must be within the budgets in a share of the draws, and on the front of `maximise` and the tie
+    A row must be within each budget in a share of the draws, and on the front of `maximise` and the tie
     breaks in as many of them. Its numbers are reported as they stand, with `front_share` beside.
 
     Args:
@@ -357,7 +403,7 @@ def sure_pick(
         budgets: as of `pick`.
         maximise: column to maximise.
         tie_breaks: (column, 'max' or 'min') pairs, the other objectives of the front.
-        drawn: column -> (draw, row), as of `front_share`.
+        draws: as of `front_share`, of what budgets limit too.
         confidence: the share, in (0, 1].
         by: columns whose values have fronts of their own.
         n_nearest: as of `pick`.
@@ -367,19 +413,18 @@ def sure_pick(
     """
     limits, conditions = split_budgets(budgets)
     objectives = [(maximise, "max"), *tie_breaks]
-    among = comparable(frame, objectives, " and ".join(f"({c})" for c in conditions) or None)
-    where = frame.index.get_indexer(among.rows.index)
-    costs = {name: values[:, where] for name, values in drawn.items()}
-    share = front_share(among.rows, objectives, costs, by)
-    rows = among.rows.assign(front_share=share)
+    among = comparable(frame, objectives, " and ".join(f"({c})" for c in conditions) or None, by)
+    share = front_share(among.rows, objectives, draws, by)
+    sure = share >= confidence
+    rows = among.rows.assign(front_share=share)[sure]
+    costs = draws.of(rows) if sure.any() else {}
     bounds = {}
     for limit in limits:
         if limit.column in costs and limit.direction:
             # The value that so many draws stay within: the k-th best of them.
             better = np.sort(costs[limit.column], axis=0)[:: 1 if limit.direction == "min" else -1]
             bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
-    sure = share >= confidence
-    found = pick(rows.assign(**bounds)[sure], budgets, maximise, tie_breaks, n_nearest)
+    found = pick(rows.assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
     notes = [*among.notes, *found.notes]
     if not sure.any():
         surest = f"; the surest is in {share.max():.0%}" if len(share) else ""
@@ -399,6 +444,48 @@ def _honest(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]
         return rows, []
     noun = "row" if leaky.sum() == 1 else "rows"
     return rows[~leaky], [f"{leaky.sum()} transductive {noun} left out: what answers has seen the labels"]
+
+
+def fitting(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which rows fit their hardware; all of a hardware that nothing fits, as if it went on."""
+    if "fits" not in rows.columns:
+        return np.ones(len(rows), dtype=bool)
+    fits = rows["fits"].astype("boolean").fillna(True).to_numpy(dtype=bool)
+    chips = rows["hardware"].astype(str).to_numpy() if "hardware" in rows else np.zeros(len(rows))
+    return fits | ~np.isin(chips, np.unique(chips[fits]))
+
+
+def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
+    """Leave out rows that do not fit their hardware, unless the condition names that or nothing fits it."""
+    if "fits" not in rows.columns or re.search(r"\bfits\b", condition):
+        return rows, []
+    keep = fitting(rows)
+    chips = rows["hardware"].astype(str) if "hardware" in rows else pd.Series("the chip", rows.index)
+    notes = [
+        f"{n} {'row' if n == 1 else 'rows'} left out: {'it does' if n == 1 else 'they do'} not fit {chip}"
+        for chip, n in chips[~keep].value_counts(sort=False).items()
+    ]
+    as_if = rows["fits"].astype("boolean").fillna(True).to_numpy(dtype=bool)
+    notes += [
+        f"no design fits {chip}: its costs are as if it went on" for chip in chips[keep & ~as_if].unique()
+    ]
+    return rows[keep], notes
+
+
+def _once(rows: pd.DataFrame, names: Sequence[str], condition: str) -> tuple[pd.DataFrame, list[str]]:
+    """Keep the points on one hardware where nothing that is asked depends on it."""
+    asked = "hardware" in names or "hardware" in condition or any(name in OF_HARDWARE for name in names)
+    if asked or "hardware" not in rows or rows["hardware"].nunique() < 2:
+        return rows, []
+    first = rows["hardware"].iloc[0]
+    return rows[rows["hardware"] == first], [f"points on {first}: no objective depends on hardware"]
+
+
+def _apart(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
+    """Return the columns whose values have a front each: as asked, and hardware."""
+    names = [by] if isinstance(by, str) else list(by or [])
+    several = "hardware" in rows and rows["hardware"].nunique() > 1
+    return [*names, *(["hardware"] if several and "hardware" not in names else [])]
 
 
 def _check(objectives: Sequence[Objective]) -> None:

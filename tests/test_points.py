@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import points, pricing, store
+from dse import points, precision, pricing, store
 from dse.config import ConfigError, SearchSpace
 from dse.hardware.profile import load
 from dse.records import Operations, Workload
@@ -219,11 +219,66 @@ def test_draws_are_the_same_for_every_design_and_every_call(study: Path) -> None
     assert abs(np.mean(static < 104.0) - 0.5) < 0.03, "the value is the median"
 
 
+def test_a_table_is_priced_as_it_was_written(
+    space: SearchSpace, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def evaluated(*settings: precision.Setting) -> None:
+        for repeat in (0, 1):
+            files = {"read_out.npz": {"decision_latency_ms": np.array([4.0]), "accuracy": np.array([0.4])}}
+            for bits, pruned in settings:
+                load = dataclasses.replace(spiking(10.0 * bits), weight_bits=bits)
+                held = {"read_out.npz": files["read_out.npz"] | store.work_arrays(load)}
+                numbers = {"columns": {"accuracy": 0.4}, "hardware": {}, "of_heads": {}}
+                found[repeat, bits] = precision.Evaluation(bits, pruned, numbers, held)
+
+    found: dict[tuple[int, int], precision.Evaluation] = {}
+
+    def rows(folder: Path) -> list[precision.Evaluation]:
+        if folder.parent.name != "00000":
+            return []
+        repeat = int(folder.name.removeprefix("repeat_"))
+        return [one for (r, _), one in sorted(found.items(), key=lambda item: item[0]) if r == repeat]
+
+    monkeypatch.setattr(precision, "rows", rows)
+    evaluated((4, 0.0))
+    records = {trial: pricing.records(study, trial) for trial in (0, 1)}
+    table = points.points_table(space, study, records, [LOIHI])
+    assert table["weight_bits"].tolist() == [8, 4, 8]
+    table.to_parquet(study / "points.parquet")
+    drawn = pricing.drawn(study, table, ["energy_uj"], 8)["energy_uj"]
+    # Another precision and another run since then: what the rows are does not change.
+    evaluated((2, 0.0))
+    published(study, 0, 2, work=spiking(90.0))
+    assert np.array_equal(pricing.drawn(study, table, ["energy_uj"], 8)["energy_uj"], drawn)
+    again = pricing.points(study, ["loihi1_silicon"])
+    assert again["energy_uj"].tolist() == table["energy_uj"].tolist()
+    found.pop((1, 4))
+    with pytest.raises(store.StoreError, match="no evaluation at 4 bits with 0 pruned any more"):
+        pricing.points(study, ["loihi1_silicon"])
+
+
+def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(LOIHI.text.replace("name: loihi1_silicon", "name: mine"))
+    (tmp_path / "b.yaml").write_text(
+        (tmp_path / "a.yaml").read_text().replace("value: 104.0", "value: 100.0")
+    )
+    one, other = str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")
+    assert len(pricing.points(study, [one, one])) == 2
+    with pytest.raises(ConfigError, match="another profile is named 'mine' too"):
+        pricing.points(study, [one, other])
+
+
 def test_a_study_of_an_older_version_has_no_work(study: Path) -> None:
     frame = pd.read_parquet(study / "points.parquet").drop(columns="point")
     frame.to_parquet(study / "points.parquet")
     with pytest.raises(store.StoreError, match="kept no work to price"):
         pricing.points(study, ["loihi1_silicon"])
+    old = {"accuracy": np.array([0.5]), "loihi1_silicon/energy_uj": np.array([1.0])}
+    run = store.run_folder(study, 1, 0)
+    store.save_arrays(run / "read_out.npz", old)
+    record = store.read_json(run / "record.json")
+    with pytest.raises(store.StoreError, match=r"read_out\.npz: is of an older version"):
+        points.answers(study, [record])
 
 
 def test_work_is_written_and_read_back(tmp_path: Path) -> None:

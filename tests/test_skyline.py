@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from dse.pareto import non_dominated
 from dse.skyline import (
+    Draws,
     ExpressionError,
     TableError,
     front_ends,
@@ -376,20 +377,25 @@ UNCERTAIN = pd.DataFrame(
         "n_weights": [1, 2, 3],
     }
 )
-DRAWN = {"energy_uj": np.array([[9.0, 18, 19], [11.0, 22, 21], [10.0, 20, 22], [10.0, 21, 20]])}
+DRAWN = np.array([[9.0, 18, 19], [11.0, 22, 21], [10.0, 20, 22], [10.0, 21, 20]])
 GOALS = [("accuracy", "max"), ("energy_uj", "min")]
 
 
+def energies(drawn: np.ndarray) -> Draws:
+    """Return draws of energy_uj, (draw, row of the whole table)."""
+    return Draws(("energy_uj",), lambda rows: {"energy_uj": drawn[:, rows.index]})
+
+
 def test_how_sure_a_front_is() -> None:
-    share = front_share(UNCERTAIN, GOALS, DRAWN)
+    share = front_share(UNCERTAIN, GOALS, energies(DRAWN))
     assert share.tolist() == [1.0, 1.0, 0.5]
-    assert front_share(UNCERTAIN, GOALS, {}).tolist() == [1.0, 1.0, 0.0]
+    assert front_share(UNCERTAIN, GOALS, Draws((), lambda rows: {})).tolist() == [1.0, 1.0, 0.0]
     apart = UNCERTAIN.assign(task=["x", "x", "y"])
-    assert front_share(apart, GOALS, DRAWN, "task").tolist() == [1.0, 1.0, 1.0]
-    silent = {"energy_uj": np.array([[9.0, np.nan, 19], [11.0, np.nan, 21]])}
+    assert front_share(apart, GOALS, energies(DRAWN), "task").tolist() == [1.0, 1.0, 1.0]
+    silent = energies(np.array([[9.0, np.nan, 19], [11.0, np.nan, 21]]))
     assert front_share(UNCERTAIN, GOALS, silent).tolist() == [1.0, 0.0, 1.0]
-    assert front_share(UNCERTAIN.iloc[:0], GOALS, {"energy_uj": np.zeros((4, 0))}).tolist() == []
-    best = front_share(UNCERTAIN, [("accuracy", "max"), ("n_weights", "min")], DRAWN)
+    assert front_share(UNCERTAIN.iloc[:0], GOALS, energies(DRAWN)).tolist() == []
+    best = front_share(UNCERTAIN, [("accuracy", "max"), ("n_weights", "min")], energies(DRAWN))
     assert best.tolist() == [1.0, 1.0, 0.0], "nothing drawn is an objective"
 
 
@@ -401,14 +407,28 @@ def test_shares_are_those_of_every_draw_on_its_own(n_rows: int, n_draws: int, se
         0, 3, (n_draws, 1)
     )
     drawn = drawn + rng.integers(0, 2, (n_draws, n_rows))
-    found = front_share(frame, GOALS, {"energy_uj": drawn})
+    found = front_share(frame, GOALS, energies(drawn))
     alone = [non_dominated(np.column_stack([-frame["accuracy"], drawn[draw]])) for draw in range(n_draws)]
     assert found.tolist() == np.mean(alone, axis=0).tolist()
+    ranges = {"energy_uj_low": drawn.min(axis=0), "energy_uj_high": drawn.max(axis=0)}
+    assert front_share(frame.assign(**ranges), GOALS, energies(drawn)).tolist() == found.tolist()
+
+
+def test_no_draw_is_made_for_what_no_draw_can_save() -> None:
+    asked: list[int] = []
+
+    def of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
+        asked.extend(rows.index)
+        return {"energy_uj": DRAWN[:, rows.index]}
+
+    ranged = UNCERTAIN.assign(energy_uj_low=[9.0, 18, 22.5], energy_uj_high=[11.0, 22, 30])
+    assert front_share(ranged, GOALS, Draws(("energy_uj",), of)).tolist() == [1.0, 1.0, 0.0]
+    assert asked == [0, 1], "the third costs more than the second at its dearest"
 
 
 def test_a_sure_pick_holds_in_so_many_draws() -> None:
     def picked(budget: str, confidence: float) -> object:
-        found = sure_pick(UNCERTAIN, [budget], "accuracy", GOALS[1:], DRAWN, confidence)
+        found = sure_pick(UNCERTAIN, [budget], "accuracy", GOALS[1:], energies(DRAWN), confidence)
         return None if found.row is None else (found.row["trial"], found.row["energy_uj"])
 
     assert picked("energy_uj <= 20", 0.5) == (1, 20.0)  # in two of four
@@ -416,16 +436,57 @@ def test_a_sure_pick_holds_in_so_many_draws() -> None:
     assert picked("energy_uj <= 22", 1.0) == (1, 20.0)
     assert picked("energy_uj <= 9.5", 0.9) is None
     assert picked("energy_uj >= 20 and accuracy <= 0.85", 0.5) == (2, 21.0)
-    missed = sure_pick(UNCERTAIN, ["energy_uj <= 10"], "accuracy", GOALS[1:], DRAWN, 1.0)
+    missed = sure_pick(UNCERTAIN, ["energy_uj <= 10"], "accuracy", GOALS[1:], energies(DRAWN), 1.0)
     assert missed.row is None and missed.nearest["energy_uj"].tolist()[0] == 10.0
     assert missed.nearest["missed energy_uj<=10"].tolist()[0] == 1.0, "11 in the worst draw"
 
 
 def test_when_no_design_is_sure_it_is_said() -> None:
     frame = UNCERTAIN.iloc[[1, 2]].assign(accuracy=0.9)
-    drawn = {"energy_uj": DRAWN["energy_uj"][:, 1:]}
-    found = sure_pick(frame, [], "accuracy", GOALS[1:], drawn, 0.9)
+    found = sure_pick(frame, [], "accuracy", GOALS[1:], energies(DRAWN), 0.9)
     assert found.row is None and found.nearest.empty
     assert found.notes == ["no design is non-dominated in 90% of the draws; the surest is in 50%"]
-    condition = sure_pick(UNCERTAIN, ["trial == 7"], "accuracy", GOALS[1:], DRAWN, 0.9)
+    condition = sure_pick(UNCERTAIN, ["trial == 7"], "accuracy", GOALS[1:], energies(DRAWN), 0.9)
     assert condition.row is None
+
+
+# Two designs on two chips: the better one does not fit chip y, and nothing fits chip z.
+CHIPS = pd.DataFrame(
+    {
+        "trial": [0, 1, 0, 1, 0, 1],
+        "hardware": ["x", "x", "y", "y", "z", "z"],
+        "fits": pd.array([True, True, False, True, False, False], dtype="boolean"),
+        "accuracy": [0.9, 0.8] * 3,
+        "n_weights": [10, 20] * 3,
+        "energy_uj": [2.0, 1.0, 5.0, 9.0, 3.0, 4.0],
+    }
+)
+
+
+def test_costs_on_different_hardware_have_fronts_of_their_own() -> None:
+    found = skyline(CHIPS, GOALS)
+    kept = [(row["hardware"], row["trial"]) for _, row in found.rows.iterrows()]
+    assert kept == [("x", 0), ("x", 1), ("y", 1), ("z", 0)]
+    assert found.notes == [
+        "1 row left out: it does not fit y",
+        "no design fits z: its costs are as if it went on",
+    ]
+    assert skyline(CHIPS, GOALS, by="hardware").rows.index.tolist() == found.rows.index.tolist()
+
+
+def test_what_does_not_fit_is_there_when_it_is_named() -> None:
+    named = skyline(CHIPS, GOALS, "fits == False")
+    assert [(row["hardware"], row["trial"]) for _, row in named.rows.iterrows()] == [("y", 0), ("z", 0)]
+    assert skyline(CHIPS.assign(fits=pd.NA), GOALS, "hardware == 'y'").rows["trial"].tolist() == [0]
+    assert pick(CHIPS, ["hardware == 'y'"]).row["trial"] == 1
+    assert pick(CHIPS, ["hardware == 'y'", "fits == False"]).row["trial"] == 0
+    assert pick(CHIPS, ["hardware == 'z'"]).notes == ["no design fits z: its costs are as if it went on"]
+
+
+def test_what_no_hardware_changes_is_told_once() -> None:
+    weights = [("accuracy", "max"), ("n_weights", "min")]
+    found = skyline(CHIPS, weights)
+    assert found.rows.index.tolist() == [0]
+    assert found.notes == ["points on x: no objective depends on hardware"]
+    assert skyline(CHIPS, weights, "hardware == 'y'").rows.index.tolist() == [3]
+    assert skyline(CHIPS, weights, by="hardware").rows.index.tolist() == [0, 3, 4]

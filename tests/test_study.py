@@ -570,10 +570,19 @@ def test_more_hardware_needs_no_training(finished: study.Study, copied: Path) ->
     assert (points[points["hardware"] == "op_4.6_0.9"]["energy_uj"] > 0).all()
     assert (found.folder / "hardware" / "op_4.6_0.9.yaml").is_file()
 
-    # What a sampler was told is of the first chip.
+    priced = finished.points(["op_4.6_0.9"])
+    assert priced["energy_uj"].tolist() == points[points["hardware"] == "op_4.6_0.9"]["energy_uj"].tolist()
+
+    # What a sampler was told is of the first chip, with the figures that it had.
     first = make_space(copied, hardware=["op_4.6_0.9", "loihi1_silicon"])
     with pytest.raises(ConfigError, match=r"hardware is .* was begun with"):
         study.run(first, copied / "results", progress=False)
+    kept = found.folder / "hardware" / "loihi1_silicon.yaml"
+    kept.write_text("# looked at\n" + kept.read_text(encoding="utf-8"), encoding="utf-8")
+    study.run(more, copied / "results", progress=False)
+    kept.write_text(kept.read_text(encoding="utf-8").replace("value: 35.5", "value: 35.4"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"loihi1_silicon: the figures differ from those in .*yaml; change"):
+        study.run(more, copied / "results", progress=False)
 
 
 def test_more_trials_go_on_and_any_other_change_is_refused(finished: study.Study, copied: Path) -> None:

@@ -32,7 +32,8 @@ def _with_ends(*names: str) -> list[str]:
 _COLUMNS = (
     *("hardware", "not_applicable", "n_weights"),
     *_with_ends("energy_uj", "energy_throttled_uj", "energy_dynamic_uj"),
-    *_with_ends("energy_static_uj", "energy_static_throttled_uj"),
+    *_with_ends("energy_static_uj", "energy_static_share_uj"),
+    *_with_ends("energy_static_throttled_uj", "energy_static_throttled_share_uj"),
     *_with_ends("step_time_us", "hardware_latency_ms"),
     *("decision_ms", "pipeline_ms"),
     *_with_ends("latency_ms", "n_cores"),
@@ -42,8 +43,10 @@ _COLUMNS = (
 _SHOWN = {
     "energy_dynamic_uj": "dynamic",
     "energy_static_uj": "static, flat out",
+    "energy_static_share_uj": "  of the cores in use",
     "energy_uj": "energy, flat out",
     "energy_static_throttled_uj": "static, at the step period",
+    "energy_static_throttled_share_uj": "  of the cores in use",
     "energy_throttled_uj": "energy, at the step period",
     "step_time_us": "time of a step",
     "hardware_latency_ms": "computing time",
@@ -53,6 +56,7 @@ _SHOWN = {
     "power_mw": "mean power",
     "battery_h": "battery life",
 }
+_DRAWN_AT_ONCE = 2**20  # draws times steps that are priced together
 _UNITS = {"uj": "uJ", "us": "us", "ms": "ms", "mw": "mW", "h": "h"}
 
 
@@ -116,6 +120,8 @@ def cost_notes(row: Row) -> list[str]:
     notes = []
     if row["energy_uj"] is None:
         notes.append(f"{name}: nobody has published numbers, so costs are intervals without a value")
+    if row.get("power_mw", 0) is None and row["energy_uj"] is not None and row["n_cores_low"] is not None:
+        notes.append(f"{name}: what it draws between contacts is not known, so mean power is an interval")
     if row["n_cores_low"] is None:
         notes.append(f"{name}: dynamic energy alone; no static power, time, cores or limits are meant")
     if row.get("battery_h") is not None and math.isinf(row["battery_h"]):
@@ -189,10 +195,11 @@ def _energies(plan: Plan, inference: Inference, found: Cost) -> Row:
         value = found.dynamic_uj if cause == "dynamic" else found.breakdown[cause]
         row |= zip(_with_ends(f"energy_{cause}_uj"), (value, low, high), strict=True)
     if found.timed:
-        for static, total in (("energy_static", "energy"), ("energy_static_throttled", "energy_throttled")):
-            row |= {
-                f"{static}_uj{end}": row[f"{total}_uj{end}"] - row[f"energy_dynamic_uj{end}"] for end in _ENDS
-            }
+        for static in ("static", "static_throttled"):
+            for end in _ENDS:
+                energy = getattr(found, f"{static}_uj{end}")
+                share = plan.share * energy if plan.share < 1 else None
+                row |= {f"energy_{static}_uj{end}": energy, f"energy_{static}_share_uj{end}": share}
     return row
 
 
@@ -217,13 +224,17 @@ def _quantiles(profile: Profile, inference: Inference, n_draws: int) -> Row:
     from dse.hardware.cost import drawn
     from dse.pricing import figures
 
-    found = drawn(profile, inference.on(profile), figures(profile, n_draws))
+    load, chip = inference.on(profile), figures(profile, n_draws)
+    at_once = max(1, _DRAWN_AT_ONCE // (inference.n_steps if inference.per_step else 1))
+    steps = -1 if inference.per_step else ()
+    found: dict[str, list[Values]] = {"energy_uj": [], "energy_throttled_uj": []}
+    for start in range(0, n_draws, at_once):
+        part = drawn(profile, load, {key: values[start : start + at_once] for key, values in chip.items()})
+        for name, energies in found.items():
+            energies.append(getattr(part, name).sum(axis=steps))
     row: Row = {}
-    for name in ("energy_uj", "energy_throttled_uj"):
-        energies = getattr(found, name)
-        if inference.per_step:
-            energies = energies.sum(axis=-1)
-        row |= {name + end: np.quantile(energies, q) for end, q in _QUANTILES.items()}
+    for name, energies in found.items():
+        row |= {name + end: np.quantile(np.concatenate(energies), q) for end, q in _QUANTILES.items()}
         if profile.interval_only:
             row[f"{name}_q50"] = None
     return row
@@ -251,6 +262,9 @@ def _duty(plan: Plan, row: Row, contacts_per_hour: float, battery_mwh: float | N
     if battery_mwh is not None:
         lasts = battery_h(battery_mwh, power)[[0, 2, 1]]  # the least power lasts longest
         found |= zip(_with_ends("battery_h"), lasts, strict=True)
+    value, _, high = plan.idle_mw
+    if value == 0 < high:  # what it draws between contacts is unknown, which is not nothing
+        found |= dict.fromkeys(("power_mw", *(["battery_h"] if battery_mwh is not None else [])))
     return found
 
 

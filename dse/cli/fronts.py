@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 Objective = tuple[str, str]
 
 # Columns beside the axes that tell rows apart.
-_ABOUT = ("phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware", "task", "family")
+_ABOUT = ("phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware", "fits", "task", "family")
 
 
 def front(

@@ -16,6 +16,21 @@ def positive(text: str) -> int:
     return int(text)
 
 
+MOST_DRAWS = 100_000
+
+
+def draws(text: str) -> int:
+    """Return how often figures are drawn.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no integer from 1 to 100 000.
+    """
+    found = positive(text)
+    if found > MOST_DRAWS:
+        raise argparse.ArgumentTypeError(f"must be at most {MOST_DRAWS}, got {found}")
+    return found
+
+
 def share(text: str) -> float:
     """Return a number above 0 and up to 1.
 

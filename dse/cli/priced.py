@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.fronts import Objective
-
 if TYPE_CHECKING:
     import pandas
 
     from dse.records import Array
+    from dse.skyline import Draws
 
 
 def add_hardware(parser: argparse.ArgumentParser) -> None:
@@ -40,10 +39,21 @@ def points(paths: Sequence[str], hardware: Sequence[str]) -> list[pandas.DataFra
     return [skyline.read(path) for path in paths]
 
 
-def drawn(
-    paths: Sequence[str], frames: Sequence[pandas.DataFrame], names: Sequence[str], n_draws: int
-) -> dict[str, Array]:
-    """Return the columns among `names` that depend on figures of hardware, (draw, row of all the frames).
+def draws(
+    paths: Sequence[str],
+    frames: Sequence[pandas.DataFrame],
+    hardware: Sequence[str],
+    names: Sequence[str],
+    n_draws: int,
+) -> Draws:
+    """Return draws of the columns among `names` that depend on figures of hardware.
+
+    Args:
+        paths: studies.
+        frames: their points; rows are asked for by their place in all of them, one after the other.
+        hardware: as of `points`.
+        names: columns.
+        n_draws: how often figures are drawn.
 
     Raises:
         StoreError: a frame is of no study, or none of the columns depends on hardware.
@@ -52,6 +62,7 @@ def drawn(
 
     from dse import pricing, store
     from dse.measure import DRAWN
+    from dse.skyline import Draws
 
     _must_be_studies(paths, "draws need")
     columns = [name for name in dict.fromkeys(names) if name in DRAWN]
@@ -59,20 +70,26 @@ def drawn(
         raise store.StoreError(
             f"nothing to draw: no objective or budget is among {', '.join(DRAWN)}; others do not depend on it"
         )
-    if any(not {"point", "hardware"} <= set(frame) for frame in frames):
+    for path, frame in zip(paths, frames, strict=True):
+        if "point" not in frame:
+            raise store.StoreError(
+                f"{path}: is of an older version, which kept no work to price; run it again"
+            )
+    if any("hardware" not in frame for frame in frames):
         raise store.StoreError("nothing to draw: the points are on no hardware; name it: --hardware NAME")
-    found = [pricing.drawn(path, frame, columns, n_draws) for path, frame in zip(paths, frames, strict=True)]
-    return {name: np.concatenate([one[name] for one in found], axis=1) for name in columns}
+    starts = np.cumsum([0, *map(len, frames)])
 
+    def of(rows: pandas.DataFrame) -> dict[str, Array]:
+        study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
+        found = {name: np.empty((n_draws, len(rows))) for name in columns}
+        for number in np.unique(study):
+            own = study == number
+            costs = pricing.drawn(paths[number], rows[own], columns, n_draws, hardware)
+            for name in columns:
+                found[name][:, own] = costs[name]
+        return found
 
-def apart(frame: pandas.DataFrame, by: str | None, objectives: Sequence[Objective]) -> list[str]:
-    """Return the columns whose values have a front each: as asked, and hardware where costs would mix."""
-    from dse.config.sections import OF_HARDWARE
-
-    asked = [name.strip() for name in by.split(",")] if by else []
-    mixes = "hardware" in frame and frame["hardware"].nunique() > 1
-    costs = any(name in OF_HARDWARE for name, _ in objectives)
-    return [*asked, *(["hardware"] if mixes and costs and "hardware" not in asked else [])]
+    return Draws(columns, of)
 
 
 def _must_be_studies(paths: Sequence[str], who: str) -> None:

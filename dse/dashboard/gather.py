@@ -12,6 +12,7 @@ import numpy as np
 from dse.figures.front import design_columns, front_mask, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
+from dse.skyline import fitting
 
 if TYPE_CHECKING:
     import pandas
@@ -96,6 +97,8 @@ def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str
         groups = list(points.groupby(by, sort=False, dropna=False).indices.values())
     else:
         groups = [np.arange(len(points))]
+    fits = np.flatnonzero(fitting(points))
+    groups = [np.intersect1d(group, fits) for group in groups]
 
     def rows(columns: Sequence[str]) -> Array:
         chosen = {column: objectives[column] for column in columns}

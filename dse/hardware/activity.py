@@ -37,10 +37,12 @@ def expected_updates(
     if not ((given >= 0) & (given <= 1)).all():
         raise ValueError("rates must be between 0 and 1 spikes per neuron and step")
     arrives = 1 - (1 - given[..., :-1]) ** np.array(sizes[:-1] if fan_in is None else fan_in)
-    awake = np.zeros(arrives.shape)
-    total = np.zeros(arrives.shape)
-    for _ in range(n_steps):
-        total += awake
-        before = np.concatenate([np.ones_like(awake[..., :1]), awake[..., :-1]], axis=-1)
-        awake = awake + arrives * (before - awake)
+    # A step takes (1, awake, totals) to the next: total += awake, awake += arrives * (awake before - awake).
+    n_layers = len(sizes) - 1
+    layer = np.arange(n_layers)
+    step = np.tile(np.eye(1 + 2 * n_layers), (*given.shape[:-1], 1, 1))
+    step[..., 1 + layer, 1 + layer] -= arrives
+    step[..., 1 + layer, layer] += arrives
+    step[..., 1 + n_layers + layer, 1 + layer] = 1
+    total = np.linalg.matrix_power(step, n_steps)[..., 1 + n_layers :, 0]
     return np.asarray(total * np.array(sizes[1:]))

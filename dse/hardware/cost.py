@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dse.hardware.plan import Misfit, NotApplicable, Plan, Values, features
+from dse.hardware.plan import Misfit, NotApplicable, Placement, Plan, Values, features
 from dse.hardware.profile import Figures, Profile
 from dse.records import Operations, Workload
 
@@ -34,8 +34,9 @@ class Cost:
     """Cost per inference; arrays have the leading axes of the load.
 
     dynamic_uj: energy of what happens.
-    static_uj: static energy of the whole chip, computing flat out.
-    static_throttled_uj: the same at the sensor's step period (or the computing time, if longer).
+    static_uj: static energy of the whole chip, computing flat out, with its interval.
+    static_throttled_uj: the same at the sensor's step period (or the computing time, if longer); what
+        computes slower waits less, so the ends of its interval need not be those of the sum's.
     energy_uj: dynamic_uj + static_uj, with its interval; NaN where the profile gives intervals only.
     energy_throttled_uj: dynamic_uj + static_throttled_uj, in the same way.
     step_time_us: mean time to compute a step, with its interval; of other classifiers, the time of an answer.
@@ -51,7 +52,11 @@ class Cost:
 
     dynamic_uj: Values
     static_uj: Values
+    static_uj_low: Values
+    static_uj_high: Values
     static_throttled_uj: Values
+    static_throttled_uj_low: Values
+    static_throttled_uj_high: Values
     energy_uj: Values
     energy_uj_low: Values
     energy_uj_high: Values
@@ -152,8 +157,9 @@ def _cost(
     static, waiting = _static_uj(plan, time_us, waiting_us)
     flat_out = dynamic + static
     at_period = flat_out + waiting
-    pipeline_us = np.zeros(())
+    throttled_low, throttled_high = _throttled_range_uj(plan, time_us, waiting_us)
     step_us = _step_us(load, time_us)
+    pipeline_us = np.zeros_like(step_us[0])
     if isinstance(load, Workload):
         pipeline_us = load.pipeline_steps * np.maximum(load.step_ms * 1e3, step_us[0])
     placement = plan.placement
@@ -166,7 +172,11 @@ def _cost(
     return Cost(
         dynamic_uj=value(dynamic[0]),
         static_uj=value(static[0]),
+        static_uj_low=static[1],
+        static_uj_high=static[2],
         static_throttled_uj=value(static[0] + waiting[0]),
+        static_throttled_uj_low=throttled_low,
+        static_throttled_uj_high=throttled_high,
         energy_uj=value(flat_out[0]),
         energy_uj_low=flat_out[1],
         energy_uj_high=flat_out[2],
@@ -184,10 +194,18 @@ def _cost(
         n_cores_high=(placement.high if placement else None) or n_cores,
         fits=not (placement and placement.misfits),
         misfits=placement.misfits if placement else (),
-        assumptions=placement.assumptions if placement else (),
+        assumptions=_assumptions(placement, load),
         breakdown={name: value(cause) for name, cause in zip(plan.energy_pj, causes, strict=True)},
         timed=placement is not None,
     )
+
+
+def _assumptions(placement: Placement | None, load: Workload | Operations) -> tuple[str, ...]:
+    if placement is None:
+        return ()
+    if isinstance(load, Operations) or load.cores in (None, placement.cores):
+        return placement.assumptions
+    return (*placement.assumptions, "the cores given by hand play no part on such a chip")
 
 
 def _energy_uj(plan: Plan, counts: Values) -> Values:
@@ -234,6 +252,20 @@ def _static_uj(plan: Plan, time_us: Values, waiting_us: Values) -> tuple[Values,
     """Return the static energy of computing and of waiting, (D, ...) each; mW x us = nJ."""
     lead = (slice(None), *[None] * (time_us.ndim - 1))
     return plan.static_mw[lead] * time_us * 1e-3, plan.idle_mw[lead] * waiting_us * 1e-3
+
+
+def _throttled_range_uj(plan: Plan, time_us: Values, waiting_us: Values) -> tuple[Values, Values]:
+    """Return the least and the most static energy at the step period, from powers and times at their ends."""
+    powers = list(zip(plan.static_mw * 1e-3, plan.idle_mw * 1e-3, strict=True))
+    times = list(zip(time_us, waiting_us, strict=True))
+    # Where waiting is no dearer than computing, the ends belong together; else any time may go with an end.
+    ordered = (plan.idle_mw <= plan.static_mw).all()
+    least, most = (
+        [computing * busy + idle * waits for busy, waits in (times[end : end + 1] if ordered else times)]
+        for end, (computing, idle) in enumerate(powers)
+        if end
+    )
+    return np.minimum.reduce(least), np.maximum.reduce(most)
 
 
 def _checked(load: Workload | Operations) -> Workload | Operations:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from math import ceil
 from typing import NamedTuple
 
@@ -31,6 +31,8 @@ from numpy.typing import NDArray
 
 from dse.hardware.plan import Misfit, Placement
 from dse.records import Workload
+
+_Whole = NDArray[np.int64]
 
 _PRACTICE_BITS = 8  # per weight, in the logs that `practice` counts weights of
 
@@ -364,26 +366,20 @@ def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple
     n_layers = len(net.sizes)
     if sum(cores) <= rules.cores_per_tile:
         return ((0.0, 0.0),) * n_layers
-    first = [0]
-    for n in cores:
-        first.append(first[-1] + n)
+    first = [0, *accumulate(cores)]
     tiles = [_tiles(a, b, rules.cores_per_tile) for a, b in pairwise(first)]
-    along_x, along_y = zip(
-        *(divmod(tile, rules.mesh_height) for tile in range(tiles[-1][-1][0] + 1)), strict=True
-    )
     found = []
     for layer, size in enumerate(net.sizes):
+        sending, n_sent = np.zeros(1, np.int64), np.full(1, size)
         if layer:
-            senders = [(tile, _neurons(size, cores[layer - 1], a, b)) for tile, a, b in tiles[layer - 1]]
-        else:
-            senders = [(0, size)]
+            sending, start, end = tiles[layer - 1]
+            n_sent = _neurons(size, cores[layer - 1], start, end)
         own = layer > 0 and net.recurrent[layer - 1]
-        onward = [*(tiles[layer] if layer < n_layers - 1 else ()), *(tiles[layer - 1] if own else ())]
-        receivers = [(tile, b - a) for tile, a, b in onward]
-        x, y = (
-            _distance([(at[tile], n) for tile, n in senders], [(at[tile], n) for tile, n in receivers])
-            for at in (along_x, along_y)
-        )
+        onward = [*tiles[layer : layer + 1], *tiles[layer - 1 : layer] * own]
+        x = y = 0.0
+        for receiving, start, end in onward:
+            x += _distance(sending // rules.mesh_height, n_sent, receiving // rules.mesh_height, end - start)
+            y += _distance(sending % rules.mesh_height, n_sent, receiving % rules.mesh_height, end - start)
         found.append((x / size, y / size))
     return tuple(found)
 
@@ -393,25 +389,23 @@ def neurons_per_core(n: int, n_cores: int) -> NDArray[np.int64]:
     return n // n_cores + (np.arange(n_cores) < n % n_cores).astype(np.int64)
 
 
-def _tiles(first: int, end: int, cores_per_tile: int) -> list[tuple[int, int, int]]:
-    """Return the tiles of cores first..end - 1 with the cores on them, numbered from 0 within the layer."""
-    return [
-        (tile, max(tile * cores_per_tile, first) - first, min((tile + 1) * cores_per_tile, end) - first)
-        for tile in range(first // cores_per_tile, (end - 1) // cores_per_tile + 1)
-    ]
+def _tiles(first: int, end: int, cores_per_tile: int) -> tuple[_Whole, _Whole, _Whole]:
+    """Return the tiles of cores first..end - 1, and which of these lie on each: from, to, counted from 0."""
+    tile = np.arange(first // cores_per_tile, (end - 1) // cores_per_tile + 1)
+    start = np.maximum(tile * cores_per_tile, first) - first
+    return tile, start, np.minimum((tile + 1) * cores_per_tile, end) - first
 
 
-def _neurons(size: int, n_cores: int, first: int, end: int) -> int:
-    """Return how many neurons cores first..end - 1 of a layer hold (`neurons_per_core`)."""
+def _neurons(size: int, n_cores: int, start: _Whole, end: _Whole) -> _Whole:
+    """Return how many neurons cores start..end - 1 of a layer hold (`neurons_per_core`)."""
     share, more = divmod(size, n_cores)
-    return share * (end - first) + min(end, more) - min(first, more)
+    return share * (end - start) + np.minimum(end, more) - np.minimum(start, more)
 
 
-def _distance(senders: list[tuple[int, int]], receivers: list[tuple[int, int]]) -> int:
+def _distance(sending: _Whole, n_sent: _Whole, receiving: _Whole, n_received: _Whole) -> float:
     """Return the sum over senders and receivers (position, how many) of their distances."""
-    gathered: list[dict[int, int]] = []
-    for ends in (senders, receivers):
-        gathered.append({})
-        for position, n in ends:
-            gathered[-1][position] = gathered[-1].get(position, 0) + n
-    return sum(m * n * abs(a - b) for a, m in gathered[0].items() for b, n in gathered[1].items())
+    n_positions = 1 + int(max(sending.max(), receiving.max()))
+    left = np.cumsum(np.bincount(sending, n_sent, n_positions))
+    right = np.cumsum(np.bincount(receiving, n_received, n_positions))
+    # What is sent from one side of the gap behind a position to the other crosses it.
+    return float((left * (right[-1] - right) + right * (left[-1] - left)).sum())

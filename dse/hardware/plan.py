@@ -82,6 +82,7 @@ class Plan:
     static_mw: (D...), power of the whole chip while it computes.
     idle_mw: (D...), power of the whole chip while it waits.
     placement: None where no chip is meant, so that there are no cores, times and limits either.
+    share: of the chip's cores that are in use.
     """
 
     energy_pj: Mapping[str, Values]
@@ -90,6 +91,7 @@ class Plan:
     idle_mw: Values
     placement: Placement | None
     congestion: Congestion | None = None
+    share: float = 1.0
 
 
 def features(load: Workload | Operations) -> Values:

@@ -33,7 +33,8 @@ from dse.hardware.inference import Inference, of_network
 from dse.records import Operations, Workload
 from dse.registry import Rule, param, rule_of
 
-_MOST, _MOST_BITS = 1e9, 64  # far beyond any hardware; above, products overflow
+# Far beyond any chip; above, products overflow or tiles of cores do not fit in memory.
+_MOST, _MOST_NEURONS, _MOST_BITS = 1e9, 1e7, 64
 
 
 @dataclass(frozen=True)
@@ -283,7 +284,7 @@ def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> di
         found = [read(x, float, rule, (*path, step), report) for step, x in enumerate(given)]
         return INVALID if any(x is INVALID for x in found) else np.array(found)
 
-    neurons = value("neurons", int, INVALID, low=1, high=_MOST)
+    neurons = value("neurons", int, INVALID, low=1, high=_MOST_NEURONS)
     most = None if neurons is INVALID else neurons
     rate, spikes = counts("mean_rate", 1.0, INVALID), counts("spikes", most, INVALID)
     if spikes is INVALID and rate is not INVALID and neurons is not INVALID:

@@ -13,7 +13,7 @@ from dse import pricing
 from dse.report.designs import Found, found, record
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
-from dse.report.rows import FAMILIES, HARDWARE, Row, published
+from dse.report.rows import FAMILIES, Row, published
 from dse.study import Study
 
 _HOW = (
@@ -70,14 +70,6 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
         of_chips, verdicts = _of_hardware(study, [part for part in parts if part.study is study], hardware)
         rows += of_chips
         notes += verdicts
-    if any(row.system == HARDWARE for row in rows):
-        notes.append(
-            f"{HARDWARE}: the winner has the least energy, flat out, of the designs that fit and are within "
-            "a standard error of the best that fits; the winner of another chip is priced on this one: its "
-            "accuracy below the winner's, its energy over the winner's, and the share of draws in which that "
-            "is above 1; draws are of the chip's figures, the same for all designs; low and high are ends of "
-            "an energy's interval, or the 5 % and 95 % quantiles of a ratio, as in sentences"
-        )
     notes += [
         f"{part.name}, {part.task}: answered by classifiers of several tasks" for part in parts if part.joint
     ]
@@ -115,7 +107,7 @@ def _of_hardware(
     rows: list[Row] = []
     notes: list[str] = []
     for part in parts:
-        found, told = on_chips(part, points)
+        found, told = on_chips(part, points, hardware)
         rows += found
         notes += told
     return rows, notes

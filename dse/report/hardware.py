@@ -1,213 +1,222 @@
-"""One study on several chips: which design wins on each, and whether by more than the chip's figures vary.
+"""One study on several chips: which design wins on each, by how much, and which chip is cheapest.
 
-On a chip, of designs that fit and are within a standard error of the most accurate one that fits, the one
-of least energy wins: median over draws of the chip's figures, ties to fewer weights. The winner of another
-chip is set against it under the same draws: the ratio of their energies, here, draw by draw.
+On a chip, of designs that fit and are as accurate as the best that fits, the one of least energy wins. It is
+set against its runner-up and the winners of other chips under the same draws of this chip's figures. Chips
+are set against each other by their cheapest designs at an accuracy that all of them reach.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dse import pricing
 from dse.correlation import spearman
-from dse.pareto import non_dominated
-from dse.records import Array
-from dse.report.designs import Found, best, described, full_read_outs
-from dse.report.rows import HARDWARE, Row, measured, number, standard_error
+from dse.report.chips import (
+    AT_PERIOD,
+    FLAT_OUT,
+    QUANTILES,
+    Chip,
+    Choice,
+    Level,
+    Ratio,
+    accuracy_error,
+    cheapest,
+    chips,
+    common_level,
+    ratio,
+    ratio_apart,
+    reached,
+)
+from dse.report.designs import Found, described
+from dse.report.rows import HARDWARE, Row, measured, number
 
 if TYPE_CHECKING:
     import pandas
 
-_QUANTILES = (0.5, 0.05, 0.95)
+HOW = (
+    f"{HARDWARE}: the winner of a chip has the least energy, flat out, of the designs that fit and are as "
+    "accurate as the best that fits, within ±: the larger of the error over runs and that of so many "
+    "recordings (Wilson); rivals are set against it under the same draws of the chip's figures",
+    f"{HARDWARE}: equal accuracy is the highest that all chips reach on which a design fits; every chip has "
+    "its cheapest design that is as accurate, and the figures of two chips are drawn independently",
+    f"{HARDWARE}: low and high are ends of an energy's interval, or the 5 % and 95 % quantiles of a ratio, "
+    "as in sentences; beyond the uncertainty: both quantiles are on one side of 1; it is that of chips' "
+    "figures, not of activity over runs",
+)
+"""What rows and sentences mean."""
+
+_MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
 
 
-class Ratio(NamedTuple):
-    """How many times one design's energy another's is, over draws of a chip's figures.
-
-    median, low, high: with the 5 % and the 95 % quantile.
-    share: of the draws in which it is above 1.
-    """
-
-    median: float
-    low: float
-    high: float
-    share: float
-
-
-@dataclass(frozen=True)
-class Chip:
-    """The designs of a study and task on one chip.
-
-    designs: their full read-outs there, the same designs in the same order on every chip.
-    energies_uj: (draw, design), of the same draws for all; NaN where the chip cannot run it.
-    fits: (design,) bool, whether the chip can run and hold it.
-    """
-
-    name: str
-    designs: pandas.DataFrame
-    energies_uj: Array
-    fits: NDArray[np.bool_]
-
-    @property
-    def medians_uj(self) -> Array:
-        """Median energy of each design, (design,)."""
-        return np.asarray(np.median(self.energies_uj, axis=0))
-
-    def front(self) -> set[int]:
-        """Return the trials that no other one that fits beats in both accuracy and median energy."""
-        own = np.flatnonzero(self.fits)
-        if not own.size:
-            return set()
-        costs = np.stack([-_accuracies(self.designs), self.medians_uj], axis=1)[own]
-        return set(self.designs["trial"].to_numpy()[own[non_dominated(costs)]].tolist())
-
-
-def on_chips(part: Found, points: pandas.DataFrame) -> tuple[list[Row], list[str]]:
-    """Return what wins on each chip and whether fronts differ, and the same in sentences.
+def on_chips(
+    part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()
+) -> tuple[list[Row], list[str]]:
+    """Return what wins on each chip, which chip is cheapest, whether fronts differ; the same in sentences.
 
     Args:
         part: a study's designs of one task.
         points: its design points on one chip or several; fewer than two leave nothing to say.
+        hardware: names or files of the profiles that points are priced on; none: those of the study.
     """
-    chips = _chips(part, points)
-    if len(chips) < 2:
+    every = chips(part, points, hardware)
+    if len(every) < 2:
         return [], []
-    winners = [winner(part, chip) for chip in chips]
+    levels = {chip.name: level for chip in every if (level := reached(part, chip)) is not None}
+    ranks = {chip.name: chip.ranked(levels[chip.name].least) for chip in every if chip.name in levels}
+    rows: list[Row] = []
+    notes = list(HOW)
+    for chip in every:
+        if chip.name in levels:
+            found, note = _winner(part, chip, levels[chip.name], ranks)
+            rows += found
+            notes.append(note)
+        else:
+            notes.append(f"{part.name}, {part.task}: {chip.name}: no design fits")
+    held = [chip for chip in every if chip.name in levels]
+    found, told = _at_equal_accuracy(part, held, list(levels.values()))
+    more, note = _fronts(part, every)
+    return [*rows, *found, *more], [*notes, *told, note]
+
+
+def _winner(
+    part: Found, chip: Chip, level: Level, ranks: Mapping[str, Sequence[int]]
+) -> tuple[list[Row], str]:
+    """Return what wins on a chip, and by how much.
+
+    Args:
+        part: a study's designs of one task.
+        chip: some design fits it.
+        level: what it reaches.
+        ranks: of every chip that some design fits, the designs as accurate as its best, cheapest first.
+    """
+    first, *others = ranks[chip.name]
+    own = Choice(chip, first)
+    rows = _figures(part, own, "winner")
+    told = [_told_winner(part, own)]
+    if not others:
+        told.append("no other design that fits is as accurate")
+    for design, titles in _rivals(chip, ranks).items():
+        if design == first:
+            told.append(f"it wins on {', '.join(titles)} too")
+            continue
+        rival = Choice(chip, design)
+        rows += _over_winner(part, own, rival, titles)
+        told.append(f"the {', '.join(titles)} ({_name(rival)}) {_verdict(part, level, own, rival)}")
+    return rows, "; ".join(told)
+
+
+def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[str]]:
+    """Return the designs that a chip's winner is set against, and what each is.
+
+    The winner itself is there with the names of the other chips on which it wins.
+    """
+    own, *others = ranks[chip.name]
+    family = chip.designs["family"]
+    titles: dict[int, list[str]] = {}
+    if others:
+        titles[others[0]] = ["runner-up"]
+    stranger = next((design for design in others if family[design] != family[own]), None)
+    if stranger is not None:
+        titles.setdefault(stranger, ["best of another family"])
+    for name, designs in ranks.items():
+        if name != chip.name:
+            title = name if designs[0] == own else f"winner of {name}"
+            titles.setdefault(designs[0], []).append(title)
+    return titles
+
+
+def _over_winner(part: Found, own: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
+    """Return how many times the winner's energy a rival takes; nothing where it does not fit."""
+    if not rival.fits:
+        return []
+    found = ratio(own.drawn_uj(), rival.drawn_uj())
+    figures = [f"{title}: energy_uj over the winner's" for title in titles]
+    return [_ratio_row(part, rival, figure, found, own.chip.has_values) for figure in figures]
+
+
+def _verdict(part: Found, level: Level, own: Choice, rival: Choice) -> str:
+    """Return what a rival is to a chip's winner there, in words."""
+    if not np.isfinite(rival.drawn_uj()).all():
+        return "cannot run here"
+    if not rival.fits:
+        return "does not fit"
+    found, has_value = ratio(own.drawn_uj(), rival.drawn_uj()), own.chip.has_values
+    if rival.row["accuracy"] >= level.least:
+        return f"takes {_compared(found, has_value)}"
+    less = float(own.row["accuracy"] - rival.row["accuracy"])
+    error = math.hypot(accuracy_error(part, own.row), accuracy_error(part, rival.row))
+    how = "beyond" if less > error else "within"
+    return f"is less accurate by {less:.3g} ± {error:.2g}, {how} the error, at {_times(found, has_value)}"
+
+
+def _at_equal_accuracy(
+    part: Found, held: Sequence[Chip], levels: Sequence[Level]
+) -> tuple[list[Row], list[str]]:
+    """Return the cheapest designs of an accuracy that all chips reach, flat out and at the sensor's period.
+
+    Args:
+        part: a study's designs of one task.
+        held: chips that some design fits; fewer than two leave nothing to say.
+        levels: what each of them reaches.
+    """
+    if len(held) < 2:
+        return [], []
+    level = common_level(levels)
+    about = f"{part.name}, {part.task}: at accuracy {level.accuracy:.3g} ± {level.error:.2g}"
     rows: list[Row] = []
     notes: list[str] = []
-    for chip, own in zip(chips, winners, strict=True):
-        if own is None:
-            notes.append(f"{part.name}, {part.task}: {chip.name}: no design fits")
-            continue
-        found = _won(part, chip, own)
-        told = [_told_winner(part, chip, own)]
-        for other, theirs in zip(chips, winners, strict=True):
-            if other is not chip and theirs is not None:
-                more, verdict = _against(part, chip, own, other.name, theirs)
-                found += more
-                told.append(verdict)
-        rows += [replace(row, hardware=chip.name) for row in found]
-        notes.append("; ".join(told))
-    more, note = _fronts(part, chips)
-    return rows + more, [*notes, note]
+    orders: list[list[str]] = []
+    for column, how in _MODES.items():
+        choices = cheapest(held, level.least, column)
+        rows += [row for one in choices for row in _figures(part, one, "equal accuracy", column)]
+        rows += [_between(part, one, other, column) for one, other in combinations(choices, 2)]
+        choices.sort(key=lambda one: one.median_uj(column))
+        notes.append(f"{about}, {how}: {'; '.join(_told_order(choices, column))}")
+        orders.append([one.chip.name for one in choices])
+    if orders[0] != orders[1]:
+        notes[1] += f"; flat out the order is {', '.join(orders[0])}"
+    return rows, notes
 
 
-def winner(part: Found, chip: Chip) -> int | None:
-    """Return which design wins on a chip; None where none fits."""
-    if not chip.fits.any():
-        return None
-    accuracies = _accuracies(chip.designs)
-    near = np.flatnonzero(chip.fits & (accuracies >= _least_accuracy(part, chip)))
-    keys = (
-        chip.designs["trial"].to_numpy()[near],
-        -accuracies[near],
-        chip.designs["n_weights"].to_numpy(np.float64)[near],
-        chip.medians_uj[near],
-    )
-    return int(near[np.lexsort(keys)[0]])
+def _between(part: Found, one: Choice, other: Choice, column: str) -> Row:
+    """Return how many times the energy on one chip is that on another."""
+    figure = f"equal accuracy: {column} over that on {other.chip.name}"
+    found = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
+    return _ratio_row(part, one, figure, found, one.chip.has_values and other.chip.has_values)
 
 
-def _least_accuracy(part: Found, chip: Chip) -> float:
-    """Return the accuracy of the best design that fits, less its standard error."""
-    top = best(chip.designs[chip.fits])
-    assert top is not None  # designs have accuracies, and one fits
-    return float(top["accuracy"]) - (standard_error(part, top) or 0.0)
+def _told_order(choices: Sequence[Choice], column: str) -> list[str]:
+    """Return the energies on some chips, cheapest first, and each over the one before it and the first."""
+    told = [f"{one.chip.name} {_energy(one, column)}, {_name(one)}" for one in choices]
+    for before, one in enumerate(choices[1:]):
+        for other in (choices[place] for place in dict.fromkeys((before, 0))):
+            found = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
+            times = _compared(found, one.chip.has_values and other.chip.has_values)
+            told.append(f"{one.chip.name} over {other.chip.name}: {times}")
+    return told
 
 
-def ratio(energies_uj: Array, other: Array) -> Ratio:
-    """Return how many times one design's energy another's is, from both in each draw, (draw,) uJ.
-
-    Two energies of 0 are equal.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.where(other == energies_uj, 1.0, other / energies_uj)
-    median, low, high = np.quantile(ratios, _QUANTILES, method="inverted_cdf")
-    return Ratio(float(median), float(low), float(high), float(np.mean(ratios > 1)))
-
-
-def _chips(part: Found, points: pandas.DataFrame) -> list[Chip]:
-    """Return the honest designs of a task on every chip."""
-    if "hardware" not in points:
-        return []
-    rows = full_read_outs(points[points["task"] == part.task])
-    rows = rows[~rows["transductive"] & np.isfinite(_accuracies(rows))]
-    chips = []
-    for name, own in rows.groupby("hardware", sort=False):
-        designs = own.sort_values("trial").reset_index(drop=True)
-        energies = pricing.energies_uj(part.study.folder, designs, str(name))
-        # What counts operations alone has no limits.
-        held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
-        chips.append(Chip(str(name), designs, energies, held & np.isfinite(energies).all(axis=0)))
-    return chips
-
-
-def _won(part: Found, chip: Chip, own: int) -> list[Row]:
-    row = chip.designs.iloc[own]
-    columns = ("accuracy", "n_weights", "energy_uj", "latency_ms")
-    found = {
-        name: measured(part, HARDWARE, f"winner: {name}", None, row, name)
-        for name in columns
-        if name in row.index
-    }
-    found["energy_uj"] = _with_range(found["energy_uj"], row)
-    return list(found.values())
-
-
-def _against(part: Found, chip: Chip, own: int, name: str, theirs: int) -> tuple[list[Row], str]:
-    """Return what a chip's winner is to the winner of another chip, priced on this one."""
-    if theirs == own:
-        return [], f"it wins on {name} too"
-    mine, row = chip.designs.iloc[own], chip.designs.iloc[theirs]
-    them, figure = f"the winner of {name} ({_name(row)})", f"winner of {name}"
-    runs, fits = bool(np.isfinite(chip.energies_uj[:, theirs]).all()), bool(chip.fits[theirs])
-    less = float(mine["accuracy"] - row["accuracy"])
-    se = math.hypot(*(standard_error(part, x) or 0.0 for x in (mine, row)))
-    accuracy = measured(part, HARDWARE, f"{figure}: accuracy below", None, row)
-    energy = measured(part, HARDWARE, f"{figure}: energy_uj", None, row, "energy_uj")
-    rows = [
-        replace(accuracy, ours=less, se=se, test=None),
-        replace(energy, figure=f"{figure}: fits", ours=float(fits)),
-    ]
-    if not runs:
-        return rows, f"{them} cannot run here"
-    found = ratio(chip.energies_uj[:, own], chip.energies_uj[:, theirs])
-    times = replace(energy, figure=f"{figure}: energy ratio", ours=found.median)
-    share = replace(energy, figure=f"{figure}: share dearer", ours=found.share)
-    rows += [_with_range(energy, row), replace(times, low=found.low, high=found.high), share]
-    took = f"{_short(found.median)} times the energy ({_short(found.low)} to {_short(found.high)})"
-    if not fits:
-        return rows, f"{them} does not fit"
-    if row["accuracy"] < _least_accuracy(part, chip):
-        how = "beyond" if less > se else "within"
-        return rows, f"{them} is less accurate by {less:.3g} ± {se:.2g}, {how} the error, at {took}"
-    how = "beyond" if found.low > 1 else "within"
-    return rows, f"{them} takes {took}, more in {found.share:.0%} of draws, {how} the uncertainty"
-
-
-def _fronts(part: Found, chips: Sequence[Chip]) -> tuple[list[Row], str]:
+def _fronts(part: Found, every: Sequence[Chip]) -> tuple[list[Row], str]:
     """Return how many designs are on each chip's front, how many on two, and how alike energies rank."""
-    fronts = [chip.front() for chip in chips]
+    fronts = [chip.front() for chip in every]
     base = Row(HARDWARE, "", part.task, split=part.split, study=part.name)
     rows = []
-    told = [f"{chip.name} {len(front)}" for chip, front in zip(chips, fronts, strict=True)]
-    for chip, front in zip(chips, fronts, strict=True):
+    told = [f"{chip.name} {len(front)}" for chip, front in zip(every, fronts, strict=True)]
+    for chip, front in zip(every, fronts, strict=True):
         figure = "designs on the front"
         rows.append(replace(base, figure=figure, ours=float(len(front)), hardware=chip.name))
-    for (a, b), (x, y) in zip(combinations(chips, 2), combinations(fronts, 2), strict=True):
-        both = np.isfinite(a.medians_uj) & np.isfinite(b.medians_uj)
-        alike = number(spearman(a.medians_uj, b.medians_uj))
+    for (a, b), (x, y) in zip(combinations(every, 2), combinations(fronts, 2), strict=True):
+        medians = a.medians_uj(), b.medians_uj()
+        both = np.isfinite(medians).all(axis=0)
         shared = f"designs on the front of {b.name} too"
         ranks = f"Spearman of energies, {b.name}, {both.sum()} designs"
         rows.append(replace(base, figure=shared, ours=float(len(x & y)), hardware=a.name))
-        rows.append(replace(base, figure=ranks, ours=alike, hardware=a.name))
+        rows.append(replace(base, figure=ranks, ours=number(spearman(*medians)), hardware=a.name))
         differ = "are the same" if x == y else f"share {len(x & y)}"
         told.append(f"{a.name} and {b.name} {differ}")
     return (
@@ -216,27 +225,59 @@ def _fronts(part: Found, chips: Sequence[Chip]) -> tuple[list[Row], str]:
     )
 
 
-def _told_winner(part: Found, chip: Chip, own: int) -> str:
-    row = chip.designs.iloc[own]
-    se = standard_error(part, row)
-    median, low, high = np.quantile(chip.energies_uj[:, own], _QUANTILES, method="inverted_cdf")
-    accuracy = f"{row['accuracy']:.3g}" + ("" if se is None else f" ± {se:.2g}")
-    energy = f"{_short(median)} uJ ({_short(low)} to {_short(high)})"
-    design = f"{_name(row)}: {described(row)}" if described(row) else _name(row)
-    return f"{part.name}, {part.task}: {chip.name}: {design} wins, accuracy {accuracy}, {energy}"
+def _figures(part: Found, one: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
+    """Return the energy of a design on a chip with its interval; flat out, what else it is beside."""
+    row = one.row
+    names = ("accuracy", "n_weights", FLAT_OUT, "latency_ms") if column == FLAT_OUT else (column,)
+    return [
+        replace(
+            measured(part, HARDWARE, f"{title}: {name}", None, row, name),
+            hardware=one.chip.name,
+            low=number(row.get(f"{name}_low")),
+            high=number(row.get(f"{name}_high")),
+        )
+        for name in names
+        if name in row.index
+    ]
 
 
-def _name(row: pandas.Series[Any]) -> str:
-    return f"{row['family']}, trial {row['trial']}"
+def _ratio_row(part: Found, one: Choice, figure: str, found: Ratio, has_value: bool) -> Row:
+    row = measured(part, HARDWARE, figure, None, one.row, FLAT_OUT)
+    ours = number(found.median) if has_value else None
+    return replace(row, hardware=one.chip.name, ours=ours, low=number(found.low), high=number(found.high))
+
+
+def _told_winner(part: Found, one: Choice) -> str:
+    axes = described(one.row)
+    design = f"{_name(one)}: {axes}" if axes else _name(one)
+    accuracy = f"accuracy {one.row['accuracy']:.3g} ± {accuracy_error(part, one.row):.2g}"
+    return f"{part.name}, {part.task}: {one.chip.name}: {design} wins, {accuracy}, {_energy(one)}"
+
+
+def _energy(one: Choice, column: str = FLAT_OUT) -> str:
+    """Return an energy as its median and quantiles: `10 uJ (8 to 12)`; `8 to 12 uJ` where it has no value."""
+    values = np.quantile(one.drawn_uj(column), QUANTILES, method="inverted_cdf")
+    median, low, high = (_short(value) for value in values)
+    return f"{median} uJ ({low} to {high})" if one.chip.has_values else f"{low} to {high} uJ"
+
+
+def _times(found: Ratio, has_value: bool) -> str:
+    """Return `2 times the energy (1 to 3)`; `1 to 3 times the energy` where it has no value."""
+    median, low, high = (_short(value) for value in found[:3])
+    return (
+        f"{median} times the energy ({low} to {high})" if has_value else f"{low} to {high} times the energy"
+    )
+
+
+def _compared(found: Ratio, has_value: bool) -> str:
+    """Return how many times an energy, and whether that is beyond the uncertainty."""
+    how = "beyond" if found.is_beyond else "within"
+    return f"{_times(found, has_value)}, more in {found.share:.0%} of draws, {how} the uncertainty"
+
+
+def _name(one: Choice) -> str:
+    return f"{one.row['family']}, trial {one.row['trial']}"
 
 
 def _short(value: float) -> str:
     return f"{value:.0f}" if 1000 <= value < math.inf else f"{value:.3g}"
-
-
-def _with_range(found: Row, row: pandas.Series[Any]) -> Row:
-    return replace(found, low=number(row.get("energy_uj_low")), high=number(row.get("energy_uj_high")))
-
-
-def _accuracies(rows: pandas.DataFrame) -> Array:
-    return np.asarray(rows["accuracy"], dtype=np.float64)

@@ -20,9 +20,9 @@ _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PL
 def claim(space: SearchSpace, folder: Path) -> None:
     """Write the search space and where it runs, or go on with the same one.
 
-    Where recordings lie, how the work is spread, more trials and other precisions of trained networks change
-    no result: they are no other search space. Another device rounds otherwise. Until a run has finished,
-    nothing depends on the one before.
+    Where recordings lie, how the work is spread, more trials, other precisions of trained networks, and
+    hardware after the first change no result: they are no other search space. Another device rounds
+    otherwise. Until a run has finished, nothing depends on the one before.
 
     Raises:
         ConfigError: the folder was begun with another search space; one fault per key.

@@ -53,8 +53,8 @@ def run(
     folder = Path(results) / space.study
     with store.exclusive(folder), shown(progress) as report:
         store.sweep(folder)
+        pricing.check(profiles, folder)
         claim(space, folder)
-        pricing.keep(profiles, folder)
         ledger = Ledger(folder / "journal.log", space)
         workers = Workers(jobs or space.execution.jobs)
         runs = Runs(space, folder, profiles, workers, report)
@@ -97,7 +97,8 @@ class _Tables:
         return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
 
     def write(self) -> None:
-        """Write both tables."""
+        """Write both tables, and the figures of the hardware that points are priced on."""
+        pricing.keep(self._profiles, self._folder)
         trials = tables.trials_table(self._space, self._runs.trials())
         for name, frame in (("trials", trials), ("points", self.points())):
             with store.published(self._folder / f"{name}.parquet") as path:

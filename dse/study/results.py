@@ -42,9 +42,13 @@ class Study:
         """One row per trial (`dse.tables`)."""
         return _table(self.folder / "trials.parquet")
 
-    def points(self) -> pandas.DataFrame:
-        """Return one row per design point: a trial, when it answers, and on which hardware (`dse.tables`)."""
-        return _table(self.folder / "points.parquet")
+    def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
+        """Return one row per design point: a trial, when it answers, and on which hardware (`dse.points`).
+
+        Args:
+            hardware: names or files of profiles to price the points on; none: those of the study.
+        """
+        return pricing.points(self.folder, hardware) if hardware else _table(self.folder / "points.parquet")
 
     def runs(self, trial: int) -> list[Record]:
         """Return the records of a trial's runs, repeat 0 first.
@@ -72,7 +76,9 @@ class Study:
         """Return the best point within the budgets, or the nearest ones (`dse.skyline.pick`)."""
         from dse.skyline import pick
 
-        return pick(self.points(), budgets, maximise)
+        points = self.points()
+        ties = [(name, way) for name, way in self.objectives if name != maximise and name in points]
+        return pick(points, budgets, maximise, ties)
 
 
 def open(folder: str | Path) -> Study:

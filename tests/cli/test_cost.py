@@ -121,6 +121,22 @@ def test_counts_of_each_step(tmp_path: Path, capsys: Captured) -> None:
     assert row["energy_synaptic_event_uj"] == pytest.approx(35.5e-6 * 600)
 
 
+def test_hardware_that_is_slower_than_the_sensor(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text(NET + "step_ms: 0.0001\n")
+    (row,) = rows(capsys, path, "--contacts-per-hour", 3600)
+    compute_ms = row["step_time_us"] * 1e-3
+    assert compute_ms > 1e-4
+    assert row["pipeline_ms"] == pytest.approx(2 * compute_ms)
+    assert row["latency_ms"] == pytest.approx(1e-4 + 100 * compute_ms + 2 * compute_ms)
+    slow_ms = row["step_time_us_high"] * 1e-3
+    assert row["latency_ms_high"] == pytest.approx(1e-4 + 102 * slow_ms)
+    # No more contacts fit than it can compute.
+    most = 3.6e6 / row["hardware_latency_ms_high"]
+    (fault,) = faults(capsys, path, "--contacts-per-hour", 1.01 * most)
+    assert f"{most:.6g} fit into an hour" in fault
+
+
 def test_no_steps_are_exact_zeros(tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "w.yaml"
     path.write_text(NET.replace("100", "0"))
@@ -220,6 +236,27 @@ def test_draws_are_the_same_every_time_and_lie_within_the_interval(net: Path, ca
     assert row["energy_throttled_uj_q50"] == pytest.approx(row["energy_throttled_uj"], rel=0.1)
 
 
+def test_draws_of_counts_of_each_step_are_those_of_the_whole(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    n_steps = 3000  # more draws times steps than are priced together
+    found = []
+    for spikes in ([1] * n_steps, 1):
+        content = {"layers": [3, 4], "n_steps": n_steps, "spikes": [spikes, 0], "updates": [4]}
+        path.write_text(yaml.safe_dump(content))
+        found += rows(capsys, path, "--draws", 1000)
+    each, mean = found
+    for name in ("energy_uj_q05", "energy_uj_q50", "energy_throttled_uj_q95"):
+        assert each[name] == pytest.approx(mean[name], rel=1e-12)
+
+
+def test_static_energy_is_never_negative(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text("layers: [300, 50, 70000, 300]\nn_steps: 1\nmean_rate: [0.065, 0.04, 0.133, 0.167]\n")
+    (row,) = rows(capsys, path, "--hardware", "mcu_m33")
+    for end in ("", "_low", "_high"):
+        assert row[f"energy_static_uj{end}"] == row[f"energy_static_throttled_uj{end}"] == 0
+
+
 def test_text_has_a_table_for_each_hardware(net: Path, capsys: Captured) -> None:
     assert main(["cost", str(net), "--hardware", "loihi1_silicon", "--hardware", "op_4.6_0.9"]) == 0
     head, loihi, counted = capsys.readouterr().out.split("\n\n")[:3]
@@ -265,6 +302,7 @@ def test_every_mistake_at_once(net: Path, tmp_path: Path, capsys: Captured) -> N
     [
         (["--contacts-per-hour", "-1"], "--contacts-per-hour: must be a finite number >= 0, got -1"),
         (["--contacts-per-hour", "nan"], "--contacts-per-hour: must be a finite number >= 0, got nan"),
+        (["--draws", "100001"], "--draws: must be at most 100000, got 100001"),
         (["--battery-mwh", "5"], "--battery-mwh: needs --contacts-per-hour (0: idle all the time)"),
         (
             ["--contacts-per-hour", "1", "--battery-mwh", "inf"],
@@ -311,3 +349,25 @@ def test_a_layer_wider_than_the_chip_and_one_neuron_are_priced(tmp_path: Path, c
     path.write_text("layers: [1, 1]\nn_steps: 1\nspikes: [1, 1]\n")
     (one,) = rows(capsys, path)
     assert (one["n_weights"], one["n_cores"], one["fits"]) == (1, 1, True)
+
+
+def test_static_energy_is_that_of_the_chip_and_that_of_the_cores_in_use(net: Path, capsys: Captured) -> None:
+    chip, other = rows(capsys, net, "--hardware", "loihi1_silicon", "--hardware", "odin")
+    for name in ("static", "static_throttled"):
+        for end in ("", "_low", "_high"):
+            whole, share = chip[f"energy_{name}_uj{end}"], chip[f"energy_{name}_share_uj{end}"]
+            assert share == pytest.approx(whole * 2 / 128)  # a core per layer, of 128
+            assert other[f"energy_{name}_share_uj{end}"] is None, "one core is the whole chip"
+
+
+def test_power_between_contacts_that_nobody_knows_is_an_interval(net: Path, capsys: Captured) -> None:
+    asked = ("--contacts-per-hour", 60, "--battery-mwh", 1000)
+    assert main(["cost", str(net), "--hardware", "odin", *map(str, asked), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (row,) = document["rows"]
+    assert row["power_mw"] is None and row["battery_h"] is None
+    assert 0 < row["power_mw_low"] < row["power_mw_high"] < 0.1
+    assert row["battery_h_low"] < row["battery_h_high"]
+    assert document["notes"] == [
+        "odin: what it draws between contacts is not known, so mean power is an interval"
+    ]

@@ -56,6 +56,12 @@ def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Ca
     assert {row["hardware"] for row in rows} == {"mine"}
     own = answered(capsys, "skyline", str(results))["rows"]
     assert min(row["energy_uj"] for row in rows) < min(row["energy_uj"] for row in own)
+    chip = ("--hardware", str(tmp_path / "mine.yaml"))
+    drawn = answered(capsys, "skyline", str(results), *chip, *chip, "--draws", "20")["rows"]
+    assert [row["energy_uj"] for row in drawn] == [row["energy_uj"] for row in rows]
+    assert max(row["front_share"] for row in drawn) == 1.0
+    [sure] = answered(capsys, "pick", str(results), *chip, "--confidence", "0.9")["rows"]
+    assert sure["hardware"] == "mine" and sure["front_share"] >= 0.9
 
 
 def test_draws_say_how_sure_each_point_of_the_front_is(results: Path, capsys: Captured) -> None:
@@ -87,6 +93,7 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
     [
         (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no hardware profile; known"),
         (["skyline", "FOLDER", "--draws", "0"], "must be an integer >= 1, got '0'"),
+        (["skyline", "FOLDER", "--draws", "9999999"], "must be at most 100000, got 9999999"),
         (["pick", "FOLDER", "--confidence", "1.5"], "must be a number above 0 and up to 1, got '1.5'"),
         (["pick", "FOLDER", "--confidence", "sure"], "must be a number above 0 and up to 1, got 'sure'"),
         (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to draw"),

@@ -129,7 +129,13 @@ def test_chips_are_set_against_each_other(
     columns = {"energy_uj": 5.0, "energy_uj_low": 4.0, "energy_uj_high": 7.0, "fits": True}
     on = {"one": columns, "two": columns}
     folder = write(tmp_path / "nets", [{"accuracy": 0.9, "on": on}]).folder
-    monkeypatch.setattr(pricing, "energies_uj", lambda folder, rows, hardware: np.full((4, len(rows)), 5.0))
+
+    def drawn(
+        folder: Path, rows: pd.DataFrame, columns: list[str], *, hardware: list[str]
+    ) -> dict[str, np.ndarray]:
+        return {name: np.full((4, len(rows)), 5.0) for name in columns}
+
+    monkeypatch.setattr(pricing, "drawn", drawn)
     assert main(["report", str(folder), "--format", "table"]) == 0
     table, _, notes = capsys.readouterr().out.partition("A: real-time texture SNN")
     header = table.splitlines()[0].split()
@@ -139,8 +145,8 @@ def test_chips_are_set_against_each_other(
     ]
     assert energy[-3:] == ["one", "snn", "0"] and ["5", "-", "4", "7"] == energy[5:9]
     assert (
-        "nets, texture: two: snn, trial 0 wins, accuracy 0.9 ± 0.01, 5 uJ (5 to 5); it wins on one too"
-        in notes
+        "nets, texture: two: snn, trial 0 wins, accuracy 0.9 ± 0.097, 5 uJ (5 to 5); "
+        "no other design that fits is as accurate; it wins on one too" in notes
     )
     main(["report", str(folder), "--system", "A", "--format", "table"])
     header = capsys.readouterr().out.splitlines()[0].split()

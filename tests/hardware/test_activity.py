@@ -44,6 +44,13 @@ def test_drawn_spikes_agree_in_the_mean():
     assert (np.abs(np.mean(updates, axis=1) - found) < 4 * error).all()
 
 
+def test_a_thousand_million_steps_take_no_longer():
+    rates = (0.02, 0.02, 0.0)
+    lag = 1 / (1 - 0.98**24), 1 / (1 - 0.98**24) + 1 / (1 - 0.98**50)  # mean steps until a layer is awake
+    found = expected_updates((24, 50, 7), rates, 10**9)
+    assert found == pytest.approx([50 * (1e9 - lag[0]), 7 * (1e9 - lag[1])], rel=1e-12)
+
+
 def test_leading_axes_are_design_points_of_their_own():
     rates = np.random.default_rng(1).random((2, 3, 3))
     found = expected_updates((7, 5, 3), rates, 20)

@@ -109,6 +109,35 @@ def test_intervals_are_the_ends_of_every_figure():
     assert found.energy_uj_high == pytest.approx(high)
 
 
+def test_what_computes_slower_waits_less():
+    # A processor near the step period: at the slow end nothing waits, so the figures' ends are not the range.
+    profile = load("mcu_m4")
+    found = cost(profile, workload((300, 300, 10), [20_000, 8_000, 0], n_steps=300.0))
+    assert found.hardware_latency_ms < 300 < found.step_time_us_high * 0.3
+    assert found.static_uj_low == found.static_uj == found.static_uj_high == 0
+    assert found.static_throttled_uj_low == 0
+    waits_ms = 300 - found.step_time_us_low * 0.3
+    running_mw = profile.cycle_nj.high * 120
+    idle_mw = profile.sleep_uw.high * 1e-3 + running_mw * profile.wake_us.high * 1e-3
+    assert found.static_throttled_uj_high == pytest.approx(idle_mw * waits_ms)
+    assert 0 < found.static_throttled_uj < found.static_throttled_uj_high
+    mesh = cost(PROFILE, workload((24, 50, 7), [46, 100, 10]))
+    for name in ("static_uj", "static_throttled_uj"):
+        for end in ("_low", "_high"):
+            total = getattr(mesh, f"{name.replace('static', 'energy')}{end}")
+            dynamic = mesh.dynamic_uj * (0.85 if end == "_low" else 1.15)
+            assert getattr(mesh, name + end) == pytest.approx(total - dynamic)
+
+
+def test_cores_by_hand_that_a_chip_does_not_ask_for_are_told():
+    told = "the cores given by hand play no part on such a chip"
+    by_hand = dataclasses.replace(workload((24, 50, 7), [46, 100, 10]), cores=(3, 2))
+    assert told not in cost(PROFILE, by_hand).assumptions
+    for name in ("truenorth", "xylo_imu", "mcu_m4"):
+        assert told in cost(load(name), by_hand).assumptions
+        assert told not in cost(load(name), dataclasses.replace(by_hand, cores=None)).assumptions
+
+
 def test_static_energy_at_the_sensors_period_is_never_less_than_flat_out():
     slow = cost(PROFILE, workload((24, 50, 7), [46, 100, 10], step_ms=1.0))
     assert slow.static_throttled_uj == pytest.approx(104e-3 * 100 * 1000)

@@ -269,6 +269,21 @@ def test_pruned_weights_cost_nothing_where_zeros_are_skipped():
     assert kept.n_cores_high == before.n_cores_high
 
 
+def test_what_pruning_left_is_stored_with_its_zeros_where_lists_do_not_fit():
+    whole = workload((4000, 2000, 500), [100, 100, 0])
+    kept = dataclasses.replace(
+        whole, synapses=tuple(0.9 * n for n in whole.fan_out), stored=tuple(n * 9 // 10 for n in whole.dense)
+    )
+    found, before = cost(SILICON, kept), cost(SILICON, whole)
+    assert (found.fits, found.n_cores) == (True, before.n_cores)
+    assert found.energy_uj == before.energy_uj
+    assert found.assumptions == (
+        "weights of 0 are stored and read as any other: lists of what is left do not fit",
+    )
+    half = dataclasses.replace(kept, stored=tuple(n // 2 for n in whole.dense))
+    assert cost(SILICON, half).dynamic_uj < before.dynamic_uj
+
+
 def test_a_second_chip_doubles_the_static_power():
     found = cost(SILICON, workload((4096, 4096, 11), [0, 0, 0], [0, 0]))
     assert (found.n_cores, found.fits) == (138, False)

@@ -92,6 +92,7 @@ def test_spinnaker2_by_hand():
     # Nobody has published its static power: the high end holds the whole chip's 5 W for 0.1 s.
     dynamic_high = 4400 * 1500e-6 + 5700 * 6570e-6
     assert found.energy_uj_high == pytest.approx(dynamic_high + 5e6 * 0.1)
+    assert found.energy_uj_low == pytest.approx(4400 * 450e-6 + 5700 * 730e-6)
     assert any("static power is unknown" in text for text in found.assumptions)
 
 

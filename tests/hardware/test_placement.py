@@ -337,6 +337,16 @@ def test_far_tiles_lie_along_x_too():
     assert hops(net(sizes), found.cores, LOIHI_1)[0] == (1, 4 * (1 + 2 + 3))
 
 
+def test_a_million_cores_are_as_quickly_told():
+    # 250 000 tiles with a neuron per core, 4 tiles along y. Inputs stand on tile 0; the 10 outputs on the
+    # next tiles, 4, 4 and 2 of them at y = 0, 1 and 2: 8, 6, 12 and 22 hops along y from y = 0, 1, 2 and 3.
+    n = 1_000_000
+    inputs, wide, outputs = hops(net((7, n, 10)), (n, 10), LOIHI_1)
+    assert inputs == (16 * sum(range(62_500)), 4 * 62_500 * (1 + 2 + 3))
+    assert wide == pytest.approx((10 * (62_500 - 62_499 / 2), (8 + 6 + 12 + 22) / 4))
+    assert outputs == (0, 0)
+
+
 @given(
     st.lists(st.integers(1, 300), min_size=2, max_size=4),
     st.lists(st.booleans(), min_size=3, max_size=3),

@@ -303,8 +303,10 @@ def test_more_operations_never_cost_less(profile, counts, more, bits):
 @EACH
 def test_every_number_says_what_it_is(profile):
     assert isinstance(profile, Processor)
-    assert {profile.cycle_nj.evidence, profile.mac_cycles.evidence} == {"measured"}
-    assert {profile.event_cycles.evidence, profile.update_macs.evidence} == {"memory"}
+    assert profile.cycle_nj.evidence == "measured"
+    # How many the benchmark's net makes is from memory; its energy and time are measured.
+    assert {profile.mac_cycles.evidence, profile.event_cycles.evidence} == {"memory"}
+    assert profile.update_macs.evidence == "memory"
 
 
 @pytest.mark.parametrize(

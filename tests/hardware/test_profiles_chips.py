@@ -31,8 +31,9 @@ LOADS = pytest.mark.parametrize("given", [NETWORK, CLASSIFIER], ids=["network", 
 
 
 def test_the_chips_are_there():
-    chips = {"loihi1_silicon", "xylo_imu", "truenorth", "spinnaker2", "odin", "reckon", "loihi1_kerasspiking"}
-    assert chips <= set(names())
+    chips = "loihi1_silicon loihi1_davies loihi2_scenario xylo_imu truenorth spinnaker2 odin reckon"
+    others = "mcu_m4 mcu_m33 mcu_m7 asic45_memory op_4.6_0.9 loihi1_kerasspiking"
+    assert {*chips.split(), *others.split()} <= set(names())
 
 
 @EACH
@@ -61,10 +62,13 @@ def test_the_interval_contains_the_value(name, given):
     for low, value, high in (
         (found.energy_uj_low, found.energy_uj, found.energy_uj_high),
         (found.energy_throttled_uj_low, found.energy_throttled_uj, found.energy_throttled_uj_high),
+        (found.static_uj_low, found.static_uj, found.static_uj_high),
+        (found.static_throttled_uj_low, found.static_throttled_uj, found.static_throttled_uj_high),
         (found.step_time_us_low, found.step_time_us, found.step_time_us_high),
     ):
         assert np.isnan(value).all() if profile.interval_only else (low <= value).all()
         assert (low <= high).all() and not (value > high).any()
+    assert np.shape(found.pipeline_ms) == np.shape(found.energy_uj_high)
     assert found.energy_uj_high[0] > 0
     assert (found.energy_uj_low[-1], found.energy_throttled_uj_high[-1]) == (0, 0)  # nothing in no time
     for misfit in found.misfits:

@@ -206,7 +206,7 @@ def test_a_reference_run_from_its_file(run, tmp_path):
         (("n_steps: 100\n", ""), "1: n_steps is required: network steps of an inference"),
         (("n_steps: 100", "n_steps: -1"), "2: n_steps must be in [0, 1e+09], got -1"),
         (("n_steps: 100", "n_steps: .inf"), "2: n_steps must be an integer, got inf"),
-        (("[24, 50, 7]", "[24, 0, 7]"), "1: layers[1] must be in [1, 1e+09], got 0"),
+        (("[24, 50, 7]", "[24, 0, 7]"), "1: layers[1] must be in [1, 1e+07], got 0"),
         (("[24, 50, 7]", "[24, 50.5, 7]"), "1: layers[1] must be an integer, got 50.5"),
         (("[24, 50, 7]", "[24]"), "1: layers must be a list of an input and one layer or more, got [24]"),
         (("[24, 50, 7]", "24"), "1: layers must be a list of an input and one layer or more, got 24"),

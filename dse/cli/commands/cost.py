@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.costs import Asked, cost_notes, cost_row, cost_text, inference_text
-from dse.cli.numbers import positive
+from dse.cli.numbers import MOST_DRAWS, positive
 from dse.config import ConfigError, Fault
 
 if TYPE_CHECKING:
@@ -64,6 +64,8 @@ def _option_faults(arguments: argparse.Namespace) -> list[Fault]:
     for name, number in (("--contacts-per-hour", contacts), ("--battery-mwh", battery)):
         if number is not None and not (math.isfinite(number) and number >= 0):
             faults.append(Fault(name, 0, f"must be a finite number >= 0, got {number:g}"))
+    if arguments.draws is not None and arguments.draws > MOST_DRAWS:
+        faults.append(Fault("--draws", 0, f"must be at most {MOST_DRAWS}, got {arguments.draws}"))
     if battery is not None and contacts is None:
         faults.append(Fault("--battery-mwh", 0, "needs --contacts-per-hour (0: idle all the time)"))
     return faults

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dse.cli import priced
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import Objective, columns, records
-from dse.cli.numbers import positive, share
+from dse.cli.numbers import draws, share
 
 if TYPE_CHECKING:
     import pandas
@@ -32,11 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--confidence",
         type=share,
         metavar="SHARE",
-        help="such as 0.9: in so many draws of the hardware's figures the pick is within the budgets, and no "
+        help="such as 0.9: in so many draws of the hardware's figures the pick is within each budget, and no "
         "design beats it in every objective",
     )
     parser.add_argument(
-        "--draws", type=positive, default=200, metavar="N", help="draws for --confidence (default: 200)"
+        "--draws", type=draws, default=200, metavar="N", help="draws for --confidence (default: 200)"
     )
     parser.add_argument("--export", metavar="DIR", help="write the design as a bundle")
     add_format(parser)
@@ -58,10 +58,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
         found = skyline.pick(points, arguments.budget, arguments.maximise, ties)
     else:
         names = [*(name for name, _ in goals), *skyline.budgeted(arguments.budget)]
-        costs = priced.drawn([arguments.results], [points], names, arguments.draws)
-        apart = [name for name in ("task", "hardware") if name in points]
+        drawing = priced.draws([arguments.results], [points], arguments.hardware, names, arguments.draws)
+        apart = [name for name in ("task",) if name in points]
         found = skyline.sure_pick(
-            points, arguments.budget, arguments.maximise, ties, costs, arguments.confidence, apart
+            points, arguments.budget, arguments.maximise, ties, drawing, arguments.confidence, apart
         )
     if found.row is None:
         missed = [str(name) for name in found.nearest.columns if str(name).startswith("missed ")]
@@ -73,6 +73,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     # Accuracies of tasks do not compare; nor do energies of a chip and of counted operations.
     notes = [
         *found.notes,
+        *_unheld(row),
         *_others(points, arguments.budget, "task", "tasks"),
         *_others(points, arguments.budget, "hardware", "hardware profiles"),
     ]
@@ -82,6 +83,17 @@ def answer(arguments: argparse.Namespace) -> Answer:
         bundles.export(study.open(arguments.results), row, arguments.export)
         notes.append(f"bundle: {arguments.export}")
     return Answer([row], notes, _telling(row, goals))
+
+
+def _unheld(row: dict[str, Any]) -> list[str]:
+    """Return a hint where the pick's chip cannot run it or hold it."""
+    import pandas
+
+    if "energy_uj_high" in row and pandas.isna(row["energy_uj_high"]):
+        return [f'{row["hardware"]} cannot run this design; --budget "energy_uj_high >= 0" leaves such out']
+    if pandas.notna(row.get("fits")) and not row["fits"]:
+        return [f"this design does not fit {row['hardware']}; --budget fits leaves such out"]
+    return []
 
 
 def _others(points: pandas.DataFrame, budgets: list[str], column: str, plural: str) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from dse.cli import priced
 from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import Objective, columns, records
-from dse.cli.numbers import positive
+from dse.cli.numbers import draws
 
 HELP = "print the non-dominated design points of a study or of any table of points"
 
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     priced.add_hardware(parser)
     parser.add_argument(
         "--draws",
-        type=positive,
+        type=draws,
         metavar="N",
         help="draw the figures of the hardware so often: column front_share is the share of draws in which a "
         "point stays non-dominated",
@@ -55,16 +55,14 @@ def answer(arguments: argparse.Namespace) -> Answer:
     frames = priced.points(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
     frame = pandas.concat(frames, ignore_index=True)
-    by = priced.apart(frame, arguments.by, objectives)
+    by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     found = skyline.skyline(frame, objectives, arguments.where, by)
     rows, shown = found.rows, columns(found.rows, objectives)
     if arguments.draws:
         names = [name for name, _ in objectives]
-        costs = priced.drawn(arguments.results, frames, names, arguments.draws)
-        among = skyline.comparable(frame, objectives, arguments.where).rows
-        share = skyline.front_share(
-            among, objectives, {name: values[:, among.index] for name, values in costs.items()}, by
-        )
+        drawing = priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
+        among = skyline.comparable(frame, objectives, arguments.where, by).rows
+        share = skyline.front_share(among, objectives, drawing, by)
         rows = rows.assign(front_share=pandas.Series(share, among.index)[rows.index])
         shown = [*shown, "front_share"]
     return Answer(records(rows), found.notes, shown)

@@ -6,7 +6,8 @@ Dynamic energy, from counts per inference (T steps; layers 1.. are neurons, laye
 
 N neurons, U updates, S spikes of neurons, s_l spikes and f_l targets per spike of layer l, and M
 messages: one per spike and destination core. On a chip that skips zero weights, f_l counts the weights
-that pruning left (`Workload.synapses`). Time of a step, from counts per step:
+that pruning left (`Workload.synapses`); where only all weights fit, not lists of these, all are stored, and
+are events. Time of a step, from counts per step:
 
     t = barrier(tiles) + max over cores of max(send, receive)
     send    = access n + update u + spike s + message_out m        what the core's own n neurons do
@@ -27,7 +28,7 @@ Source: SANA-FE (REFERENCES.md), whose energy and `simple` time it reproduces fr
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,9 +129,14 @@ class Mesh(Profile):
         if isinstance(load, Operations):
             raise NotApplicable(f"{self.name} runs networks of spiking layers only")
         rules = self.rules
-        net = architecture(load, rules)
+        net, synapses = architecture(load, rules), load.synapses if rules.skips_zero_weights else None
         placement = place(net, rules)
-        work = _work(net, placement.cores, load.synapses if rules.skips_zero_weights else None, rules)
+        if net.stored is not None and placement.misfits:
+            dense = place(replace(net, stored=None), rules)
+            if not dense.misfits:
+                told = "weights of 0 are stored and read as any other: lists of what is left do not fit"
+                placement, synapses = replace(dense, assumptions=(*dense.assumptions, told)), None
+        work = _work(net, placement.cores, synapses, rules)
         energy_pj = {
             event: figures[f"{event}_pj"][..., None] * per_count
             for event, per_count in zip(_EVENTS, work.events, strict=True)
@@ -152,6 +158,7 @@ class Mesh(Profile):
                 self.congestion_spikes.value,
                 figures["congestion_factor"],
             ),
+            share=placement.n_cores / (chips * rules.cores),
         )
 
     def pipeline_steps(self, load: Workload | Operations) -> int:

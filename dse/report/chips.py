@@ -1,0 +1,204 @@
+"""Designs on a chip: which fit, what they take in every draw of the chip's figures, and which is cheapest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dse import pricing
+from dse.metrics.accuracy import wilson_se
+from dse.pareto import non_dominated
+from dse.records import Array
+from dse.report.designs import Found, best, full_read_outs
+from dse.report.rows import number
+
+if TYPE_CHECKING:
+    import pandas
+
+QUANTILES = (0.5, 0.05, 0.95)
+
+FLAT_OUT, AT_PERIOD = "energy_uj", "energy_throttled_uj"
+"""Energies: input all at once, or a step per period of the sensor, waiting included."""
+
+
+class Ratio(NamedTuple):
+    """How many times one energy another is, over draws of chips' figures.
+
+    median, low, high: with the 5 % and the 95 % quantile.
+    share: of the draws in which it is above 1.
+    """
+
+    median: float
+    low: float
+    high: float
+    share: float
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether one is the dearer beyond the uncertainty: both quantiles are on one side of 1."""
+        return self.low > 1 or self.high < 1
+
+
+class Level(NamedTuple):
+    """An accuracy and its error; `least` is as accurate."""
+
+    accuracy: float
+    error: float
+
+    @property
+    def least(self) -> float:
+        """The lowest accuracy that is as good."""
+        return self.accuracy - self.error
+
+
+@dataclass(frozen=True)
+class Chip:
+    """The designs of a study and task on one chip.
+
+    designs: their full read-outs there, the same designs in the same order on every chip.
+    energies_uj: FLAT_OUT and AT_PERIOD -> (draw, design), of the same draws for all; NaN where the chip
+        cannot run it.
+    fits: (design,) bool, whether the chip can run and hold it.
+    """
+
+    name: str
+    designs: pandas.DataFrame
+    energies_uj: Mapping[str, Array]
+    fits: NDArray[np.bool_]
+
+    @property
+    def accuracies(self) -> Array:
+        """Accuracy of each design, (design,)."""
+        return np.asarray(self.designs["accuracy"], dtype=np.float64)
+
+    def medians_uj(self, column: str = FLAT_OUT) -> Array:
+        """Return the median energy of each design, (design,)."""
+        return np.asarray(np.median(self.energies_uj[column], axis=0))
+
+    @property
+    def has_values(self) -> bool:
+        """Whether energies have a value; of some chips only intervals are known."""
+        return bool(np.isfinite(self.designs[FLAT_OUT].astype(float)).any())
+
+    def front(self) -> set[int]:
+        """Return the trials that no other one that fits beats in both accuracy and median energy."""
+        own = np.flatnonzero(self.fits)
+        if not own.size:
+            return set()
+        costs = np.stack([-self.accuracies, self.medians_uj()], axis=1)[own]
+        return set(self.designs["trial"].to_numpy()[own[non_dominated(costs)]].tolist())
+
+    def ranked(self, least: float, column: str = FLAT_OUT) -> list[int]:
+        """Return the designs that fit and reach an accuracy, that of least median energy first.
+
+        Energies that agree in three digits are a tie, which goes to fewer weights, then to the more accurate,
+        then to the earlier trial: medians of dependent energies that hardly differ are in no certain order.
+        """
+        medians = self.medians_uj(column)
+        own = np.flatnonzero(self.fits & (self.accuracies >= least) & np.isfinite(medians))
+        keys = (
+            self.designs["trial"].to_numpy()[own],
+            -self.accuracies[own],
+            self.designs["n_weights"].to_numpy(np.float64)[own],
+            np.array([float(f"{median:.3g}") for median in medians[own]]),
+        )
+        found: list[int] = own[np.lexsort(keys)].tolist()
+        return found
+
+
+class Choice(NamedTuple):
+    """A design on a chip, by its place there."""
+
+    chip: Chip
+    design: int
+
+    @property
+    def row(self) -> pandas.Series[Any]:
+        """Its columns."""
+        return self.chip.designs.iloc[self.design]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the chip can run and hold it."""
+        return bool(self.chip.fits[self.design])
+
+    def drawn_uj(self, column: str = FLAT_OUT) -> Array:
+        """Return its energy in every draw, (draw,)."""
+        found: Array = self.chip.energies_uj[column][:, self.design]
+        return found
+
+    def median_uj(self, column: str = FLAT_OUT) -> float:
+        """Return its median energy."""
+        return float(self.chip.medians_uj(column)[self.design])
+
+
+def chips(part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
+    """Return the honest designs of a task on every chip of some design points.
+
+    Args:
+        part: a study's designs of the task.
+        points: as priced.
+        hardware: names or files of the profiles that they were priced on; none: those of the study.
+    """
+    if "hardware" not in points:
+        return []
+    rows = full_read_outs(points[points["task"] == part.task])
+    rows = rows[~rows["transductive"] & np.isfinite(rows["accuracy"].astype(float))]
+    found = []
+    for name, own in rows.groupby("hardware", sort=False):
+        designs = own.sort_values("trial").reset_index(drop=True)
+        energies = pricing.drawn(part.study.folder, designs, (FLAT_OUT, AT_PERIOD), hardware=hardware)
+        # What counts operations alone has no limits.
+        held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
+        runs = np.isfinite(energies[FLAT_OUT]).all(axis=0)
+        found.append(Chip(str(name), designs, energies, held & runs))
+    return found
+
+
+def reached(part: Found, chip: Chip) -> Level | None:
+    """Return the accuracy of the best design that fits, with its error; None where none fits."""
+    top = best(chip.designs[chip.fits])
+    return None if top is None else Level(float(top["accuracy"]), accuracy_error(part, top))
+
+
+def accuracy_error(part: Found, row: pandas.Series[Any]) -> float:
+    """Return the larger of the error over runs and that of so many recordings; 0 where neither is known.
+
+    Runs of a design answer the same recordings, so that more runs do not make up for few recordings.
+    """
+    over_runs, n = number(row.get("accuracy_se")) or 0.0, part.n_validation
+    return max(over_runs, float(wilson_se(round(row["accuracy"] * n), n)) if n else 0.0)
+
+
+def common_level(levels: Sequence[Level]) -> Level:
+    """Return the highest accuracy that is reached everywhere; of equals, that of the larger error."""
+    return min(levels, key=lambda level: (level.accuracy, level.least))
+
+
+def cheapest(several: Sequence[Chip], least: float, column: str = FLAT_OUT) -> list[Choice]:
+    """Return the cheapest design that fits and reaches an accuracy on every chip that has one."""
+    ranks = [(chip, chip.ranked(least, column)) for chip in several]
+    return [Choice(chip, designs[0]) for chip, designs in ranks if designs]
+
+
+def ratio(energies_uj: Array, other: Array) -> Ratio:
+    """Return how many times one energy another is, in each draw of both, broadcast together, uJ.
+
+    Two energies of 0 are equal.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.where(other == energies_uj, 1.0, other / energies_uj)
+    median, low, high = np.quantile(ratios, QUANTILES, method="inverted_cdf")
+    return Ratio(float(median), float(low), float(high), float(np.mean(ratios > 1)))
+
+
+def ratio_apart(energies_uj: Array, other: Array) -> Ratio:
+    """Return how many times one energy another is, (draw,) each, where figures are drawn independently.
+
+    Every draw of one chip meets every draw of the other.
+    """
+    return ratio(energies_uj[:, None], other[None, :])
