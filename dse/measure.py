@@ -187,6 +187,7 @@ def columns_on(profile: Profile, load: Workload | Operations) -> Columns:
             "energy_throttled_uj": found.energy_throttled_uj,
             "energy_throttled_uj_low": found.energy_throttled_uj_low,
             "energy_throttled_uj_high": found.energy_throttled_uj_high,
+            "idle_mw": found.idle_mw,
             "hardware_latency_ms": found.hardware_latency_ms,
             "latency_ms": _latency_ms(load, found.step_time_us) + found.pipeline_ms,
             "n_cores": found.n_cores,

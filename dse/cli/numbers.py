@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 
 def positive(text: str) -> int:
@@ -28,6 +29,21 @@ def draws(text: str) -> int:
     found = positive(text)
     if found > MOST_DRAWS:
         raise argparse.ArgumentTypeError(f"must be at most {MOST_DRAWS}, got {found}")
+    return found
+
+
+def amount(text: str) -> float:
+    """Return a finite number of at least 0.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none.
+    """
+    try:
+        found = float(text)
+    except ValueError:
+        found = -1.0
+    if not 0 <= found < math.inf:
+        raise argparse.ArgumentTypeError(f"must be a finite number >= 0, got '{text}'")
     return found
 
 

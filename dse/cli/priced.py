@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dse.cli.numbers import amount
+
 if TYPE_CHECKING:
     import pandas
 
@@ -23,6 +25,57 @@ def add_hardware(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="price the points on this profile, or file of one, without training; repeatable",
     )
+
+
+def add_duty(parser: argparse.ArgumentParser) -> None:
+    """Declare `--contacts-per-hour` and `--battery-mwh`."""
+    parser.add_argument(
+        "--contacts-per-hour",
+        type=amount,
+        metavar="N",
+        help="column power_mw: mean power of so many inferences an hour, at the sensor's period, and of idling",
+    )
+    parser.add_argument(
+        "--battery-mwh",
+        type=amount,
+        metavar="M",
+        help="with --contacts-per-hour, column battery_h: how long a battery of so much lasts",
+    )
+
+
+def on_duty(
+    frame: pandas.DataFrame, contacts_per_hour: float | None, battery_mwh: float | None
+) -> pandas.DataFrame:
+    """Return points with their mean power and battery life, where these are asked for.
+
+    Both are NaN where contacts would overlap, where the profile does not say what idling takes, and where
+    the chip cannot run the classifier.
+
+    Raises:
+        StoreError: points have no such costs, or a battery is asked of no contacts.
+    """
+    import numpy as np
+
+    from dse.hardware.duty import battery_h, mean_power_mw
+    from dse.store import StoreError
+
+    if contacts_per_hour is None:
+        if battery_mwh is not None:
+            raise StoreError("--battery-mwh needs --contacts-per-hour (0: idle all the time)")
+        return frame
+    needed = ("energy_throttled_uj", "idle_mw", "hardware_latency_ms", "decision_latency_ms")
+    lacking = [name for name in needed if name not in frame]
+    if lacking:
+        raise StoreError(
+            f"--contacts-per-hour: the points have no {lacking[0]}; name hardware that has: --hardware NAME"
+        )
+    energy, idle, computing, window = (frame[name].to_numpy(np.float64, na_value=np.nan) for name in needed)
+    contact_ms = np.fmax(computing, window)
+    apart = contacts_per_hour * contact_ms <= 3.6e6
+    known = np.where((idle > 0) & apart, idle, np.nan)
+    power = mean_power_mw(contacts_per_hour, energy, np.where(apart, contact_ms, 0.0), known)
+    lasts = {} if battery_mwh is None else {"battery_h": battery_h(battery_mwh, power)}
+    return frame.assign(power_mw=power, **lasts)
 
 
 def points(paths: Sequence[str], hardware: Sequence[str]) -> list[pandas.DataFrame]:

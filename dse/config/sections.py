@@ -40,7 +40,7 @@ OF_HARDWARE = (
     *("energy_uj", "energy_uj_low", "energy_uj_high"),
     *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
     *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),
-    *("hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
+    *("idle_mw", "hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
 )
 HELD_BACK = "accuracy_test"
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")

@@ -16,6 +16,7 @@ _UNITS = {
     "_us": "µs",
     "_mv": "mV",
     "_uj": "µJ",
+    "_mw": "mW",
     "_bits": "bit",
     "_bytes": "byte",
     "_s": "s",

@@ -17,6 +17,7 @@ declare("energy_throttled_uj_high", "uJ", "min", "The same with every figure at 
 declare("energy_dynamic_uj", "uJ", "min", "Energy per inference of what happens, without static power.")
 declare("energy_static_uj", "uJ", "min", "Static energy per inference while computing flat out.")
 declare("energy_static_throttled_uj", "uJ", "min", "Static energy per inference at the sensor's step period.")
+declare("idle_mw", "mW", "min", "Power between inferences, while nothing is to be done.")
 declare("n_cores", "", "min", "Cores that the network occupies.")
 declare("n_cores_high", "", "min", "Cores that the network may occupy where practice needs more.")
 declare("fits", "", "max", "1 where the network meets every limit of the chip, else 0.")

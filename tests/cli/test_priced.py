@@ -94,6 +94,9 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
         (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no hardware profile; known"),
         (["skyline", "FOLDER", "--draws", "0"], "must be an integer >= 1, got '0'"),
         (["skyline", "FOLDER", "--draws", "9999999"], "must be at most 100000, got 9999999"),
+        (["skyline", "FOLDER", "--battery-mwh", "9"], "--battery-mwh needs --contacts-per-hour"),
+        (["skyline", "FOLDER", "--contacts-per-hour", "-1"], "must be a finite number >= 0, got '-1'"),
+        (["pick", "TABLE", "--contacts-per-hour", "1"], "the points have no energy_throttled_uj"),
         (["pick", "FOLDER", "--confidence", "1.5"], "must be a number above 0 and up to 1, got '1.5'"),
         (["pick", "FOLDER", "--confidence", "sure"], "must be a number above 0 and up to 1, got 'sure'"),
         (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to draw"),
@@ -127,3 +130,30 @@ def test_a_wrong_chip_is_found_before_any_work(tmp_path: Path, capsys: Captured)
         assert main([command[0], str(space), *command[1:]]) == 2
         assert "static_mw.unit must be 'mW', got 'W'" in capsys.readouterr().err
     assert not (tmp_path / "results").exists()
+
+
+def test_battery_life_of_a_study_s_designs(results: Path, capsys: Captured) -> None:
+    asked = ("--contacts-per-hour", "60", "--battery-mwh", "1000", "--hardware", "loihi1_silicon")
+    rows = answered(capsys, "skyline", str(results), *asked, "--objectives", "accuracy:max,battery_h:max")[
+        "rows"
+    ]
+    for row in rows:
+        share = 60 * max(row["decision_latency_ms"], row["hardware_latency_ms"]) / 3.6e6
+        power = 60 * row["energy_throttled_uj"] / 3.6e6 + (1 - share) * 104
+        assert row["idle_mw"] == 104
+        assert row["power_mw"] == pytest.approx(power) and row["battery_h"] == pytest.approx(1000 / power)
+    [row] = answered(capsys, "pick", str(results), *asked, "--budget", "battery_h >= 9")["rows"]
+    assert row["battery_h"] >= 9
+    never = answered(capsys, "pick", str(results), *asked, "--budget", "battery_h >= 99", code=3)
+    assert all(row["missed battery_h>=99"] > 89 for row in never["rows"])
+
+
+def test_battery_life_that_is_not_known(results: Path, capsys: Captured) -> None:
+    notes = answered(
+        capsys,
+        *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin"),
+        *("--objectives", "accuracy:max,power_mw:min"),
+    )["notes"]
+    assert any("power_mw is NaN" in note for note in notes), "nobody published what it draws when idle"
+    crowded = answered(capsys, "skyline", str(results), "--contacts-per-hour", "1e9")["rows"]
+    assert all(row["power_mw"] is None for row in crowded), "contacts overlap"

@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--maximise", default="accuracy", metavar="COLUMN", help="default: accuracy")
     priced.add_hardware(parser)
+    priced.add_duty(parser)
     parser.add_argument(
         "--confidence",
         type=share,
@@ -51,6 +52,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
     [points] = priced.points([arguments.results], arguments.hardware)
+    points = priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
     objectives: list[Objective] = study.open(arguments.results).objectives if is_study else []
     ties = [(name, way) for name, way in objectives if name != arguments.maximise and name in points]
     goals = [(arguments.maximise, "max"), *ties]
@@ -115,4 +117,8 @@ def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
         name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
     ]
     design = [name for name in row if name in about or name in axes]
-    return [name for name in dict.fromkeys([*design, *(name for name, _ in goals)]) if name in row]
+    return [
+        name
+        for name in dict.fromkeys([*design, *(name for name, _ in goals), "power_mw", "battery_h"])
+        if name in row
+    ]

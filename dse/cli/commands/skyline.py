@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "hardware never share a front",
     )
     priced.add_hardware(parser)
+    priced.add_duty(parser)
     parser.add_argument(
         "--draws",
         type=draws,
@@ -54,10 +55,13 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
     frames = priced.points(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    frame = pandas.concat(frames, ignore_index=True)
+    frame = priced.on_duty(
+        pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
+    )
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     found = skyline.skyline(frame, objectives, arguments.where, by)
     rows, shown = found.rows, columns(found.rows, objectives)
+    shown += [name for name in ("power_mw", "battery_h") if name in rows and name not in shown]
     if arguments.draws:
         names = [name for name, _ in objectives]
         drawing = priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
