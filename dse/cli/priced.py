@@ -33,7 +33,7 @@ def add_duty(parser: argparse.ArgumentParser) -> None:
         "--contacts-per-hour",
         type=amount,
         metavar="N",
-        help="column power_mw: mean power of so many inferences an hour, at the sensor's period, and of idling",
+        help="column power_mw: mean power of so many inferences an hour, at the sensor's period, and idling",
     )
     parser.add_argument(
         "--battery-mwh",
