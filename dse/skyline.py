@@ -450,9 +450,13 @@ def fitting(rows: pd.DataFrame) -> NDArray[np.bool_]:
     """Return which rows fit their hardware; all of a hardware that nothing fits, as if it went on."""
     if "fits" not in rows.columns:
         return np.ones(len(rows), dtype=bool)
-    fits = rows["fits"].astype("boolean").fillna(True).to_numpy(dtype=bool)
-    chips = rows["hardware"].astype(str).to_numpy() if "hardware" in rows else np.zeros(len(rows))
-    return fits | ~np.isin(chips, np.unique(chips[fits]))
+    fits = _fits(rows)
+    chips = _groups(rows, "hardware" if "hardware" in rows else None)
+    return np.asarray(fits | ~np.isin(chips, chips[fits]))
+
+
+def _fits(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    return rows["fits"].astype("boolean").fillna(True).to_numpy(dtype=bool)
 
 
 def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
@@ -460,14 +464,15 @@ def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str
     if "fits" not in rows.columns or re.search(r"\bfits\b", condition):
         return rows, []
     keep = fitting(rows)
-    chips = rows["hardware"].astype(str) if "hardware" in rows else pd.Series("the chip", rows.index)
+    unnamed = pd.Series("the chip", rows.index, dtype=object)
+    chips = rows["hardware"].astype(object).fillna(unnamed) if "hardware" in rows else unnamed
     notes = [
         f"{n} {'row' if n == 1 else 'rows'} left out: {'it does' if n == 1 else 'they do'} not fit {chip}"
         for chip, n in chips[~keep].value_counts(sort=False).items()
     ]
-    as_if = rows["fits"].astype("boolean").fillna(True).to_numpy(dtype=bool)
     notes += [
-        f"no design fits {chip}: its costs are as if it went on" for chip in chips[keep & ~as_if].unique()
+        f"no design fits {chip}: its costs are as if it went on"
+        for chip in chips[keep & ~_fits(rows)].unique()
     ]
     return rows[keep], notes
 
@@ -475,7 +480,7 @@ def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str
 def _once(rows: pd.DataFrame, names: Sequence[str], condition: str) -> tuple[pd.DataFrame, list[str]]:
     """Keep the points on one hardware where nothing that is asked depends on it."""
     asked = "hardware" in names or "hardware" in condition or any(name in OF_HARDWARE for name in names)
-    if asked or "hardware" not in rows or rows["hardware"].nunique() < 2:
+    if asked or "hardware" not in rows or rows["hardware"].isna().any() or rows["hardware"].nunique() < 2:
         return rows, []
     first = rows["hardware"].iloc[0]
     return rows[rows["hardware"] == first], [f"points on {first}: no objective depends on hardware"]

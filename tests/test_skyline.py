@@ -483,6 +483,17 @@ def test_what_does_not_fit_is_there_when_it_is_named() -> None:
     assert pick(CHIPS, ["hardware == 'z'"]).notes == ["no design fits z: its costs are as if it went on"]
 
 
+def test_rows_of_tables_without_hardware_fit() -> None:
+    bare = pd.DataFrame({"trial": [7], "accuracy": [0.95], "energy_uj": [0.5]})
+    mixed = pd.concat([CHIPS, bare], ignore_index=True)
+    found = skyline(mixed, GOALS, by="hardware")
+    assert found.rows["trial"].tolist() == [0, 1, 1, 0, 7]
+    weights = [("accuracy", "max"), ("trial", "min")]
+    assert len(skyline(pd.concat([bare, CHIPS], ignore_index=True), weights).rows) == 4
+    alone = skyline(CHIPS.drop(columns="hardware"), GOALS)
+    assert alone.notes == ["3 rows left out: they do not fit the chip"]
+
+
 def test_what_no_hardware_changes_is_told_once() -> None:
     weights = [("accuracy", "max"), ("n_weights", "min")]
     found = skyline(CHIPS, weights)
