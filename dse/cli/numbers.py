@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 
 
 def positive(text: str) -> int:
@@ -38,13 +39,7 @@ def amount(text: str) -> float:
     Raises:
         argparse.ArgumentTypeError: it is none.
     """
-    try:
-        found = float(text)
-    except ValueError:
-        found = -1.0
-    if not 0 <= found < math.inf:
-        raise argparse.ArgumentTypeError(f"must be a finite number >= 0, got '{text}'")
-    return found
+    return _number(text, lambda x: 0 <= x < math.inf, "a finite number >= 0")
 
 
 def share(text: str) -> float:
@@ -53,10 +48,14 @@ def share(text: str) -> float:
     Raises:
         argparse.ArgumentTypeError: it is none.
     """
+    return _number(text, lambda x: 0 < x <= 1, "a number above 0 and up to 1")
+
+
+def _number(text: str, is_good: Callable[[float], bool], wanted: str) -> float:
     try:
         found = float(text)
     except ValueError:
-        found = -1.0
-    if not 0 < found <= 1:
-        raise argparse.ArgumentTypeError(f"must be a number above 0 and up to 1, got '{text}'")
+        found = math.nan
+    if not is_good(found):
+        raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
     return found

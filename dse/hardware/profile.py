@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -85,7 +86,7 @@ def fixed(figures: Figures, name: str) -> float:
 
 
 @dataclass(frozen=True)
-class Profile:
+class Profile(ABC):
     """One chip. A kind of hardware is a subclass whose other fields are declared by `figure`.
 
     name, doc: what it is called and what it is.
@@ -132,13 +133,13 @@ class Profile:
             found[name] = np.where(u < 0.5, below, above)
         return found
 
+    @abstractmethod
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return what one inference costs per count of what happens in it.
 
         Raises:
             NotApplicable: the chip cannot run such a classifier.
         """
-        raise NotImplementedError
 
     def pipeline_steps(self, load: Workload | Operations) -> int:
         """Return the steps that the last step's answer still takes through the layers; 0 on most chips."""
