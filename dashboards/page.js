@@ -2,13 +2,8 @@
 // One state object; every view is a function of it, and the URL's fragment carries it.
 // Text from the study only ever enters the page through textContent or escaped() below.
 (() => {
-  const page = JSON.parse(document.getElementById("data").textContent);
   const byId = (id) => document.getElementById(id);
-  const columns = page.columns;
-  const objectives = Object.keys(page.objectives);
-  const nRows = Object.values(columns)[0]?.values.length ?? 0;
-  const rows = Array.from({ length: nRows }, (_, row) => row);
-  const onFront = new Set(page.fronts.all);
+  let page, columns, objectives, nRows, rows, onFront, axes, tasks, hardware, allowed; // set by take()
   const TABLE_ROWS = 50;
   const BARS = 40;
   const HOVER_CHARACTERS = 60;
@@ -47,9 +42,23 @@
 
   // ---- state
 
-  const axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && isNumeric(c))];
-  const tasks = distinct("task");
-  const hardware = distinct("hardware");
+  function take(data) {
+    page = data;
+    columns = page.columns;
+    objectives = Object.keys(page.objectives);
+    nRows = Object.values(columns)[0]?.values.length ?? 0;
+    rows = Array.from({ length: nRows }, (_, row) => row);
+    onFront = new Set(page.fronts.all);
+    axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && isNumeric(c))];
+    tasks = distinct("task");
+    hardware = distinct("hardware");
+    allowed = {
+      view: ["2", "3"], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
+      task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
+      sort: Object.keys(columns), chosen: rows.map(String), rows: ["", "all"],
+    };
+  }
+
   const varies = (column) => distinct(column).length > 1;
 
   // A column that spans more than two decades reads better in logarithms.
@@ -74,12 +83,6 @@
     };
   }
 
-  const allowed = {
-    view: ["2", "3"], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
-    task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
-    sort: Object.keys(columns), chosen: rows.map(String), rows: ["", "all"],
-  };
-
   function readState() {
     const state = initialState();
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
@@ -88,6 +91,7 @@
     return state;
   }
 
+  take(JSON.parse(byId("data").textContent));
   let state = readState();
 
   function change(part) {
@@ -95,10 +99,41 @@
       if (axis in part) part[`l${axis}`] = spansDecades(part[axis]) ? "1" : "0";
     }
     state = { ...state, ...part };
+    writeState();
+    render();
+  }
+
+  function writeState() {
     const plain = initialState();
     const moved = Object.entries(state).filter(([key, value]) => value !== plain[key]);
     history.replaceState(null, "", "#" + new URLSearchParams(moved));
+  }
+
+  // ---- new data of a served page (live.js)
+
+  // Row numbers change when trials are added before a row; what makes its design does not.
+  const identity = (row, named) => JSON.stringify(named.map((column) => columns[column]?.values[row] ?? null));
+
+  function show(data) {
+    const before = { state, plain: initialState(), empty: page.state !== null };
+    const named = [...new Set(["trial", "point", "task", "hardware", ...page.design])];
+    const focused = document.activeElement?.closest("#front tr, #front th");
+    const head = focused?.querySelector("button")?.title;
+    const names = [state.chosen, focused?.dataset.row].map((row) => (row ? identity(Number(row), named) : null));
+    take(data);
+    const found = names.map((name) => (name === null ? -1 : rows.findIndex((row) => identity(row, named) === name)));
+    // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
+    const kept = Object.entries(before.state).filter(([key, value]) => key !== "chosen" && allowed[key].includes(value) &&
+      !(key === "task" && value === before.plain.task));
+    const chosen = found[0] < 0 ? "" : String(found[0]);
+    state = before.empty ? readState() : { ...initialState(), ...Object.fromEntries(kept), chosen };
+    if (page.state === null) writeState();
     render();
+    if (!focused) return;
+    const again = head === undefined
+      ? [...byId("front").querySelectorAll("tbody tr")].find((line) => line.dataset.row === String(found[1]))
+      : [...byId("front").querySelectorAll("th button")].find((button) => button.title === head);
+    again?.focus({ preventScroll: true });
   }
 
   // ---- what the state selects
@@ -446,6 +481,7 @@
     choose(event);
     tableBody.querySelector(`tr[data-row="${row}"]`)?.focus();
   });
+  addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => { state = readState(); render(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", render);
   render();

@@ -59,3 +59,14 @@ def _number(text: str, is_good: Callable[[float], bool], wanted: str) -> float:
     if not is_good(found):
         raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
     return found
+
+
+def port(text: str) -> int:
+    """Return a number of a port, 0 for any.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no integer from 0 to 65 535.
+    """
+    if not text.isdecimal() or int(text) > 65_535:
+        raise argparse.ArgumentTypeError(f"must be an integer from 0 to 65535, got '{text}'")
+    return int(text)

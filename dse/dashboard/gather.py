@@ -181,7 +181,7 @@ def _state(
     if not len(points):
         return {
             "title": "No design yet",
-            "text": "This study has no finished trial. Run it, or let it run on, and open this page again.",
+            "text": "This study has no finished trial. Run it, or let it run on.",
         }
     if not present:
         return {

@@ -9,6 +9,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +63,7 @@ def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Pa
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        unfinished.write_text(_fill(template, page), encoding="utf-8", newline="\n")
+        unfinished.write_text(filled(template, page).html, encoding="utf-8", newline="\n")
         unfinished.replace(target)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -76,33 +77,52 @@ def _sources() -> Path:
     return installed if installed.is_dir() else package.parent / "dashboards"
 
 
-def _fill(template: str, page: Mapping[str, Any]) -> str:
-    """Return the page's HTML. Values are inserted in one pass, so none of them is read as a slot."""
+@dataclass(frozen=True)
+class Filled:
+    """A page's HTML, and the content security policy that it states: what may run in it."""
+
+    html: str
+    policy: str
+
+
+def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Filled:
+    """Fill a template. Values are inserted in one pass, so none of them is read as a slot.
+
+    Args:
+        template: name of its .html and .js.
+        page: what its script is given, as plain values that JSON can hold; `name` is the title.
+        live: whether the page asks its server for changes (`dashboards/live.js`).
+    """
     from plotly.offline import get_plotlyjs
 
     sources = _sources()
+    names = [template, *(["live"] if live else [])]
     scripts = {
         "plotly": get_plotlyjs().replace("\r\n", "\n"),
-        "script": (sources / f"{template}.js").read_text(encoding="utf-8"),
+        "script": "".join((sources / f"{name}.js").read_text(encoding="utf-8") for name in names),
     }
-    # Only these two scripts may run and nothing may be fetched, whatever a name in the study contains.
-    # 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our scripts never evaluate.
+    # Only these two scripts may run, and nothing but the page's own server may be asked, whatever a name in
+    # the study contains. 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our
+    # scripts never evaluate.
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
         for text in scripts.values()
     )
+    policy = (
+        f"default-src 'none'; script-src {hashes} 'unsafe-eval'; "
+        "style-src 'unsafe-inline'; img-src data: blob:" + ("; connect-src 'self'" if live else "")
+    )
     slots = scripts | {
         "title": html.escape(str(page["name"])),
-        "policy": f"default-src 'none'; script-src {hashes} 'unsafe-eval'; "
-        "style-src 'unsafe-inline'; img-src data: blob:",
+        "policy": policy,
         "style": (sources / "style.css").read_text(encoding="utf-8"),
-        "data": _json(page),
+        "data": as_json(page),
     }
     text = (sources / f"{template}.html").read_text(encoding="utf-8")
-    return _SLOT.sub(lambda slot: slots[slot[1]], text)
+    return Filled(_SLOT.sub(lambda slot: slots[slot[1]], text), policy)
 
 
-def _json(page: Mapping[str, Any]) -> str:
+def as_json(page: Mapping[str, Any]) -> str:
     """Return JSON that no HTML parser can leave: `<`, `>` and `&` are written as escapes."""
     text = json.dumps(page, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

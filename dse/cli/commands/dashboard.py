@@ -1,4 +1,4 @@
-"""`dse dashboard`: the page of a study."""
+"""`dse dashboard`: the page of a study, live or as a file."""
 
 from __future__ import annotations
 
@@ -6,22 +6,48 @@ import argparse
 from pathlib import Path
 
 from dse.cli.answer import Answer
-from dse.cli.pages import write_page
+from dse.cli.numbers import port
+from dse.cli.pages import page_server, write_page
+from dse.config import ConfigError, Fault
 
-HELP = "write the page of a study: one HTML file that opens without a server"
+HELP = "show the page of a study while it runs, or write it as one HTML file that opens without a server"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("results", metavar="RESULTS", help="folder of a study")
     parser.add_argument(
-        "--html", type=Path, metavar="FILE", help="where to write it (default: RESULTS/page.html)"
+        "--html", type=Path, metavar="FILE", help="write the page there instead of serving it"
+    )
+    parser.add_argument(
+        "--port", type=port, metavar="N", help="where to serve it (default: 8050; 0: any that is free)"
+    )
+    parser.add_argument(
+        "--host",
+        metavar="NAME",
+        help="where to listen (default: 127.0.0.1, for this machine alone; else the address holds a token)",
     )
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Write the page and return where it is."""
-    from dse import study
+    """Write the page and return where it is, or serve it until Ctrl-C."""
+    if arguments.html:
+        from dse import study
 
-    path = write_page(study.open(arguments.results), arguments.html)
-    return Answer([{"page": str(path)}], text=str(path))
+        given = [name for name in ("port", "host") if getattr(arguments, name) is not None]
+        if given:
+            text = "is for a page that is served, and --html writes a file"
+            raise ConfigError([Fault(f"--{name}", 0, text) for name in given])
+        path = write_page(study.open(arguments.results), arguments.html)
+        return Answer([{"page": str(path)}], text=str(path))
+
+    from dse.dashboard.serve import LOOPBACK, PORT
+
+    host, number = arguments.host or LOOPBACK, PORT if arguments.port is None else arguments.port
+    with page_server(Path(arguments.results), host, number) as server:
+        print(f"{server.url}  (Ctrl-C ends it)", flush=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            pass  # how it is meant to end
+    return Answer([], text="ended")

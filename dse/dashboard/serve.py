@@ -1,0 +1,290 @@
+"""The page of a study while it runs: a small server that reads, and says only what changed.
+
+Two routes, `/` and `/data.json`, are all that there is: no address names a file. Requests must be meant for
+this machine (`Host`), or carry the token that is made when other machines may connect.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import gzip
+import hashlib
+import hmac
+import ipaddress
+import secrets
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+from dse.dashboard.changes import difference
+from dse.dashboard.write import Filled, as_json, filled
+
+PORT = 8050
+LOOPBACK = "127.0.0.1"
+LONGEST_ADDRESS = 1024
+"""Characters of a path with its query; the longest that the page asks for has fewer than 200."""
+LONGEST_HEADERS = 16_384
+"""Characters of all headers of a request."""
+_PATIENCE_S = 60.0
+_WORTH_PACKING = 1024
+
+Page = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A version of the page; equal pages have the same version, whichever server made them."""
+
+    page: Page
+
+    @functools.cached_property
+    def version(self) -> str:
+        return hashlib.sha256(as_json(self.page).encode()).hexdigest()[:32]
+
+    @functools.cached_property
+    def filled(self) -> Filled:
+        return filled("page", {**self.page, "version": self.version}, live=True)
+
+
+class Live:
+    """The page of files that change: what they were last read as, however they are now."""
+
+    def __init__(
+        self, read: Callable[[], Page], needed: Sequence[Path], more: Sequence[Path], waiting: Page
+    ) -> None:
+        """Remember where to look.
+
+        Args:
+            read: gathers the page; whatever it raises means that the files cannot be read now.
+            needed: files without which there is no page. All are looked at for every request, and read when
+                one of them has changed.
+            more: files that need not be there.
+            waiting: the page before they could be read for the first time.
+        """
+        self._read = read
+        self._needed = needed
+        self._files = [*needed, *more]
+        self._good: Page | None = None
+        self._waiting = waiting
+        self._read_at = ""
+        self._seen: object = None
+        self._shown: tuple[Shown, Shown | None] | None = None
+        self._reading = threading.Lock()
+
+    def shown(self) -> tuple[Shown, Shown | None]:
+        """Return the page and the one before it; while another request reads a new one, the last."""
+        if not self._reading.acquire(blocking=self._shown is None):
+            assert self._shown is not None
+            return self._shown
+        try:
+            seen = self._stamps()
+            if self._shown is None or seen != self._seen:
+                # Files that change while they are read are read again at the next request.
+                self._seen = seen
+                new = Shown(self._page())
+                last = None if self._shown is None else self._shown[0]
+                if last is None or last.version != new.version:
+                    self._shown = (new, last)
+            assert self._shown is not None
+            return self._shown
+        finally:
+            self._reading.release()
+
+    def _stamps(self) -> list[tuple[int, int, int] | None]:
+        return [_stamp(path) for path in self._files]
+
+    def _page(self) -> Page:
+        try:
+            page = self._read()
+        except Exception as error:  # a file cut short raises nearly anything, and the server goes on
+            missing = [path.name for path in self._needed if not path.exists()]
+            if self._good is None and missing:
+                return self._waiting
+            print(str(error) or type(error).__name__, file=sys.stderr)
+            return self._unreadable(missing)
+        self._good = page
+        self._read_at = time.strftime("%H:%M:%S")
+        return page
+
+    def _unreadable(self, missing: Sequence[str]) -> Page:
+        what = f"{' and '.join(missing)} cannot be found" if missing else "The tables cannot be read"
+        if self._good is None:
+            text = f"{what}: they are damaged, or are being written. This page looks again when they change."
+            return {**self._waiting, "state": {"title": "No table to read", "text": text}}
+        note = f"{what} now. This is the study as it was read at {self._read_at}."
+        return {**self._good, "notes": [note, *self._good["notes"]]}
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    """Return what changes when a file is written or replaced; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size
+
+
+class Server(ThreadingHTTPServer):
+    """Answers for a live page, each request in a thread of its own."""
+
+    def __init__(self, live: Live, host: str = LOOPBACK, port: int = PORT) -> None:
+        """Take the port.
+
+        Args:
+            live: what to show.
+            host: name or address to listen at. Any but this machine's own (loopback) makes a token needed.
+            port: 0 takes a free one.
+
+        Raises:
+            OSError: the host is not this machine's, or the port is taken; its text says so.
+        """
+        self.live = live
+        try:
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self.address_family = family
+            super().__init__(address[:2], _Handler)  # type: ignore[arg-type]
+        except OSError as error:
+            busy = "; --port N takes another port, --port 0 any that is free"
+            why = f"{error.strerror}{busy if error.errno == errno.EADDRINUSE else ''}"
+            raise OSError(error.errno, why, f"{host}:{port}") from error
+        bound = ipaddress.ip_address(str(self.server_address[0]))
+        self.token = None if bound.is_loopback else secrets.token_urlsafe(24)
+        # A host that listens at every address is reached by its name.
+        name = socket.gethostname() if bound.is_unspecified else str(bound)
+        self._name = f"[{name}]" if ":" in name else name
+        self.hosts = {self._name, host.lower(), "localhost"}
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds the page."""
+        query = f"?token={self.token}" if self.token else ""
+        return f"http://{self._name}:{self.server_port}/{query}"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing when a reader went away; anything else is a fault to be seen."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
+    def server_bind(self) -> None:
+        """Bind without asking a name server who this is, as HTTPServer does."""
+        super(ThreadingHTTPServer, self).server_bind()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    timeout = _PATIENCE_S
+    server_version = "dse"
+    sys_version = ""
+
+    def do_GET(self) -> None:
+        refused = self._refused()
+        if refused:
+            self.send_error(refused)
+            return
+        path, _, query = self.path.partition("?")
+        if path == "/":
+            shown, _ = self.server.live.shown()
+            self._send(HTTPStatus.OK, "text/html", shown.filled.html, shown.filled.policy)
+        elif path == "/data.json":
+            self._send_changes(_fields(query).get("since", ""))
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    do_HEAD = do_GET
+
+    def _refused(self) -> HTTPStatus | None:
+        """Return why a request is not answered, or None."""
+        if len(self.path) > LONGEST_ADDRESS:
+            return HTTPStatus.REQUEST_URI_TOO_LONG
+        if sum(len(name) + len(value) for name, value in self.headers.items()) > LONGEST_HEADERS:
+            return HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
+        if self.server.token is None:
+            # A foreign page may have its own name point here; the browser then says that name.
+            named = self.headers.get_all("Host") or []
+            if len(named) != 1 or _without_port(named[0]) not in self.server.hosts:
+                return HTTPStatus.MISDIRECTED_REQUEST
+            return None
+        given = _fields(self.path.partition("?")[2]).get("token", "")
+        right = hmac.compare_digest(given.encode(), self.server.token.encode())
+        return None if right else HTTPStatus.FORBIDDEN
+
+    def _send_changes(self, since: str) -> None:
+        """Send what changed since a version; the whole page if that is unknown, nothing if it is this one."""
+        shown, last = self.server.live.shown()
+        if since == shown.version:
+            self._send(HTTPStatus.NO_CONTENT)
+            return
+        body: dict[str, Any] = {"version": shown.version}
+        if last is not None and since == last.version:
+            body["change"] = difference(last.page, shown.page)
+        else:
+            body["page"] = shown.page
+        self._send(HTTPStatus.OK, "application/json", as_json(body))
+
+    def _send(
+        self, status: HTTPStatus, kind: str = "", text: str = "", policy: str = "default-src 'none'"
+    ) -> None:
+        body = text.encode()
+        packed = len(body) > _WORTH_PACKING and "gzip" in self.headers.get("Accept-Encoding", "")
+        if packed:
+            body = gzip.compress(body, compresslevel=5, mtime=0)
+        self.send_response(status)
+        self._guard(policy)
+        if kind:
+            self.send_header("Content-Type", f"{kind}; charset=utf-8")
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Vary", "Accept-Encoding")
+        if packed:
+            self.send_header("Content-Encoding", "gzip")
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def _guard(self, policy: str) -> None:
+        self.send_header(
+            "Content-Security-Policy",
+            f"{policy}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+        )
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("X-Frame-Options", "DENY")
+        self.send_header("Referrer-Policy", "no-referrer")  # the address may hold the token
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        self.send_header("Cache-Control", "no-store")
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Answer with the status alone: nothing that was sent comes back."""
+        # The base class knows a method by our having a function for it, and calls others unsupported.
+        known = HTTPStatus.METHOD_NOT_ALLOWED if code == HTTPStatus.NOT_IMPLEMENTED else HTTPStatus(code)
+        body = f"{known.value} {known.phrase}\n".encode()
+        self.send_response(known)
+        self._guard("default-src 'none'")
+        if known is HTTPStatus.METHOD_NOT_ALLOWED:
+            self.send_header("Allow", "GET, HEAD")
+        self.send_header("Content-Type", "text/plain; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Keep no log: an address may hold the token."""
+
+
+def _fields(query: str) -> dict[str, str]:
+    """Return the last value of each field of a query."""
+    return {name: values[-1] for name, values in parse_qs(query, errors="replace").items()}
+
+
+def _without_port(host: str) -> str:
+    """Return the name of a `Host` header: `[::1]:8050` is `[::1]`."""
+    name, _, port = host.lower().rpartition(":")
+    return name if port.isdecimal() else host.lower()

@@ -1,0 +1,500 @@
+"""The server of a live page: what it answers, what it refuses, and the page in a real browser beside it."""
+
+from __future__ import annotations
+
+import gzip
+import http.client
+import json
+import re
+import socket
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import pandas as pd
+import pytest
+
+from dse.dashboard import gather_page
+from dse.dashboard.serve import LONGEST_ADDRESS, LONGEST_HEADERS, Live, Server
+from tests.dashboard.test_changes import applied
+from tests.page_data import OBJECTIVES, points
+
+HOSTILE = ("__proto__", "</script><script>window.hacked=1</script>", "<img src=x onerror=window.hacked=1>")
+
+
+class Folder:
+    """A folder with the table of a page."""
+
+    def __init__(self, path):
+        self.path = path
+        self.table = path / "points.parquet"
+        self.n_read = 0
+
+    def write(self, frame):
+        unfinished = self.path / "unfinished"
+        frame.to_parquet(unfinished, index=False)
+        unfinished.replace(self.table)
+
+    def gather(self, frame):
+        return gather_page(frame, name="fabric", objectives=OBJECTIVES)
+
+    def read(self):
+        self.n_read += 1
+        return self.gather(pd.read_parquet(self.table))
+
+    def live(self):
+        return Live(self.read, [self.table], [self.path / "warnings.json"], self.gather(pd.DataFrame()))
+
+
+@contextmanager
+def running(live, host="127.0.0.1", port=0):
+    server = Server(live, host, port)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return Folder(tmp_path)
+
+
+@pytest.fixture
+def server(folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        yield server
+
+
+def ask(server, path="/", method="GET", **headers):
+    """Send a request; return its status, headers and body."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+    try:
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read()
+    finally:
+        connection.close()
+
+
+def data(server, since=""):
+    """Return what the page is told after a version; None if nothing."""
+    status, _, body = ask(server, f"/data.json?since={since}")
+    assert status == (200 if body else 204)
+    return json.loads(body) if body else None
+
+
+def test_the_page_is_the_one_that_a_file_holds(server, folder):
+    status, headers, body = ask(server)
+    text = body.decode()
+    assert status == 200
+    assert headers["Content-Type"] == "text/html; charset=utf-8"
+    held = json.loads(text.split('<script type="application/json" id="data">')[1].split("</script>")[0])
+    version = held.pop("version")
+    assert held == json.loads(json.dumps(folder.read()))
+    assert data(server, version) is None
+
+
+def test_only_its_own_scripts_may_run_and_nobody_may_frame_it(server):
+    _, headers, body = ask(server)
+    stated = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', body.decode())[1]
+    policy = headers["Content-Security-Policy"]
+    assert policy == f"{stated}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "connect-src 'self'" in policy
+    assert "script-src 'unsafe-inline'" not in policy
+    for path in ("/", "/data.json", "/nothing"):
+        _, headers, _ = ask(server, path)
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Cache-Control"] == "no-store"
+        assert headers["Referrer-Policy"] == "no-referrer"
+        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+        assert headers["Access-Control-Allow-Origin"] is None
+        assert headers["Server"].strip() == "dse"
+
+
+def test_only_what_changed_is_sent(server, folder):
+    first = data(server)
+    assert data(server, first["version"]) is None
+    folder.write(pd.concat([points(), points(trial=5, accuracy=0.99).iloc[:1]], ignore_index=True))
+    part = data(server, first["version"])
+    assert set(part) == {"version", "change"}
+    assert part["change"]["keys"]["columns"]["keys"]["accuracy"] == {
+        "keys": {"values": {"splice": [5, 0, [0.99]]}},
+        "gone": [],
+    }
+    whole = data(server)
+    assert whole["version"] == part["version"]
+    assert applied(first["page"], part["change"]) == whole["page"]
+    assert data(server, part["version"]) is None
+    folder.write(points(accuracy=0.1))
+    assert set(data(server, first["version"])) == {"version", "page"}  # two versions old
+
+
+def test_a_table_is_read_once_for_every_time_that_it_is_written(server, folder):
+    for _ in range(3):
+        data(server)
+    assert folder.n_read == 1
+    folder.write(points())
+    data(server)
+    assert folder.n_read == 2
+
+
+def test_a_server_started_again_knows_what_the_page_has(server, folder):
+    version = data(server)["version"]
+    with running(folder.live()) as another:
+        assert data(another, version) is None
+
+
+def test_answers_are_packed_for_those_who_can_unpack(server):
+    _, plain, body = ask(server, "/data.json")
+    _, packed, small = ask(server, "/data.json", **{"Accept-Encoding": "br, gzip"})
+    assert (plain["Content-Encoding"], packed["Content-Encoding"]) == (None, "gzip")
+    assert gzip.decompress(small) == body
+    assert len(small) < len(body)
+
+
+@pytest.mark.parametrize("path", ["/", "/data.json"])
+def test_head_is_get_without_a_body(server, path):
+    _, of_get, body = ask(server, path)
+    status, headers, nothing = ask(server, path, "HEAD")
+    assert (status, nothing) == (200, b"")
+    assert headers["Content-Length"] == of_get["Content-Length"] == str(len(body))
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "BREW"])
+def test_other_methods_are_refused(server, method):
+    status, headers, body = ask(server, "/", method)
+    assert (status, headers["Allow"], body) == (405, "GET, HEAD", b"405 Method Not Allowed\n")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/points.parquet",
+        "/page.html",
+        "/../../../etc/passwd",
+        "/data.json/../../etc/passwd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "/..\\..\\etc\\passwd",
+        "//etc/passwd",
+        "/data.json%00.html",
+        "/%64ata.json",
+        "/data.json;x",
+        "http://127.0.0.1/data.json",
+        "*",
+        "/<script>alert(1)</script>",
+    ],
+)
+def test_no_address_names_a_file(server, path):
+    connection = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
+    with connection, connection.makefile("rb") as answer:
+        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        text = answer.read()
+    assert text.startswith(b"HTTP/1.0 404 ")
+    assert text.endswith(b"\r\n\r\n404 Not Found\n")  # nothing that was sent comes back
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/?" + "x" * LONGEST_ADDRESS, {}, 414),
+        ("/?" + "x" * 100_000, {}, 414),
+        ("/data.json?since=" + "a=b&" * 200, {}, 200),
+        ("/data.json?since=%ff%00&token=", {}, 200),
+        ("/", {"Cookie": "x" * LONGEST_HEADERS}, 431),
+        ("/", {"Cookie": "x" * 100_000}, 431),
+        ("/", {f"X-{k}": "x" for k in range(200)}, 431),
+    ],
+)
+def test_huge_requests_are_refused(server, path, headers, status):
+    assert ask(server, path, **headers)[0] == status
+    assert ask(server)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "sent", [b"\r\n", b"\x00\xff\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b""]
+)
+def test_what_is_no_request_does_no_harm(server, sent, capsys):
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
+        connection.sendall(sent)
+        connection.shutdown(socket.SHUT_WR)
+        connection.recv(1000)
+    assert ask(server)[0] == 200
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1", 200),
+        ("localhost:8050", 200),
+        ("LOCALHOST", 200),
+        ("evil.example", 421),
+        ("evil.example:8050", 421),
+        ("127.0.0.1.evil.example", 421),
+        ("localhost@evil.example", 421),
+        ("", 421),
+    ],
+)
+def test_names_of_others_are_not_answered(server, host, status):
+    assert ask(server, "/data.json", Host=host)[0] == status
+
+
+def test_another_host_needs_the_token(folder):
+    folder.write(points())
+    with running(folder.live(), "0.0.0.0") as server:
+        assert len(server.token) >= 32
+        assert server.url.endswith(f":{server.server_port}/?token={server.token}")
+        for path in ("/", "/data.json", "/nothing"):
+            for query in (
+                "",
+                "?token=",
+                "?token=wrong",
+                f"?token={server.token}x",
+                f"?token={server.token[:-1]}",
+            ):
+                assert ask(server, path + query)[0] == 403
+        assert ask(server, "/?token=%ff%C3%A9")[0] == 403
+        assert ask(server, f"/?token={server.token}", Host="my-machine")[0] == 200
+        assert ask(server, f"/data.json?token={server.token}")[0] == 200
+        with running(folder.live(), "0.0.0.0") as another:
+            assert another.token != server.token
+
+
+def test_the_own_machine_needs_none(server):
+    assert server.url == f"http://127.0.0.1:{server.server_port}/"
+
+
+def test_a_taken_port_is_said(server, folder):
+    with pytest.raises(OSError, match="Address already in use; --port N takes another port") as caught:
+        Server(folder.live(), port=server.server_port)
+    assert caught.value.filename == f"127.0.0.1:{server.server_port}"
+
+
+def test_a_study_without_a_trial_has_a_face(folder):
+    with running(folder.live()) as server:
+        first = data(server)
+        assert first["page"]["state"]["title"] == "No design yet"
+        folder.table.write_bytes(b"PAR1")
+        damaged = data(server, first["version"])
+        assert damaged["change"]["keys"]["state"]["keys"]["title"] == {"set": "No table to read"}
+        folder.write(points())
+        assert data(server)["page"]["state"] is None
+
+
+@pytest.mark.parametrize("harm", ["cut", "empty", "text", "missing"])
+def test_the_last_good_page_stays(server, folder, harm, capsys):
+    good = data(server)["page"]
+    whole = folder.table.read_bytes()
+    if harm == "missing":
+        folder.table.unlink()
+    else:
+        folder.table.write_bytes({"cut": whole[:-100], "empty": b"", "text": b"no table"}[harm])
+    kept = data(server)["page"]
+    note, *others = kept.pop("notes")
+    why = "points.parquet cannot be found" if harm == "missing" else "The tables cannot be read"
+    assert re.fullmatch(rf"{why} now. This is the study as it was read at \d\d:\d\d:\d\d.", note)
+    assert others == good["notes"]
+    assert kept == {key: value for key, value in good.items() if key != "notes"}
+    assert len(capsys.readouterr().err.splitlines()) >= 1
+    folder.write(points())
+    assert data(server)["page"] == good
+
+
+def test_many_at_once_while_the_table_is_written(server, folder):
+    stop = threading.Event()
+
+    def write():
+        k = 0
+        while not stop.is_set():
+            k += 1
+            folder.write(points(accuracy=0.5 + k / 10_000))
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda k: ask(server, ("/data.json", "/nothing")[k % 2]), range(60)))
+    stop.set()
+    writer.join()
+    assert [status for status, _, _ in answers] == [200, 404] * 30
+    pages = [json.loads(body)["page"] for status, _, body in answers if status == 200]
+    assert all(len(set(page["columns"]["accuracy"]["values"])) == 1 for page in pages)
+    assert [page["notes"] for page in pages if any("read" in note for note in page["notes"])] == []
+
+
+def test_while_one_reads_others_get_the_last_page(folder):
+    folder.write(points())
+    reading, go_on = threading.Event(), threading.Event()
+    live = folder.live()
+    first, _ = live.shown()
+    read = live._read
+
+    def slow():
+        reading.set()
+        assert go_on.wait(10)
+        return read()
+
+    live._read = slow
+    folder.write(points(accuracy=0.5))
+    with ThreadPoolExecutor(1) as pool:
+        new = pool.submit(live.shown)
+        assert reading.wait(10)
+        assert live.shown()[0] is first
+        go_on.set()
+        assert new.result()[0].version != first.version
+
+
+# ---- in a browser
+
+
+# The page asks every 2 s; a test need not wait that long.
+QUICKLY = """(() => {
+  const wait = setTimeout;
+  globalThis.setTimeout = (what, ms, ...more) => wait(what, ms === 2000 ? 100 : ms, ...more);
+})();"""
+
+
+@pytest.fixture
+def tab(chromium):
+    """A tab; nothing that its page complains about may be left at the end."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 720})
+    context.add_init_script(QUICKLY)
+    tab = context.new_page()
+    tab.faults = []
+    tab.on("pageerror", lambda error: tab.faults.append(str(error)))
+    tab.on("console", lambda line: tab.faults.append(line.text) if line.type == "error" else None)
+    yield tab
+    context.close()
+    assert tab.faults == []
+
+
+def trials(tab):
+    return tab.eval_on_selector_all("#front tbody td:first-child", "cells => cells.map((c) => c.textContent)")
+
+
+def hears(tab, condition, **arguments):
+    tab.wait_for_function(condition, timeout=15_000, **arguments)
+
+
+def test_rows_come_in_and_nothing_jumps(tab, folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        tab.goto(server.url)
+        tab.select_option("#x", "n_weights")
+        tab.check("#lx")
+        tab.click("#front th button[title=energy_uj]")
+        tab.click("#front tbody tr:nth-child(3)")
+        tab.focus("#front tbody tr:nth-child(2)")
+        assert trials(tab) == ["3", "1", "2", "0"]
+        assert tab.inner_text("#design h2") == "Trial 2"
+        tab.evaluate("Plotly.relayout('plot', {'yaxis.range': [0.4, 1.1]})")
+        # A trial that was asked for earlier ends now: its rows come before those that are there.
+        early = points(trial=-1, accuracy=0.97, energy_uj=3.0, n_weights=1).iloc[:1]
+        folder.write(pd.concat([early, points()], ignore_index=True))
+        hears(tab, "document.querySelectorAll('#front tbody tr').length === 1")
+        assert trials(tab) == ["-1"]
+        folder.write(pd.concat([early.assign(accuracy=0.3), points()], ignore_index=True))
+        hears(tab, "document.querySelectorAll('#front tbody tr').length === 5")
+        assert trials(tab) == ["-1", "3", "1", "2", "0"]
+        assert tab.inner_text("#design h2") == "Trial 2"
+        assert tab.input_value("#x") == "n_weights"
+        assert tab.is_checked("#lx")
+        assert tab.get_attribute("#front th[aria-sort=ascending] button", "title") == "energy_uj"
+        assert tab.evaluate("document.getElementById('plot').layout.yaxis.range") == [0.4, 1.1]
+        assert tab.inner_text("#live") == "live"
+
+
+def test_focus_and_the_third_dimension_stay(tab, folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        tab.goto(server.url)
+        tab.click("#view-3")
+        tab.wait_for_selector("#plot canvas")
+        tab.focus("#front tbody tr:nth-child(2)")
+        folder.write(pd.concat([points(trial=-1, accuracy=0.01).iloc[:1], points()], ignore_index=True))
+        hears(tab, "document.querySelector('#counts').textContent.includes('6 points')")
+        assert tab.text_content("#front tr:focus td") == "1"
+        assert tab.is_visible("#z")
+
+
+def test_nothing_is_drawn_again_while_nothing_changes(tab, folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        answers = []
+        tab.on("response", lambda answer: answers.append((answer.status, answer.url)))
+        tab.goto(server.url)
+        tab.evaluate("addEventListener('live', () => { window.drawn = true; })")
+        deadline = time.monotonic() + 15
+        while len(answers) < 3 and time.monotonic() < deadline:
+            tab.wait_for_timeout(100)
+        assert [status for status, url in answers] == [200, 204, 204][: len(answers)]
+        assert len(answers) >= 3
+        assert tab.evaluate("window.drawn") is None
+
+
+def test_a_study_grows_from_nothing_and_a_link_waits_for_it(tab, folder):
+    with running(folder.live()) as server:
+        tab.goto(f"{server.url}#x=n_weights")
+        assert "No design yet" in tab.inner_text("main")
+        folder.write(points())
+        tab.wait_for_selector("#plot .plot-container", timeout=15_000)
+        assert tab.input_value("#x") == "n_weights"
+        assert trials(tab) == ["0", "1", "2", "3"]
+        folder.table.write_bytes(b"")
+        hears(tab, "document.querySelector('#notes').textContent.includes('cannot be read')")
+        assert trials(tab) == ["0", "1", "2", "3"]
+        folder.write(points().iloc[:1])
+        hears(tab, "document.querySelectorAll('#front tbody tr').length === 1")
+        assert "cannot be read" not in tab.inner_text("#notes")
+
+
+def test_a_lost_connection_is_said_and_comes_back(tab, folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        port = server.server_port
+        tab.goto(server.url)
+        tab.click("#front tbody tr:nth-child(2)")
+    hears(tab, "document.querySelector('#live').textContent.startsWith('Connection lost.')")
+    assert trials(tab) == ["0", "1", "2", "3"]
+    folder.write(points(n_weights=7))
+    with running(folder.live(), port=port):
+        hears(tab, "document.querySelector('#live').textContent === 'live'")
+        assert trials(tab) == ["0", "1", "3"]
+        assert tab.inner_text("#design h2") == "Trial 1"
+    # The browser itself logs each request that found nobody; nothing else may be said.
+    assert {re.sub(r"net::\w+", "", fault) for fault in tab.faults} <= {"Failed to load resource: "}
+    tab.faults.clear()
+
+
+def test_a_token_is_kept_by_the_page(tab, folder):
+    folder.write(points())
+    with running(folder.live(), "0.0.0.0") as server:
+        tab.goto(f"http://127.0.0.1:{server.server_port}/?token={server.token}")
+        tab.click("#front tbody tr:nth-child(2)")
+        folder.write(points(n_weights=7))
+        hears(tab, "document.querySelectorAll('#front tbody tr').length === 3")
+        tab.reload()
+        assert trials(tab) == ["0", "1", "3"]
+
+
+def test_hostile_rows_that_come_later_never_run(tab, folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        tab.goto(server.url)
+        more = {f"model.{HOSTILE[0]}": list(range(5)), HOSTILE[0]: 1.0, HOSTILE[1]: [1.0, 2.0, 3.0, 4.0, 5.0]}
+        folder.write(points(task=HOSTILE[2], **more))
+        hears(tab, "document.querySelector('#x').textContent.includes('</script>')")
+        folder.write(points(task=HOSTILE[1], **(more | {HOSTILE[0]: 2.0})).iloc[:4])
+        hears(tab, "document.querySelector('#counts').textContent.includes('4 points')")
+        tab.select_option("#x", HOSTILE[1])
+        assert tab.evaluate("window.hacked") is None
+        assert tab.evaluate("({}).values") is None
+        assert tab.locator("img").count() == 0
