@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse import store
-
 if TYPE_CHECKING:
     import pandas
 
@@ -39,7 +37,7 @@ def page_server(folder: Path, host: str, port: int) -> Server:
     """
     import pandas
 
-    from dse import dashboard, study
+    from dse import dashboard, store, study
     from dse.dashboard.serve import Live, Server
 
     if not (folder / "search_space.yaml").is_file():

@@ -1,5 +1,7 @@
 """Pages of a study and of a trial: one HTML file each, with its data and code; it opens offline.
 
+`serve` shows a study's page while the study runs, and sends what changed (`changes`).
+
 `gather` computes every number of a study's page, fronts included, on the full table; `write` fills a template
 of `dashboards/`, whose script only shows what it is given. A figure is added in `dashboards/page.js`.
 `trial` writes two figures of `dse.figures`, and what its script needs to move the first one through time.

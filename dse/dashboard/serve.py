@@ -34,6 +34,8 @@ LONGEST_ADDRESS = 1024
 """Characters of a path with its query; the longest that the page asks for has fewer than 200."""
 LONGEST_HEADERS = 16_384
 """Characters of all headers of a request."""
+MOST_READERS = 64
+"""Connections at a time; more are closed unheard, so that nobody can fill the memory."""
 _PATIENCE_S = 60.0
 _WORTH_PACKING = 1024
 
@@ -88,12 +90,11 @@ class Live:
         try:
             seen = self._stamps()
             if self._shown is None or seen != self._seen:
-                # Files that change while they are read are read again at the next request.
-                self._seen = seen
                 new = Shown(self._page())
                 last = None if self._shown is None else self._shown[0]
                 if last is None or last.version != new.version:
                     self._shown = (new, last)
+                self._seen = seen  # files that changed while they were read are read again next time
             assert self._shown is not None
             return self._shown
         finally:
@@ -136,6 +137,8 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 class Server(ThreadingHTTPServer):
     """Answers for a live page, each request in a thread of its own."""
 
+    request_queue_size = MOST_READERS
+
     def __init__(self, live: Live, host: str = LOOPBACK, port: int = PORT) -> None:
         """Take the port.
 
@@ -148,6 +151,7 @@ class Server(ThreadingHTTPServer):
             OSError: the host is not this machine's, or the port is taken; its text says so.
         """
         self.live = live
+        self._places = threading.Semaphore(MOST_READERS)
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
             self.address_family = family
@@ -168,6 +172,20 @@ class Server(ThreadingHTTPServer):
         """Where a browser finds the page."""
         query = f"?token={self.token}" if self.token else ""
         return f"http://{self._name}:{self.server_port}/{query}"
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Start a thread for a connection if there is a place for it."""
+        if self._places.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and free the place."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._places.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing when a reader went away; anything else is a fault to be seen."""

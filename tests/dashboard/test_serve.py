@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from dse.dashboard import gather_page
-from dse.dashboard.serve import LONGEST_ADDRESS, LONGEST_HEADERS, Live, Server
+from dse.dashboard.serve import LONGEST_ADDRESS, LONGEST_HEADERS, MOST_READERS, Live, Server
 from tests.dashboard.test_changes import applied
 from tests.page_data import OBJECTIVES, points
 
@@ -311,6 +311,7 @@ def test_the_last_good_page_stays(server, folder, harm, capsys):
 
 def test_many_at_once_while_the_table_is_written(server, folder):
     stop = threading.Event()
+    folder.write(points(accuracy=0.5))
 
     def write():
         k = 0
@@ -328,6 +329,24 @@ def test_many_at_once_while_the_table_is_written(server, folder):
     pages = [json.loads(body)["page"] for status, _, body in answers if status == 200]
     assert all(len(set(page["columns"]["accuracy"]["values"])) == 1 for page in pages)
     assert [page["notes"] for page in pages if any("read" in note for note in page["notes"])] == []
+
+
+def test_silent_connections_do_not_pile_up(server):
+    def connect():
+        return socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
+
+    silent = [connect() for _ in range(MOST_READERS)]
+    with connect() as one_more:
+        assert one_more.recv(1) == b""
+    for connection in silent:
+        connection.close()
+    deadline = time.monotonic() + 10
+    while True:
+        try:
+            assert ask(server)[0] == 200
+            break
+        except OSError:  # a place is free once its thread has seen the end
+            assert time.monotonic() < deadline
 
 
 def test_while_one_reads_others_get_the_last_page(folder):
