@@ -3,7 +3,7 @@
 // Text from the study only ever enters the page through textContent or escaped() below.
 (() => {
   const byId = (id) => document.getElementById(id);
-  let page, columns, objectives, nRows, rows, onFront, axes, tasks, hardware, allowed; // set by take()
+  let page, columns, objectives, nRows, rows, axes, tasks, hardware, families, allowed, engine; // set by take()
   const TABLE_ROWS = 50;
   const BARS = 40;
   const HOVER_CHARACTERS = 60;
@@ -12,12 +12,19 @@
   // ---- words and numbers
 
   const isNumeric = (column) => columns[column].values.some((v) => typeof v === "number");
-  const distinct = (column) => [...new Set((columns[column]?.values ?? []).map(String))];
+  const known = new WeakMap(); // distinct values of columns: asked for at every step of a slider
+  function distinct(column) {
+    const values = columns[column]?.values ?? [];
+    if (!known.has(values)) known.set(values, [...new Set(values.map(String))]);
+    return known.get(values);
+  }
   const title = (column) => columns[column].label + (columns[column].unit ? ` (${columns[column].unit})` : "");
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
   const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
   const plural = (n, word) => `${n.toLocaleString("en")} ${word}${n === 1 ? "" : "s"}`;
+
+  const digits = new Intl.NumberFormat("en", { maximumSignificantDigits: 3 });
 
   // At most three significant digits; a measured fraction keeps its zeros so that a column lines up.
   function number(value, measured = false) {
@@ -26,7 +33,7 @@
     const rounded = Number(value.toPrecision(3));
     if (measured && Math.abs(rounded) >= 0.01 && Math.abs(rounded) < 1) return rounded.toFixed(3);
     if (rounded !== 0 && Math.abs(rounded) < 1e-3) return rounded.toExponential();
-    return rounded.toLocaleString("en", { maximumSignificantDigits: 3 }).replace(/,/g, "\u202f");
+    return digits.format(rounded).replace(/,/g, "\u202f");
   }
 
   function withInterval(column, row) {
@@ -48,14 +55,16 @@
     objectives = Object.keys(page.objectives);
     nRows = Object.values(columns)[0]?.values.length ?? 0;
     rows = Array.from({ length: nRows }, (_, row) => row);
-    onFront = new Set(page.fronts.all);
     axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && isNumeric(c))];
     tasks = distinct("task");
     hardware = distinct("hardware");
+    families = [...new Set((columns.family?.values ?? []).filter((name) => name !== null))];
+    engine = Budgets.over(page);
     allowed = {
       view: ["2", "3"], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
       task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
       sort: Object.keys(columns), chosen: rows.map(String), rows: ["", "all"],
+      family: [BOTH, ...families], ...Budgets.allowed(page),
     };
   }
 
@@ -79,7 +88,7 @@
       view: "2", ...pick, lx: log(pick.x), ly: log(pick.y), lz: log(pick.z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
       sort: objectives[0] ?? "", order: page.objectives[objectives[0]] === "min" ? "ascending" : "descending",
-      chosen: "", rows: "",
+      chosen: "", rows: "", family: BOTH, ...Budgets.plain(page),
     };
   }
 
@@ -93,20 +102,26 @@
 
   take(JSON.parse(byId("data").textContent));
   let state = readState();
+  let writing;
 
   function change(part) {
     for (const axis of ["x", "y", "z"]) {
       if (axis in part) part[`l${axis}`] = spansDecades(part[axis]) ? "1" : "0";
     }
     state = { ...state, ...part };
-    writeState();
-    render();
+    const moving = Object.keys(part).some((key) => key.startsWith("b."));
+    writeState(moving);
+    render(moving);
   }
 
-  function writeState() {
+  function writeState(later = false) {
     const plain = initialState();
     const moved = Object.entries(state).filter(([key, value]) => value !== plain[key]);
-    history.replaceState(null, "", "#" + new URLSearchParams(moved));
+    clearTimeout(writing);
+    const write = () => history.replaceState(null, "", "#" + new URLSearchParams(moved));
+    // A drag is many changes, and browsers limit how often a link may change.
+    if (later) writing = setTimeout(write, 100);
+    else write();
   }
 
   // ---- new data of a served page (live.js)
@@ -123,7 +138,7 @@
     take(data);
     const found = names.map((name) => (name === null ? -1 : rows.findIndex((row) => identity(row, named) === name)));
     // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
-    const kept = Object.entries(before.state).filter(([key, value]) => key !== "chosen" && allowed[key].includes(value) &&
+    const kept = Object.entries(before.state).filter(([key, value]) => key !== "chosen" && allowed[key]?.includes(value) &&
       !(key === "task" && value === before.plain.task));
     const chosen = found[0] < 0 ? "" : String(found[0]);
     state = before.empty ? readState() : { ...initialState(), ...Object.fromEntries(kept), chosen };
@@ -141,13 +156,20 @@
   const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
   const shown = (row) =>
     (state.task === BOTH || !columns.task || taskOf(row) === state.task) &&
-    (!columns.hardware || String(columns.hardware.values[row]) === state.hardware);
+    (!columns.hardware || String(columns.hardware.values[row]) === state.hardware) &&
+    (state.family === BOTH || columns.family.values[row] === state.family);
   const shownAxes = () => (state.view === "3" ? ["x", "y", "z"] : ["x", "y"]).map((axis) => state[axis]);
+
+  // What the budgets leave: which rows are within them, the front, the pick. Set by render().
+  let budgeted = null;
+  let onFront = new Set();
+  const within = (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1;
 
   // The front over just the columns shown, if each has a direction and no two are the same.
   function joined() {
     const key = [...shownAxes()].sort().join("|");
-    return Object.hasOwn(page.fronts, key) ? page.fronts[key] : null;
+    if (!Object.hasOwn(page.fronts, key)) return null;
+    return budgeted.limits.length || state.family !== BOTH ? engine.joined(budgeted, shownAxes()) : page.fronts[key];
   }
 
   // ---- views
@@ -181,6 +203,8 @@
     }
     fillSelect("task", allowed.task, allowed.task.map((t) => (t === BOTH && tasks.length > 1 ? "all" : t)));
     fillSelect("hardware", hardware, hardware);
+    fillSelect("family", [BOTH, ...families], ["all", ...families]);
+    byId("family-label").hidden = families.length < 2;
     byId("task-label").hidden = tasks.length < 2;
     byId("hardware-label").hidden = hardware.length < 2;
     for (const node of document.querySelectorAll(".third")) node.hidden = state.view !== "3";
@@ -195,7 +219,16 @@
     }
   })();
 
+  // Thousands of points keep their words while a slider moves; other axes have other words.
+  let hovers = { axes: "", of: new Map() };
   function hover(row) {
+    const axes = shownAxes().join("|");
+    if (hovers.axes !== axes) hovers = { axes, of: new Map() };
+    if (!hovers.of.has(row)) hovers.of.set(row, hoverText(row));
+    return hovers.of.get(row);
+  }
+
+  function hoverText(row) {
     const lines = page.design
       .filter((column) => columns[column].values[row] !== null)
       .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
@@ -248,7 +281,9 @@
         : [];
       const inLine = new Set(line);
       const best = mine.filter((row) => onFront.has(row) && !inLine.has(row));
-      add(kind, mine.filter((row) => !onFront.has(row) && !inLine.has(row)),
+      const outside = mine.filter((row) => !within(row));
+      if (outside.length) add(kind, outside, { marker: { color: style.quiet, size: flat ? 4 : 2, opacity: 0.12, line: { width: 0 } } });
+      add(kind, mine.filter((row) => within(row) && !onFront.has(row) && !inLine.has(row)),
         { marker: { color: colour, size: flat ? 5 : 3, opacity: 0.22, line: { width: 0 } } });
       add(kind, best, {
         marker: { color: colour, size: flat ? 7 : 4, opacity: 0.75, line: { width: 0 } },
@@ -269,6 +304,14 @@
         marker: { color: colour, size: flat ? 9 : 6, line: { color: style.page, width: 1 } },
         ...bars(line, colour),
         name: escaped(clip(name, 40)), showlegend: names.length > 1,
+      });
+    }
+    const best = budgeted.pick >= 0 ? budgeted.pick : budgeted.nearest[0]?.row;
+    const picked = budgeted.limits.length ? drawable.filter((row) => row === best) : [];
+    if (picked.length) {
+      found.push({
+        type: flat ? "scatter" : "scatter3d", mode: "markers", ...coordinates(picked), hoverinfo: "skip", showlegend: false,
+        marker: { symbol: "diamond-open", color: style.text, size: flat ? 16 : 10, line: { color: style.text, width: 2 } },
       });
     }
     const chosen = drawable.filter((row) => String(row) === state.chosen);
@@ -298,7 +341,7 @@
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const style = {
       text: css.getPropertyValue("--text").trim(), page: css.getPropertyValue("--page").trim(),
-      rule: css.getPropertyValue("--rule").trim(), palette: dark ? page.palette.dark : page.palette.light,
+      rule: css.getPropertyValue("--rule").trim(), quiet: css.getPropertyValue("--quiet").trim(), palette: dark ? page.palette.dark : page.palette.light,
     };
     const axis = (letter) => ({
       title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true,
@@ -340,8 +383,9 @@
       ? `${state.view === "2" ? "Joined" : "Large"}: the front of ${said.slice(0, -1).join(", ")} and ${said.at(-1)} alone. ` +
         `Solid: the front over all ${every}. Dim: dominated. Bars: one standard error, or the model's interval.`
       : `Solid: the front over all ${every}. Dim: dominated.`;
-    const marked = (front ?? page.fronts.all).filter(shown);
-    const ranges = shownAxes().map((column) => {
+    if (budgeted.limits.length) byId("caption").textContent += ` Grey: outside the budgets. Diamond: the ${budgeted.pick >= 0 ? "pick" : "nearest"}.`;
+    const marked = (front ?? budgeted.front).filter(shown);
+    const ranges = !marked.length ? ["nothing is within the budgets"] : shownAxes().map((column) => {
       const [low, high] = ends(marked.map((row) => columns[column].values[row]).filter((v) => v !== null));
       return `${title(column)} ${number(low)} to ${number(high)}`;
     });
@@ -378,7 +422,7 @@
       cell.setAttribute("aria-sort", sorted ? state.order : "none");
       return cell;
     });
-    const front = page.fronts.all.filter(shown);
+    const front = [...budgeted.front];
     if (columns[state.sort]) front.sort(compare(state.sort, state.order));
     const visible = state.rows === "all" ? front : front.slice(0, TABLE_ROWS);
     const body = visible.map((row) => {
@@ -422,7 +466,7 @@
     const heading = columns.trial ? `Trial ${number(columns.trial.values[row])}` : `Point ${row}`;
     panel.replaceChildren(
       element("h2", { textContent: clip(heading, 60) }),
-      element("p", { textContent: onFront.has(row) ? "on the front" : "dominated" }),
+      element("p", { textContent: !within(row) ? "outside the budgets" : onFront.has(row) ? "on the front" : "dominated" }),
       definitions(objectives.filter(has), row),
       definitions(page.design.filter((column) => column !== "trial" && has(column)), row),
       element("details", { open }, element("summary", { textContent: "everything measured" }), definitions(others, row)),
@@ -445,19 +489,34 @@
     )));
   }
 
-  function render() {
+  const showBudgets = Budgets.panel(byId("budgets"), { element, clip, number, withInterval, change });
+
+  let [drawing, drawnMs] = [undefined, 0];
+  function drawTimed() {
+    const start = performance.now();
+    renderPlot();
+    drawnMs = performance.now() - start;
+  }
+
+  function render(moving = false) {
+    budgeted = engine.evaluate(state);
+    onFront = new Set(budgeted.front);
     renderHeader();
     renderFailures();
     const empty = page.state !== null;
     byId("state").hidden = !empty;
-    for (const id of ["figure", "design", "front"]) byId(id).hidden = empty;
+    for (const id of ["budgets", "figure", "design", "front"]) byId(id).hidden = empty;
     if (empty) {
       byId("state").querySelector("h2").textContent = page.state.title;
       byId("state").querySelector("p").textContent = page.state.text;
       return;
     }
+    showBudgets(state, budgeted);
     renderControls();
-    renderPlot();
+    clearTimeout(drawing);
+    // A slider's numbers come first; a figure that takes long to draw waits for as long for another step.
+    if (moving) drawing = setTimeout(drawTimed, drawnMs);
+    else drawTimed();
     renderTable();
     renderDesign();
   }
@@ -465,7 +524,7 @@
   // ---- what a reader does
 
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
-  for (const id of ["x", "y", "z", "task", "hardware"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
+  for (const id of ["x", "y", "z", "task", "family", "hardware"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
   for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
   for (const n of ["2", "3"]) byId(`view-${n}`).addEventListener("click", () => { Plotly.purge("plot"); change({ view: n }); });
   byId("more").addEventListener("click", () => change({ rows: "all" }));
@@ -483,6 +542,6 @@
   });
   addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => { state = readState(); render(); });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", render);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => render());
   render();
 })();

@@ -25,6 +25,7 @@ def write_page(study: Study, path: Path | None = None) -> Path:
         name=study.space["study"],
         objectives=study.objectives,
         notes=study.warnings,
+        results=str(study.folder),
     )
 
 
@@ -45,7 +46,11 @@ def page_server(folder: Path, host: str, port: int) -> Server:
 
     def gathered(found: Study, table: pandas.DataFrame) -> Mapping[str, Any]:
         return dashboard.gather_page(
-            table, name=found.space["study"], objectives=found.objectives, notes=found.warnings
+            table,
+            name=found.space["study"],
+            objectives=found.objectives,
+            notes=found.warnings,
+            results=str(found.folder),
         )
 
     def read() -> Mapping[str, Any]:

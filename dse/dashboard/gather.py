@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.dashboard.budgets import contenders, gather_budgets
 from dse.figures.front import design_columns, front_mask, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
@@ -29,6 +30,7 @@ def gather_page(
     name: str,
     objectives: Mapping[str, str] | Sequence[tuple[str, str]],
     notes: Sequence[str] = (),
+    results: str = "RESULTS",
 ) -> dict[str, Any]:
     """Gather what a page shows, as plain values that JSON can hold.
 
@@ -60,7 +62,10 @@ def gather_page(
     points = frame[~failed].reset_index(drop=True)
     present = {column: way for column, way in wanted.items() if np.isfinite(numbers(points, column)).any()}
     fronts = _fronts(points, present)
-    keep = _kept(len(points), fronts)
+    budgets = gather_budgets(points, present, results)
+    whole = {**fronts, "contenders": contenders(points, present, budgets["maximise"])}
+    keep = _kept(len(points), whole)
+    n_whole = len(np.unique(np.concatenate(list(whole.values()))))
     shown = points.iloc[keep]
     place = np.full(len(points), -1)
     place[keep] = np.arange(len(keep))
@@ -69,6 +74,7 @@ def gather_page(
         for column in map(str, points.columns)
         if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
     ]
+    exact = {*present, *budgets["columns"], budgets["maximise"]}
     return {
         "name": name,
         "notes": [*notes, *_remarks(points, wanted, present, len(keep))],
@@ -76,9 +82,14 @@ def gather_page(
         "state": _state(points, failed, wanted, present),
         "objectives": present,
         "design": [column for column in design_columns(points) if column in measured],
-        "columns": {column: _column(shown, column) for column in measured},
+        "columns": {column: _column(shown, column, exact=column in exact) for column in measured},
         "intervals": _intervals(shown, measured),
         "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
+        "budgets": budgets
+        | {
+            "contenders": place[whole["contenders"]].tolist(),
+            "stands_for": (len(points) - n_whole) / max(len(keep) - n_whole, 1),
+        },
         "failures": _failures(frame[failed]),
         "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
     }
@@ -112,7 +123,7 @@ def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str
 
 
 def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
-    """Return the rows that the page carries: fronts whole, the rest thinned evenly."""
+    """Return the rows that the page carries: those of any front or budget whole, the rest thinned evenly."""
     if n <= MAX_POINTS:
         return np.arange(n)
     best = np.unique(np.concatenate(list(fronts.values())))
@@ -121,9 +132,12 @@ def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
     return np.sort(np.concatenate([best, rest[np.linspace(0, len(rest) - 1, room).astype(int)]]))
 
 
-def _column(frame: pandas.DataFrame, column: str) -> dict[str, Any]:
+def _column(frame: pandas.DataFrame, column: str, *, exact: bool) -> dict[str, Any]:
+    """Return a column; what budgets are compared with keeps all its digits."""
     words, unit = label(column)
-    return {"label": words, "unit": unit, "values": [_plain(value) for value in frame[column].tolist()]}
+    digits = 17 if exact else 6
+    values = [_plain(value, digits) for value in frame[column].tolist()]
+    return {"label": words, "unit": unit, "values": values}
 
 
 def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -135,14 +149,14 @@ def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dic
     }
 
 
-def _plain(value: Any) -> Any:
-    """Return a value as JSON holds it: six significant digits, None for what is missing."""
+def _plain(value: Any, digits: int = 6) -> Any:
+    """Return a value as JSON holds it: so many significant digits, None for what is missing."""
     if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float):
         if not math.isfinite(value):
             return None
-        return int(value) if value.is_integer() and abs(value) < 2**53 else float(f"{value:.6g}")
+        return int(value) if value.is_integer() and abs(value) < 2**53 else float(f"{value:.{digits}g}")
     text = str(value)
     return None if text in ("<NA>", "NaT") else text
 
@@ -217,6 +231,8 @@ def _remarks(
         remarks.append("One design point so far, so it is the front.")
     if n_kept < len(points):
         remarks.append(
-            f"{n_kept:,} of {len(points):,} points are shown: all of each front, a sample of the rest."
+            f"{n_kept:,} of {len(points):,} points are shown: all of each front, a sample of the rest. "
+            "Fronts, the pick and the nearest design are exact; how many are feasible is an estimate, and "
+            "those after the pick or the nearest are the best shown."
         )
     return remarks

@@ -1,4 +1,4 @@
-"""Fill a page's template: one self-contained file that runs only its own two scripts."""
+"""Fill a page's template: one self-contained file that runs only its own scripts."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas
 
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
+_LOADED_FIRST = {"page": ("budgets",)}  # scripts that a template's own calls, each in a slot of its name
 
 
 def write_page(
@@ -28,6 +29,7 @@ def write_page(
     name: str,
     objectives: Mapping[str, str] | Sequence[tuple[str, str]],
     notes: Sequence[str] = (),
+    results: str = "RESULTS",
 ) -> Path:
     """Write the page of a study as one self-contained HTML file.
 
@@ -38,6 +40,7 @@ def write_page(
         name: name of the study.
         objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
         notes: sentences to print above the figure, such as warnings of the run.
+        results: what the commands that the page offers call the study: its folder.
 
     Returns:
         The path written.
@@ -45,7 +48,8 @@ def write_page(
     Raises:
         ValueError: a column name occurs twice, or a direction is neither 'max' nor 'min'.
     """
-    return write_filled("page", gather_page(frame, name=name, objectives=objectives, notes=notes), path)
+    page = gather_page(frame, name=name, objectives=objectives, notes=notes, results=results)
+    return write_filled("page", page, path)
 
 
 def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Path:
@@ -101,9 +105,11 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
         "plotly": get_plotlyjs().replace("\r\n", "\n"),
         "script": "".join((sources / f"{name}.js").read_text(encoding="utf-8") for name in names),
     }
-    # Only these two scripts may run, and nothing but the page's own server may be asked, whatever a name in
-    # the study contains. 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our
-    # scripts never evaluate.
+    for name in _LOADED_FIRST.get(template, ()):
+        scripts[name] = (sources / f"{name}.js").read_text(encoding="utf-8")
+    # Only these scripts may run, and nothing but the page's own server may be asked, whatever a name in the
+    # study contains. 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our scripts
+    # never evaluate.
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
         for text in scripts.values()

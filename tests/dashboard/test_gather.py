@@ -95,9 +95,10 @@ def test_a_large_table_is_thinned_but_its_fronts_are_whole(monkeypatch):
     assert any(note.startswith("50 of 205 points are shown") for note in page["notes"])
 
 
-def test_values_keep_six_digits_and_whole_numbers():
-    page = gather(points(accuracy=[1 / 3] * 5, n_weights=[123_456_789.0] * 5))
-    assert page["columns"]["accuracy"]["values"][0] == 0.333333
+def test_values_keep_six_digits_and_whole_numbers_but_budgeted_ones_keep_all():
+    page = gather(points(accuracy=[1 / 3] * 5, undecided=1 / 3, n_weights=[123_456_789.0] * 5))
+    assert page["columns"]["accuracy"]["values"][0] == 1 / 3
+    assert page["columns"]["undecided"]["values"][0] == 0.333333
     assert page["columns"]["n_weights"]["values"][0] == 123_456_789
 
 

@@ -431,6 +431,23 @@ def test_rows_come_in_and_nothing_jumps(tab, folder):
         assert tab.inner_text("#live") == "live"
 
 
+def test_budgets_stay_and_count_what_comes(tab, folder):
+    folder.write(points())
+    with running(folder.live()) as server:
+        tab.goto(server.url)
+        box = tab.locator(".budget", has_text="weights").locator("input:not([type=range])")
+        box.fill("15")
+        box.press("Enter")
+        hears(tab, "location.hash.includes('b.n_weights=15')")
+        feasible = tab.inner_text("#tally span:first-child")
+        more = points(trial=9, accuracy=0.99, energy_uj=1.0, n_weights=2).iloc[:1]
+        folder.write(pd.concat([points(), more], ignore_index=True))
+        hears(tab, f"document.querySelector('#tally span').textContent !== {json.dumps(feasible)}")
+        assert box.input_value() == "15"
+        assert "Trial 9" in tab.inner_text("#budgets"), "the new trial is the pick"
+        assert "n_weights <= 15" in tab.inner_text("#command")
+
+
 def test_focus_and_the_third_dimension_stay(tab, folder):
     folder.write(points())
     with running(folder.live()) as server:

@@ -1,0 +1,392 @@
+"use strict";
+// Budgets: what is within them, the front that is left, the pick, and the panel that moves them.
+// The rules are those of dse.skyline, so that the page and the commands give the same rows.
+const Budgets = (() => {
+  const STEPS = 200; // of a slider
+  const MAX_FRONTS = 3; // tasks whose hypervolumes are listed
+
+  // ---- pure: rows and numbers in, rows and numbers out
+
+  const numbers = (values) => Float64Array.from(values, (v) => (typeof v === "number" ? v : NaN));
+
+  // Rows that no other row beats; costs are minimised and finite, equal rows are kept together.
+  function front(costs, rows) {
+    const order = [...rows].sort((a, b) => {
+      for (const cost of costs) if (cost[a] !== cost[b]) return cost[a] - cost[b];
+      return a - b;
+    });
+    const found = [];
+    const beats = (a, b) => {
+      let better = false;
+      for (const cost of costs) {
+        if (cost[a] > cost[b]) return false;
+        better ||= cost[a] < cost[b];
+      }
+      return better;
+    };
+    for (const row of order) { // only rows before it can beat a row
+      const at = found.findIndex((other) => beats(other, row));
+      if (at < 0) found.push(row);
+      else if (at > 0) [found[0], found[at]] = [found[at], found[0]]; // who beats one beats many
+    }
+    return found.sort((a, b) => a - b);
+  }
+
+  function undominated(points) {
+    const costs = points[0].map((_, k) => points.map((point) => point[k]));
+    return front(costs, points.keys()).map((k) => points[k]);
+  }
+
+  // The parts of the volume between points and (1, ..., 1), so that a long sum can pause between them.
+  // While et al., WFG, IEEE T. Evol. Comput. 16(1), 2012: each point's own volume among those after it.
+  function* parts(points) {
+    const inside = points.filter((point) => point.every((x) => x < 1));
+    if (!inside.length) return;
+    const last = inside[0].length - 1;
+    if (last < 2) {
+      yield area(inside);
+      return;
+    }
+    const order = [...inside].sort((a, b) => b[last] - a[last]);
+    for (const [k, point] of order.entries()) {
+      const limited = order.slice(k + 1).map((other) => point.slice(0, last).map((x, j) => Math.max(x, other[j])));
+      const own = point.slice(0, last).reduce((product, x) => product * (1 - x), 1);
+      yield (1 - point[last]) * (own - (limited.length ? hypervolume(last > 2 ? undominated(limited) : limited) : 0));
+    }
+  }
+
+  function area(points) {
+    if (points[0].length === 1) return 1 - Math.min(...points.map(([x]) => x));
+    let [sum, least] = [0, 1];
+    for (const [x, y] of [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1])) {
+      if (y < least) { sum += (1 - x) * (least - y); least = y; }
+    }
+    return sum;
+  }
+
+  function hypervolume(points) {
+    let sum = 0;
+    for (const part of parts(points)) sum += part;
+    return sum;
+  }
+
+  // Least row by a list of keys, each an array of numbers; what is not finite comes last, ties go to the first row.
+  function least(rows, keys) {
+    let best = -1;
+    const worse = (x) => (Number.isFinite(x) ? x : Infinity);
+    for (const row of rows) {
+      if (best >= 0) {
+        const key = keys.find((one) => worse(one[row]) !== worse(one[best]));
+        if (!key || worse(key[row]) > worse(key[best])) continue;
+      }
+      best = row;
+    }
+    return best;
+  }
+
+  // What a POSIX shell reads as one word.
+  const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replace(/'/g, `'"'"'`)}'`);
+
+  // ---- a slider's steps
+
+  function scale([low, high], way) {
+    const log = low > 0 && high / low > 100;
+    const at = (step) => (log ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
+    const loose = way === "min" ? STEPS : 0;
+    const limit = (step) => {
+      if (step === loose) return "";
+      const value = at(step);
+      const quantum = log ? 10 ** (Math.floor(Math.log10(value)) - 2) : 10 ** Math.floor(Math.log10((high - low) / STEPS));
+      const rounded = (way === "min" ? Math.ceil : Math.floor)(value / quantum) * quantum; // never tighter than drawn
+      return String(Number(rounded.toPrecision(12)));
+    };
+    const step = (text) => {
+      if (text === "") return loose;
+      const value = Number(text);
+      const share = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low);
+      return Math.round(STEPS * Math.min(1, Math.max(0, share)));
+    };
+    return { limit, step };
+  }
+
+  // ---- the points of a page under a state {task, family, hardware, "b.<column>"}
+
+  function over(page) {
+    const { columns, budgets } = page;
+    const limited = Object.entries(budgets.columns);
+    const objectives = Object.entries(page.objectives);
+    const nRows = Object.values(columns)[0]?.values.length ?? 0;
+    const values = Object.fromEntries(
+      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise])]
+        .filter((c) => c && columns[c]).map((c) => [c, numbers(columns[c].values)]));
+    const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
+    const costs = objectives.map(([column, way]) => costOf(column, way));
+    const whole = new Uint8Array(nRows); // rows of any front or budget: all of the table's are here
+    for (const row of budgets.contenders) whole[row] = 1;
+    for (const rows of Object.values(page.fronts)) for (const row of rows) whole[row] = 1;
+    const text = (column) => columns[column]?.values.map(String);
+    const [task, family, hardware] = ["task", "family", "hardware"].map(text);
+    const tasks = task ? [...new Set(task)] : [""];
+    const several = (names) => names !== undefined && new Set(names).size > 1;
+    const kept = new Map();
+
+    // The last result of each kind; a slider at work asks for the same selection again and again.
+    function remembered(kind, key, make) {
+      const known = kept.get(kind);
+      if (known?.key === key) return known.value;
+      const value = make();
+      kept.set(kind, { key, value });
+      return value;
+    }
+
+    const chosenOnly = (names, wanted) => (names && names.includes(wanted) ? wanted : null);
+    const filters = (state) => ({
+      task: chosenOnly(task, state.task), family: chosenOnly(family, state.family), hardware: chosenOnly(hardware, state.hardware),
+    });
+
+    // Rows of the filters, without those that have seen the labels or do not fit their hardware where others do.
+    function select(chosen) {
+      const found = [];
+      for (let row = 0; row < nRows; row += 1) {
+        if ((chosen.task === null || task[row] === chosen.task) && (chosen.family === null || family[row] === chosen.family)
+          && (chosen.hardware === null || hardware[row] === chosen.hardware)
+          && columns.transductive?.values[row] !== true) found.push(row);
+      }
+      const fits = (row) => columns.fits?.values[row] !== false;
+      const chips = new Set(found.filter(fits).map((row) => hardware?.[row]));
+      return found.filter((row) => fits(row) || !chips.has(hardware?.[row]));
+    }
+
+    function rangesOf(chosen) {
+      const groups = budgets.ranges.filter((group) => Object.entries(chosen).every(([k, v]) => v === null || group[k] === v));
+      return Object.fromEntries(Object.keys(values).map((column) => {
+        const ends = groups.map((group) => group.ends[column]).filter(Boolean);
+        return [column, ends.length ? [Math.min(...ends.map(([low]) => low)), Math.max(...ends.map(([, high]) => high))] : null];
+      }));
+    }
+
+    const byTask = (rows, chosenCosts) => tasks.flatMap((name) =>
+      front(chosenCosts, task ? rows.filter((row) => task[row] === name) : rows)).sort((a, b) => a - b);
+
+    function limitsOf(state) {
+      return limited.filter(([column]) => state[`b.${column}`]).map(([column, way]) =>
+        ({ column, way, limit: Number(state[`b.${column}`]), text: state[`b.${column}`] }));
+    }
+    const meets = ({ column, way, limit }, row) => (way === "max" ? values[column][row] >= limit : values[column][row] <= limit);
+
+    function evaluate(state) {
+      const chosen = filters(state);
+      const key = JSON.stringify(chosen);
+      const selected = remembered("selected", key, () => select(chosen));
+      const limits = limitsOf(state);
+      const within = new Uint8Array(nRows);
+      const alone = limits.map(() => 0); // weight of rows that only this budget excludes
+      let [count, total] = [0, 0];
+      const numbered = values[budgets.maximise];
+      for (const row of selected) {
+        const weight = whole[row] ? 1 : budgets.stands_for;
+        if (numbered && !Number.isFinite(numbered[row])) continue;
+        total += weight;
+        let [missed, which] = [0, -1];
+        for (let k = 0; k < limits.length && missed < 2; k += 1) {
+          if (!meets(limits[k], row)) { missed += 1; which = k; }
+        }
+        if (missed === 0) { within[row] = 1; count += weight; } else if (missed === 1) alone[which] += weight;
+      }
+      const rivals = remembered("rivals", key, () => {
+        const mine = new Set(selected);
+        return budgets.contenders.filter((row) => mine.has(row));
+      });
+      // A budget on an objective never adds to the front: who beats a row within it is within it too.
+      const beside = limits.filter(({ column }) => !Object.hasOwn(page.objectives, column));
+      const base = remembered("base", `${key}${JSON.stringify(beside)}`, () => byTask(
+        rivals.filter((row) => costs.every((cost) => Number.isFinite(cost[row])) && beside.every((limit) => meets(limit, row))), costs));
+      const isWithin = (row) => within[row] === 1;
+      const result = {
+        page, normalised: () => normalised(result), chosen, limits, within, count, total, front: base.filter((row) => limits.every((limit) => meets(limit, row))),
+        cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
+        ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [],
+        command: command(state, chosen, limits),
+      };
+      if (!budgets.maximise) return result;
+      const ranking = [costOf(budgets.maximise, "max"), ...objectives.filter(([c]) => c !== budgets.maximise).map(([c, way]) => costOf(c, way)),
+        ...limits.map(({ column, way }) => costOf(column, way))];
+      const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
+      result.pick = least(rivals.filter(isWithin), ranking);
+      if (result.pick >= 0) {
+        result.second = least(selected.filter((row) => isWithin(row) && !sameDesign(row, result.pick)), ranking);
+        return result;
+      }
+      const known = (row) => [numbered, ...limits.map(({ column }) => values[column])].every((x) => Number.isFinite(x[row]));
+      const miss = ({ column, way, limit }, row) => Math.max(way === "max" ? limit - values[column][row] : values[column][row] - limit, 0);
+      const shortfall = new Float64Array(nRows);
+      let left = selected.filter(known);
+      for (const row of left) for (const one of limits) shortfall[row] += miss(one, row) / (Math.abs(one.limit) || 1);
+      while (left.length && result.nearest.length < 3) {
+        const among = result.nearest.length ? left : rivals.filter(known);
+        const row = least(among, [shortfall, ...ranking]);
+        result.nearest.push({ row, missed: limits.map((one) => ({ ...one, by: miss(one, row) })).filter(({ limit, column, way, by }) => by > 0 || !meets({ limit, column, way }, row)) });
+        left = left.filter((other) => !sameDesign(other, row));
+      }
+      return result;
+    }
+
+    function command(state, chosen, limits) {
+      const conditions = Object.entries({ task: several(task), family: several(family), hardware: several(hardware) })
+        .filter(([name, needed]) => needed && chosen[name] !== null).map(([name]) => `${name} == ${JSON.stringify(chosen[name])}`);
+      const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
+      return ["dse pick", quoted(budgets.results), ...expressions.map((one) => `--budget ${quoted(one)}`),
+        ...(budgets.maximise === "accuracy" ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
+    }
+
+    // Normalised over the selection's points, so that 1 is a design that is best in everything.
+    function normalised(result) {
+      const varied = objectives.filter(([c]) => result.ranges[c] && result.ranges[c][0] < result.ranges[c][1]);
+      const point = (row) => varied.map(([c, way]) => {
+        const [low, high] = result.ranges[c];
+        return (way === "max" ? high - values[c][row] : values[c][row] - low) / (high - low);
+      });
+      const names = result.chosen.task === null ? tasks : [result.chosen.task];
+      return varied.length ? names.map((name) => ({ name, points: result.front.filter((row) => !task || task[row] === name).map(point) })) : [];
+    }
+
+    // The front over some objectives alone, among what is within the budgets.
+    const joined = (result, named) => byTask(budgets.contenders.filter((row) => result.within[row] && named.every((c) => Number.isFinite(values[c][row]))),
+      named.map((c) => costOf(c, page.objectives[c])));
+
+    return { evaluate, joined };
+  }
+
+  // ---- the panel
+
+  const isLimit = { includes: (text) => text === "" || (text.trim() !== "" && Number.isFinite(Number(text))) };
+  const keys = (page) => Object.keys(page.budgets.columns).map((column) => `b.${column}`);
+  const plain = (page) => Object.fromEntries(keys(page).map((key) => [key, ""]));
+  const allowed = (page) => Object.fromEntries(keys(page).map((key) => [key, isLimit]));
+
+  // Returns what shows a result of `evaluate`. Inputs last as long as the columns with a budget do, so that a drag
+  // or the focus survives new points.
+  function panel(root, { element, clip, number, withInterval, change }) {
+    const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
+    let [inputs, built] = [[], ""];
+    const build = ({ columns, budgets }) => Object.entries(budgets.columns).map(([column, way], k) => {
+      const { label, unit } = columns[column];
+      const sign = way === "max" ? "≥" : "≤";
+      const words = `${label} ${way === "max" ? "at least" : "at most"}${unit ? `, ${unit}` : ""}`;
+      const box = element("input", { type: "number", step: "any", id: `budget-${k}`, placeholder: "any" });
+      const slider = element("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${k}` });
+      box.setAttribute("aria-label", words);
+      slider.setAttribute("aria-label", words);
+      const cost = element("small", { id: `cost-${k}` });
+      slider.setAttribute("aria-describedby", cost.id);
+      const line = element("div", { className: "budget" },
+        element("label", { htmlFor: box.id, textContent: `${clip(label, 40)} ${sign}`, title: column }), box,
+        element("span", { textContent: unit }), slider, cost);
+      const one = { column, words, box, slider, cost, steps: null };
+      box.addEventListener("input", () => change({ [`b.${column}`]: box.validity.badInput ? "" : box.value }));
+      slider.addEventListener("input", () => change({ [`b.${column}`]: one.steps.limit(Number(slider.value)) }));
+      root.querySelector("#sliders").append(line);
+      return one;
+    });
+    const part = (name) => root.querySelector(name);
+    part("#clear").addEventListener("click", () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""]))));
+    part("#copy").addEventListener("click", () => copy(part("#command"), part("#copied")));
+    let turn = 0;
+
+    function design({ columns, objectives }, row, missed = []) {
+      const named = columns.trial ? `Trial ${number(columns.trial.values[row])}` : `Point ${row}`;
+      const button = element("button", { type: "button", textContent: clip(named, 40) });
+      button.addEventListener("click", () => change({ chosen: String(row) }));
+      const shown = Object.keys(objectives).map((c) =>
+        `${clip(columns[c].label, 40)} ${withInterval(c, row)}\u00a0${columns[c].unit}`.trim()).join(" · ");
+      return element("p", {}, button, ` ${shown}`, ...missed.map(({ column, by }) =>
+        element("span", { className: "note missed", textContent: `misses ${clip(columns[column].label, 40)} by ${number(by, true)}\u00a0${columns[column].unit}`.trim() })));
+    }
+
+    function show(state, result) {
+      const { page } = result;
+      const { budgets } = page;
+      if (built !== JSON.stringify(budgets.columns)) {
+        built = JSON.stringify(budgets.columns);
+        part("#sliders").replaceChildren();
+        inputs = build(page);
+      }
+      for (const one of inputs) {
+        const { column, words, box, slider, cost } = one;
+        const limit = state[`b.${column}`];
+        const range = result.ranges[column];
+        slider.disabled = !range || range[0] === range[1];
+        if (!slider.disabled) {
+          one.steps = scale(range, budgets.columns[column]);
+          if (one.steps.limit(Number(slider.value)) !== limit) slider.value = one.steps.step(limit);
+        }
+        if (box.value !== limit && document.activeElement !== box) box.value = limit;
+        slider.setAttribute("aria-valuetext", limit === "" ? "no limit" : `${words} ${limit}`);
+        cost.title = limit === "" ? "" : "designs that would be feasible without this budget";
+        cost.textContent = !range ? "no numbers" : slider.disabled ? "all the same"
+          : limit === "" ? "no limit" : `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`;
+      }
+      part("#feasible").textContent = `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} feasible`;
+      part("#n-front").textContent = `${many(result.front.length)} on the front`;
+      sum(result);
+      part("#clear").disabled = result.limits.length === 0;
+      const [heading, ...said] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so none can be picked." })]
+        : result.pick >= 0
+          ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
+          : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
+            : ["Nothing is feasible", element("p", { textContent: "No design here has the numbers that the budgets ask for." })];
+      part("#pick h2").textContent = heading;
+      const focused = [...part("#pick > div").querySelectorAll("button")].indexOf(document.activeElement);
+      part("#pick > div").replaceChildren(...said);
+      part("#pick > div").querySelectorAll("button")[focused]?.focus();
+      part("#export").hidden = result.pick < 0;
+      part("#command").textContent = result.command;
+    }
+
+    // The hypervolume of a large front takes longer than a slider may: it is summed between other work.
+    function sum(result) {
+      turn += 1;
+      const mine = turn;
+      const fronts = result.normalised();
+      const out = part("#hypervolume");
+      if (!fronts.length || fronts.length > MAX_FRONTS) {
+        out.textContent = fronts.length ? "hypervolume: choose a task" : "hypervolume –";
+        return;
+      }
+      const sums = fronts.map(() => 0);
+      const work = fronts.flatMap(({ points }, k) => (points.length ? [[k, parts(points)]] : []));
+      const step = () => {
+        if (mine !== turn) return;
+        const until = performance.now() + 12;
+        while (work.length && performance.now() < until) {
+          const next = work[0][1].next();
+          if (next.done) work.shift();
+          else sums[work[0][0]] += next.value;
+        }
+        if (work.length) {
+          out.textContent = "hypervolume …";
+          setTimeout(step);
+          return;
+        }
+        const named = fronts.map(({ name }, k) => `${fronts.length > 1 ? `${clip(name, 16)} ` : ""}${number(sums[k], true)}`);
+        out.textContent = `hypervolume ${named.join(", ")}`;
+      };
+      step();
+    }
+
+    return show;
+  }
+
+  // A page from disk may have no clipboard of its own; the selection always works.
+  async function copy(from, said) {
+    try {
+      await navigator.clipboard.writeText(from.textContent);
+      said.textContent = "copied";
+    } catch {
+      getSelection().selectAllChildren(from);
+      said.textContent = document.execCommand("copy") ? "copied" : "selected: copy it with the keyboard";
+    }
+  }
+
+  return { over, front, hypervolume, least, quoted, scale, plain, allowed, panel };
+})();

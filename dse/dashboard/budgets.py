@@ -1,0 +1,122 @@
+"""What a page needs to weigh budgets exactly: the columns that they limit, and the rows that can matter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.constraints import ExpressionError, split_budgets
+from dse.figures.front import numbers
+from dse.pareto import non_dominated
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import pandas
+
+# Beside the objectives, the first of each that a table has numbers of.
+_BESIDE = (("latency_ms", "decision_latency_ms", "hardware_latency_ms"), ("spikes_per_inference",))
+_FILTERS = ("task", "family", "hardware")
+
+
+def budget_columns(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, str]:
+    """Return the columns that get a budget and which way they are better: objectives, latency, spikes.
+
+    A column that `dse pick --budget` could not name has none.
+    """
+    beside = [
+        next((name for name in names if np.isfinite(numbers(points, name)).any()), None)
+        for names in _BESIDE
+        if not any(name in objectives for name in names)
+    ]
+    wanted = {**objectives, **{name: "min" for name in beside if name}}
+    return {name: way for name, way in wanted.items() if _can_be_named(name)}
+
+
+def gather_budgets(points: pandas.DataFrame, objectives: Mapping[str, str], results: str) -> dict[str, Any]:
+    """Gather the terms of a page's budgets, as plain values that JSON can hold.
+
+    Args:
+        points: all design points, in the order of the table.
+        objectives: column -> 'max' or 'min'.
+        results: what a command calls the study.
+
+    Returns:
+        columns: {column: 'max' or 'min'} of those that get a budget;
+        maximise: the column that `dse pick` maximises, None where nothing can be;
+        results: as given;
+        ranges: values of the filters, and {column: [least, largest]} of the points that have them.
+    """
+    columns = budget_columns(points, objectives)
+    upwards = [name for name in ("accuracy", *objectives) if objectives.get(name, "max") == "max"]
+    maximise = next((name for name in upwards if np.isfinite(numbers(points, name)).any()), None)
+    return {
+        "columns": columns,
+        "maximise": maximise,
+        "results": results,
+        "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns]))),
+    }
+
+
+def contenders(points: pandas.DataFrame, objectives: Mapping[str, str], maximise: str | None) -> Array:
+    """Return the row numbers that decide a front, a pick or the nearest row under any budgets and filters.
+
+    A row that another of the same task, family and hardware beats in the objectives, and that is nowhere
+    better in a column with a budget, can never be asked for: whatever admits it admits the other. Rows whose
+    objectives equal those of a row that remains are kept, since equal rows share a front.
+    """
+    limited = {**objectives, **budget_columns(points, objectives), **({maximise: "max"} if maximise else {})}
+    if not objectives or not len(points):
+        return np.zeros(0, np.int64)
+    signed = [(-1.0 if way == "max" else 1.0) * numbers(points, name) for name, way in limited.items()]
+    costs = np.column_stack([np.where(np.isfinite(values), values, np.inf) for values in signed])
+    found = []
+    for group in _groups(points, (*_FILTERS, "fits", "transductive")):
+        best = group[non_dominated(costs[group])]
+        alike = _alike(costs[group, : len(objectives)])
+        found.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
+    return np.sort(np.concatenate(found))
+
+
+def _can_be_named(column: str) -> bool:
+    try:
+        budgets, _ = split_budgets([f"{column} <= 0"])
+    except ExpressionError:
+        return False
+    return [budget.column for budget in budgets] == [column]
+
+
+def _groups(points: pandas.DataFrame, columns: Sequence[str]) -> list[Array]:
+    """Return the row numbers, ascending, of each combination of values."""
+    by = [name for name in columns if name in points.columns]
+    if not by or not len(points):
+        return [np.arange(len(points))]
+    number = np.asarray(points.groupby(by, sort=False, dropna=False).ngroup())
+    order = np.argsort(number, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
+
+
+def _alike(costs: Array) -> Array:
+    """Return a number for each row, equal where all its costs are."""
+    import pandas
+
+    frame = pandas.DataFrame(costs)
+    return np.asarray(frame.groupby(list(frame.columns), sort=False, dropna=False).ngroup())
+
+
+def _ranges(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the range of each column, for each combination of the filters' values."""
+    honest = np.ones(len(points), bool)
+    if "transductive" in points.columns:
+        honest = ~np.asarray(points["transductive"].astype("boolean").fillna(False), bool)
+    values = {name: numbers(points, name) for name in columns}
+    found = []
+    for group in _groups(points, _FILTERS) if len(points) else ():
+        rows = group[honest[group]]
+        finite = {name: x[rows][np.isfinite(x[rows])] for name, x in values.items()}
+        found.append(
+            {name: str(points[name].iloc[group[0]]) for name in _FILTERS if name in points.columns}
+            | {"ends": {name: [float(x.min()), float(x.max())] for name, x in finite.items() if len(x)}}
+        )
+    return found
