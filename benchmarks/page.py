@@ -1,0 +1,108 @@
+"""The page of a study in a real browser: its size, its first drawing, and what moving a budget takes.
+
+    python -m benchmarks.page --browser chromium [--points 1000 10000 100000]
+
+Design points are made up: accuracy rises with energy, weights and latency are drawn. `numbers` is the time
+until counts, front and pick are on the page after a step of a slider, median and worst over four sliders;
+`figure` until the drawing follows. Times are the browser's own, headless, so drawing is in software.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from dse.dashboard import write_page
+
+OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min", "latency_ms": "min"}
+SLIDER_STEPS = tuple(range(150, 60, -10))
+
+MOVED = """async ([slider, steps]) => {
+  const moved = document.querySelector(slider);
+  const took = [];
+  for (const step of steps) {
+    const start = performance.now();
+    const drawn = new Promise((done) => document.getElementById("plot").once("plotly_afterplot", done));
+    moved.value = step;
+    moved.dispatchEvent(new Event("input", {bubbles: true}));
+    const numbers = performance.now() - start;
+    await drawn;
+    took.push([numbers, performance.now() - start]);
+  }
+  return took;
+}"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--browser", required=True, help="path of a Chromium")
+    parser.add_argument("--points", type=int, nargs="+", default=[1_000, 10_000, 100_000])
+    arguments = parser.parse_args()
+    from playwright.sync_api import sync_playwright
+
+    table = Table(title="the page of a study: size, first drawing, a step of a budget's slider")
+    for name in (
+        "points",
+        "MB",
+        "first drawing ms",
+        "numbers ms: median",
+        "worst",
+        "figure ms: median",
+        "worst",
+    ):
+        table.add_column(name, justify="right")
+    with sync_playwright() as driver, tempfile.TemporaryDirectory() as folder:
+        browser = driver.chromium.launch(executable_path=arguments.browser, args=["--no-sandbox"])
+        for n in arguments.points:
+            path = write_page(points(n), Path(folder) / f"{n}.html", name="made up", objectives=OBJECTIVES)
+            table.add_row(f"{n:,}", f"{path.stat().st_size / 1e6:.1f}", *measured(browser, path))
+        browser.close()
+    Console(width=120).print(table)
+
+
+def points(n: int, seed: int = 0) -> pd.DataFrame:
+    """Return n made-up design points of n / 100 trials."""
+    rng = np.random.default_rng(seed)
+    quality = rng.random(n)
+    return pd.DataFrame(
+        {
+            "trial": np.arange(n) // 100,
+            "task": "texture",
+            "model.hidden": rng.integers(8, 400, n // 100 + 1)[np.arange(n) // 100],
+            "phi": np.arange(n) % 10,
+            "theta": (np.arange(n) // 10 % 10) / 10,
+            "accuracy": 0.4 + 0.4 * quality + 0.2 * rng.random(n),
+            "energy_uj": np.exp(4 * quality + rng.normal(size=n)),
+            "n_weights": rng.integers(1_000, 200_000, n),
+            "latency_ms": rng.uniform(1, 90, n),
+        }
+    )
+
+
+def measured(browser: Any, path: Path) -> list[str]:
+    """Return the cells of a page's row: first drawing, then numbers and figure after a step."""
+    tab = browser.new_page(viewport={"width": 1280, "height": 720})
+    tab.goto(path.as_uri())
+    tab.wait_for_function("document.getElementById('plot')?.data?.length > 0")
+    first_ms = tab.evaluate("performance.now()")
+    took = [
+        both
+        for slider in range(len(OBJECTIVES))
+        for both in tab.evaluate(MOVED, [f"#slider-{slider}", SLIDER_STEPS])
+    ]
+    tab.close()
+    numbers, figure = np.array(took).T
+    return [
+        f"{x:.0f}" for x in (first_ms, np.median(numbers), numbers.max(), np.median(figure), figure.max())
+    ]
+
+
+if __name__ == "__main__":
+    main()
