@@ -161,18 +161,6 @@ def drawn(
     return found
 
 
-def energies_uj(folder: str | Path, rows: pandas.DataFrame, hardware: str, n_draws: int = DRAWS) -> Array:
-    """Return the energies of design points on one chip under draws of its figures, (n_draws, row) in uJ.
-
-    Args:
-        folder: of the study.
-        rows: of its points, on whatever hardware they are priced.
-        hardware: name of a profile.
-        n_draws: as of `drawn`.
-    """
-    return drawn(folder, rows.assign(hardware=hardware), ("energy_uj",), n_draws)["energy_uj"]
-
-
 def _settings(rows: pandas.DataFrame) -> list[Setting]:
     """Return the other precisions of some points of a trial, in the order of all its points."""
     if "weight_bits" not in rows:

@@ -207,9 +207,9 @@ def test_a_study_keeps_the_figures_that_it_was_run_with(study: Path) -> None:
 
 def test_draws_are_the_same_for_every_design_and_every_call(study: Path) -> None:
     rows = pricing.points(study, ["loihi1_silicon"])
-    drawn = pricing.energies_uj(study, rows, "loihi1_silicon", 64)
+    drawn = pricing.drawn(study, rows, ("energy_uj",), 64)["energy_uj"]
     assert drawn.shape == (64, 2)
-    again = pricing.energies_uj(study, rows.iloc[::-1], "loihi1_silicon", 64)
+    again = pricing.drawn(study, rows.iloc[::-1], ("energy_uj",), 64)["energy_uj"]
     assert np.array_equal(drawn, again[:, ::-1])
     assert (drawn[:, 0] < drawn[:, 1]).all(), "less of everything is less in every draw"
     low, high = rows["energy_uj_low"].to_numpy(), rows["energy_uj_high"].to_numpy()
