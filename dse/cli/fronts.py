@@ -41,7 +41,9 @@ def columns(rows: pandas.DataFrame, objectives: Sequence[Objective]) -> list[str
         place = names.index("accuracy") + 1
         names[place:place] = [name for name in extra if name not in names]
     # An axis of one family says little in a table of several; every other format has it.
-    axes = [name for name in map(str, rows.columns) if "." in name and rows[name].notna().all()]
+    # Columns of missed budgets may have a point in their numbers; no axis has a space.
+    dotted = [name for name in map(str, rows.columns) if "." in name and " " not in name]
+    axes = [name for name in dotted if rows[name].notna().all()]
     if "family" in rows:  # says the same, of studies of a single family too
         axes = [name for name in axes if name != "model.kind"]
     parameters = [name for name in map(str, rows.columns) if name in axes or name in _ABOUT]

@@ -41,6 +41,11 @@ def test_a_front_of_several_families_shows_what_all_of_them_have() -> None:
     assert columns(mixed().iloc[1:], GOALS) == ["trial", "accuracy", "n_weights"]
 
 
+def test_a_missed_budget_is_no_axis() -> None:
+    missed = mixed().assign(**{"missed n_weights<=0.5": [1.0, 2.0]})
+    assert columns(missed, GOALS) == columns(mixed(), GOALS)
+
+
 def test_a_pick_shows_its_own_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mixed().to_csv(tmp_path / "points.csv", index=False)
     assert main(["pick", str(tmp_path / "points.csv"), "--format", "table"]) == 0

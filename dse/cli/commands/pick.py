@@ -117,8 +117,5 @@ def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
         name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
     ]
     design = [name for name in row if name in about or name in axes]
-    return [
-        name
-        for name in dict.fromkeys([*design, *(name for name, _ in goals), "power_mw", "battery_h"])
-        if name in row
-    ]
+    asked = ("power_mw", "battery_h", "front_share")
+    return [name for name in dict.fromkeys([*design, *(goal for goal, _ in goals), *asked]) if name in row]
