@@ -3,6 +3,7 @@
 // The rules are those of dse.skyline, so that the page and the commands give the same rows.
 const Budgets = (() => {
   const STEPS = 200; // of a slider
+  const SUM_MS = 8; // that the hypervolume is summed at a time
   const MAX_FRONTS = 3; // tasks whose hypervolumes are listed
 
   // ---- pure: rows and numbers in, rows and numbers out
@@ -104,7 +105,8 @@ const Budgets = (() => {
       if (text === "") return loose;
       const value = Number(text);
       const share = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low);
-      return Math.round(STEPS * Math.min(1, Math.max(0, share)));
+      const near = Math.round(STEPS * Math.min(1, Math.max(0, share)));
+      return [near, near - 1, near + 1].find((k) => k >= 0 && k <= STEPS && limit(k) === text) ?? near;
     };
     return { limit, step };
   }
@@ -152,7 +154,9 @@ const Budgets = (() => {
           && (chosen.hardware === null || hardware[row] === chosen.hardware)
           && columns.transductive?.values[row] !== true) found.push(row);
       }
-      const fits = (row) => columns.fits?.values[row] !== false;
+      // A row that has no answer where others of its hardware have one cannot run there.
+      const answered = new Set(found.filter((row) => typeof columns.fits?.values[row] === "boolean").map((row) => hardware?.[row]));
+      const fits = (row) => columns.fits?.values[row] ?? !answered.has(hardware?.[row]);
       const chips = new Set(found.filter(fits).map((row) => hardware?.[row]));
       return found.filter((row) => fits(row) || !chips.has(hardware?.[row]));
     }
@@ -235,19 +239,23 @@ const Budgets = (() => {
       const conditions = Object.entries({ task: several(task), family: several(family), hardware: several(hardware) })
         .filter(([name, needed]) => needed && chosen[name] !== null).map(([name]) => `${name} == ${JSON.stringify(chosen[name])}`);
       const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
-      return ["dse pick", quoted(budgets.results), ...expressions.map((one) => `--budget ${quoted(one)}`),
+      const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
+      return ["dse pick", quoted(budgets.results), ...priced, ...expressions.map((one) => `--budget ${quoted(one)}`),
         ...(budgets.maximise === "accuracy" ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
     }
 
-    // Normalised over the selection's points, so that 1 is a design that is best in everything.
+    // Each task's front, normalised over the task's points in the selection: 1 is a design that is best in everything.
     function normalised(result) {
-      const varied = objectives.filter(([c]) => result.ranges[c] && result.ranges[c][0] < result.ranges[c][1]);
-      const point = (row) => varied.map(([c, way]) => {
-        const [low, high] = result.ranges[c];
-        return (way === "max" ? high - values[c][row] : values[c][row] - low) / (high - low);
-      });
       const names = result.chosen.task === null ? tasks : [result.chosen.task];
-      return varied.length ? names.map((name) => ({ name, points: result.front.filter((row) => !task || task[row] === name).map(point) })) : [];
+      return names.flatMap((name) => {
+        const ranges = rangesOf({ ...result.chosen, task: task ? name : null });
+        const varied = objectives.filter(([c]) => ranges[c] && ranges[c][0] < ranges[c][1]);
+        const point = (row) => varied.map(([c, way]) => {
+          const [low, high] = ranges[c];
+          return (way === "max" ? high - values[c][row] : values[c][row] - low) / (high - low);
+        });
+        return varied.length ? [{ name, points: result.front.filter((row) => !task || task[row] === name).map(point) }] : [];
+      });
     }
 
     // The front over some objectives alone, among what is within the budgets.
@@ -260,13 +268,13 @@ const Budgets = (() => {
   // ---- the panel
 
   const isLimit = { includes: (text) => text === "" || (text.trim() !== "" && Number.isFinite(Number(text))) };
-  const keys = (page) => Object.keys(page.budgets.columns).map((column) => `b.${column}`);
-  const plain = (page) => Object.fromEntries(keys(page).map((key) => [key, ""]));
-  const allowed = (page) => Object.fromEntries(keys(page).map((key) => [key, isLimit]));
+  const plain = (page) => Object.fromEntries(Object.keys(page.budgets.columns).map((column) =>
+    [`b.${column}`, String(page.definition.budgets[column] ?? "")]));
+  const allowed = (page) => Object.fromEntries(Object.keys(page.budgets.columns).map((column) => [`b.${column}`, isLimit]));
 
   // Returns what shows a result of `evaluate`. Inputs last as long as the columns with a budget do, so that a drag
   // or the focus survives new points.
-  function panel(root, { element, clip, number, withInterval, change }) {
+  function panel(root, { element, clip, number, withInterval, change, keyOf }) {
     const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
     let [inputs, built] = [[], ""];
     const build = ({ columns, budgets }) => Object.entries(budgets.columns).map(([column, way], k) => {
@@ -292,11 +300,12 @@ const Budgets = (() => {
     part("#clear").addEventListener("click", () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""]))));
     part("#copy").addEventListener("click", () => copy(part("#command"), part("#copied")));
     let turn = 0;
+    let summed = {}; // what the hypervolume is of: it stays while a design is chosen
 
     function design({ columns, objectives }, row, missed = []) {
       const named = columns.trial ? `Trial ${number(columns.trial.values[row])}` : `Point ${row}`;
       const button = element("button", { type: "button", textContent: clip(named, 40) });
-      button.addEventListener("click", () => change({ chosen: String(row) }));
+      button.addEventListener("click", () => change({ chosen: keyOf(row) }));
       const shown = Object.keys(objectives).map((c) =>
         `${clip(columns[c].label, 40)} ${withInterval(c, row)}\u00a0${columns[c].unit}`.trim()).join(" · ");
       return element("p", {}, button, ` ${shown}`, ...missed.map(({ column, by }) =>
@@ -345,6 +354,9 @@ const Budgets = (() => {
 
     // The hypervolume of a large front takes longer than a slider may: it is summed between other work.
     function sum(result) {
+      const said = JSON.stringify([result.front, result.chosen]);
+      if (summed.page === result.page && summed.said === said) return;
+      summed = { page: result.page, said };
       turn += 1;
       const mine = turn;
       const fronts = result.normalised();
@@ -357,7 +369,7 @@ const Budgets = (() => {
       const work = fronts.flatMap(({ points }, k) => (points.length ? [[k, parts(points)]] : []));
       const step = () => {
         if (mine !== turn) return;
-        const until = performance.now() + 12;
+        const until = performance.now() + SUM_MS;
         while (work.length && performance.now() < until) {
           const next = work[0][1].next();
           if (next.done) work.shift();
@@ -365,7 +377,7 @@ const Budgets = (() => {
         }
         if (work.length) {
           out.textContent = "hypervolume …";
-          setTimeout(step);
+          setTimeout(step, 2 * SUM_MS); // what a reader does next comes first
           return;
         }
         const named = fronts.map(({ name }, k) => `${fronts.length > 1 ? `${clip(name, 16)} ` : ""}${number(sums[k], true)}`);

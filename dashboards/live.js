@@ -1,10 +1,10 @@
 "use strict";
 // A served page asks every few seconds for what changed since the version that it shows, and hands the whole
 // page on as event "live". Nothing here knows what a page holds; dse/dashboard/changes.py says what a change is.
-(() => {
+(async () => {
   const EVERY_MS = 2000;
   const PATIENCE_MS = 60000;
-  let page = JSON.parse(document.getElementById("data").textContent);
+  let page = await Data.read();
   let heard = new Date();
   const line = document.createElement("p");
   line.id = "live";

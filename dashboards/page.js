@@ -1,23 +1,27 @@
 "use strict";
-// One state object; every view is a function of it, and the URL's fragment carries it.
+// One state object; every view is a function of it, and the URL's fragment carries it. A view is a module of its
+// own: `view(root, app)` returns {render(shown), hover(key), image(format)}, the last only if it draws a picture.
 // Text from the study only ever enters the page through textContent or escaped() below.
-(() => {
+(async () => {
   const byId = (id) => document.getElementById(id);
-  let page, columns, objectives, nRows, rows, axes, tasks, hardware, families, allowed, engine; // set by take()
-  const TABLE_ROWS = 50;
-  const BARS = 40;
-  const HOVER_CHARACTERS = 60;
+  let page, columns, objectives, nRows, rows, axes, tasks, hardware, families, allowed, engine, byKey; // set by take()
   const BOTH = "all";
+  const COMPARED = 4; // designs side by side, at most
+  const NOTES = 2; // that are open to begin with
+  const SECTIONS = { front: "figure", parallel: "parallel", table: "front", design: "design", compare: "compare", progress: "progress" };
 
   // ---- words and numbers
 
-  const isNumeric = (column) => columns[column].values.some((v) => typeof v === "number");
-  const known = new WeakMap(); // distinct values of columns: asked for at every step of a slider
-  function distinct(column) {
-    const values = columns[column]?.values ?? [];
-    if (!known.has(values)) known.set(values, [...new Set(values.map(String))]);
-    return known.get(values);
+  const known = { distinct: new WeakMap(), numbers: new WeakMap(), numeric: new WeakMap() }; // of columns: asked for at every step of a slider
+  function remembered(kind, column, make) {
+    const { values } = columns[column];
+    if (!known[kind].has(values)) known[kind].set(values, make(values));
+    return known[kind].get(values);
   }
+  const distinct = (column) => (columns[column] ? remembered("distinct", column, (values) => [...new Set(values.map(String))]) : []);
+  const isNumeric = (column) => remembered("numeric", column, (values) => values.some((v) => typeof v === "number"));
+  // A column as numbers, NaN where it has none.
+  const numbers = (column) => remembered("numbers", column, (values) => Float64Array.from(values, (v) => (typeof v === "number" ? v : NaN)));
   const title = (column) => columns[column].label + (columns[column].unit ? ` (${columns[column].unit})` : "");
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
   const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -49,21 +53,40 @@
 
   // ---- state
 
+  // A point's name in a link: its trial and its number there, so that it stays when trials are added; a table
+  // without these numbers has names of its trials, or of its rows.
+  const isNamed = () => columns.trial !== undefined && columns.point !== undefined;
+  const keyOf = (row) => (isNamed() ? `${columns.trial.values[row]}.${columns.point.values[row]}`
+    : String(distinct("trial").length === nRows ? columns.trial.values[row] : row));
+  function rowOf(key) {
+    if (byKey === null) {
+      byKey = new Map();
+      for (const row of rows) byKey.set(keyOf(row), [...(byKey.get(keyOf(row)) ?? []), row]);
+    }
+    const found = byKey.get(key) ?? [];
+    return found.find((row) => !columns.hardware || String(columns.hardware.values[row]) === state.hardware) ?? found[0] ?? -1;
+  }
+
+  const isKey = { includes: (text) => text === "" || /^-?\d+(\.\d+)?$/.test(text) };
+  const areKeys = { includes: (text) => text === "" || (text.split(",").length <= COMPARED && text.split(",").every((key) => key && isKey.includes(key))) };
+  const isWord = { includes: (text) => /^[a-z]*$/.test(text) };
+
   function take(data) {
     page = data;
     columns = page.columns;
     objectives = Object.keys(page.objectives);
     nRows = Object.values(columns)[0]?.values.length ?? 0;
     rows = Array.from({ length: nRows }, (_, row) => row);
+    byKey = null;
     axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && isNumeric(c))];
     tasks = distinct("task");
     hardware = distinct("hardware");
     families = [...new Set((columns.family?.values ?? []).filter((name) => name !== null))];
     engine = Budgets.over(page);
     allowed = {
-      view: ["2", "3"], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
+      view: ["2", "3", ...(tasks.length > 1 ? ["s"] : [])], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
       task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
-      sort: Object.keys(columns), chosen: rows.map(String), rows: ["", "all"],
+      sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
       family: [BOTH, ...families], ...Budgets.allowed(page),
     };
   }
@@ -73,43 +96,45 @@
   // A column that spans more than two decades reads better in logarithms.
   function spansDecades(column) {
     const values = columns[column].values.filter((v) => typeof v === "number");
-    return values.length > 0 && Math.min(...ends(values)) > 0 && ends(values)[1] / ends(values)[0] > 100;
-  }
-  function ends(values) {
-    return values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+    const [low, high] = values.reduce(([least, most], v) => [Math.min(least, v), Math.max(most, v)], [Infinity, -Infinity]);
+    return values.length > 0 && low > 0 && high / low > 100;
   }
 
+  const log = (column) => (column && (page.definition.front.log.includes(column) || spansDecades(column)) ? "1" : "0");
+
   function initialState() {
+    const asked = page.definition;
+    const given = ["y", "x", "z"].map((axis) => (axes.includes(asked.front[axis]) ? asked.front[axis] : null));
     const preferred = [...objectives.slice(0, 1), ...objectives.filter((c) => c === "energy_uj"), ...objectives];
-    const [y, x, z] = [...new Set([...preferred.filter(varies), ...objectives, ...axes])];
-    const pick = { y, x: x ?? y, z: z ?? x ?? y };
-    const log = (column) => (column && spansDecades(column) ? "1" : "0");
+    const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !given.includes(column));
+    const [y, x, z] = given.map((column) => column ?? left.shift() ?? axes[0]);
+    const sort = asked.sort ?? objectives[0] ?? "";
     return {
-      view: "2", ...pick, lx: log(pick.x), ly: log(pick.y), lz: log(pick.z),
+      view: String(asked.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
-      sort: objectives[0] ?? "", order: page.objectives[objectives[0]] === "min" ? "ascending" : "descending",
-      chosen: "", rows: "", family: BOTH, ...Budgets.plain(page),
+      sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
+      chosen: "", compare: "", tab: asked.design[0] ?? "", rows: "", family: BOTH, ...Budgets.plain(page),
     };
   }
 
   function readState() {
-    const state = initialState();
+    const found = initialState();
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
-      if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) state[key] = value;
+      if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) found[key] = value;
     }
-    return state;
+    return found;
   }
 
-  take(JSON.parse(byId("data").textContent));
+  take(await Data.read());
   let state = readState();
   let writing;
 
-  function change(part) {
+  // `moving`: more of the same follows at once, as when a slider is dragged.
+  function change(part, moving = Object.keys(part).some((key) => key.startsWith("b."))) {
     for (const axis of ["x", "y", "z"]) {
-      if (axis in part) part[`l${axis}`] = spansDecades(part[axis]) ? "1" : "0";
+      if (axis in part) part[`l${axis}`] = log(part[axis]);
     }
     state = { ...state, ...part };
-    const moving = Object.keys(part).some((key) => key.startsWith("b."));
     writeState(moving);
     render(moving);
   }
@@ -126,53 +151,51 @@
 
   // ---- new data of a served page (live.js)
 
-  // Row numbers change when trials are added before a row; what makes its design does not.
-  const identity = (row, named) => JSON.stringify(named.map((column) => columns[column]?.values[row] ?? null));
-
   function show(data) {
     const before = { state, plain: initialState(), empty: page.state !== null };
-    const named = [...new Set(["trial", "point", "task", "hardware", ...page.design])];
-    const focused = document.activeElement?.closest("#front tr, #front th");
-    const head = focused?.querySelector("button")?.title;
-    const names = [state.chosen, focused?.dataset.row].map((row) => (row ? identity(Number(row), named) : null));
     take(data);
-    const found = names.map((name) => (name === null ? -1 : rows.findIndex((row) => identity(row, named) === name)));
     // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
-    const kept = Object.entries(before.state).filter(([key, value]) => key !== "chosen" && allowed[key]?.includes(value) &&
+    const kept = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
       !(key === "task" && value === before.plain.task));
-    const chosen = found[0] < 0 ? "" : String(found[0]);
-    state = before.empty ? readState() : { ...initialState(), ...Object.fromEntries(kept), chosen };
+    state = before.empty ? readState() : { ...initialState(), ...Object.fromEntries(kept) };
     if (page.state === null) writeState();
     render();
-    if (!focused) return;
-    const again = head === undefined
-      ? [...byId("front").querySelectorAll("tbody tr")].find((line) => line.dataset.row === String(found[1]))
-      : [...byId("front").querySelectorAll("th button")].find((button) => button.title === head);
-    again?.focus({ preventScroll: true });
   }
 
   // ---- what the state selects
 
-  const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
-  const shown = (row) =>
-    (state.task === BOTH || !columns.task || taskOf(row) === state.task) &&
+  const isShown = (row) =>
+    (state.task === BOTH || !columns.task || String(columns.task.values[row]) === state.task) &&
     (!columns.hardware || String(columns.hardware.values[row]) === state.hardware) &&
     (state.family === BOTH || columns.family.values[row] === state.family);
-  const shownAxes = () => (state.view === "3" ? ["x", "y", "z"] : ["x", "y"]).map((axis) => state[axis]);
 
-  // What the budgets leave: which rows are within them, the front, the pick. Set by render().
-  let budgeted = null;
-  let onFront = new Set();
-  const within = (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1;
+  // A point by its key; its numbers come from its row, or, off the page, from what its surface says (design.js).
+  function point(key) {
+    const told = surfaces.get(`${key}@${state.hardware}`);
+    const row = told ? -1 : rowOf(key);
+    return { key, row, value: (column) => (told ? told[column] : columns[column]?.values[row]) ?? null };
+  }
+  const surfaces = new Map();
 
-  // The front over just the columns shown, if each has a direction and no two are the same.
-  function joined() {
-    const key = [...shownAxes()].sort().join("|");
-    if (!Object.hasOwn(page.fronts, key)) return null;
-    return budgeted.limits.length || state.family !== BOTH ? engine.joined(budgeted, shownAxes()) : page.fronts[key];
+  // What every view is a function of.
+  function selection(moving) {
+    const budgeted = engine.evaluate(state);
+    const limited = budgeted.limits.length || state.family !== BOTH;
+    return {
+      page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front), rows: rows.filter(isShown),
+      within: (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1,
+      // The front over some columns alone, if each has a direction and no two are the same.
+      joined: (named) => {
+        const key = [...named].sort().join("|");
+        if (!Object.hasOwn(page.fronts, key)) return null;
+        return (limited ? engine.joined(budgeted, named) : page.fronts[key]).filter(isShown);
+      },
+      chosen: state.chosen ? point(state.chosen) : null,
+      compared: state.compare ? state.compare.split(",").map(point) : [],
+    };
   }
 
-  // ---- views
+  // ---- what the page is made of
 
   function element(tag, properties = {}, ...children) {
     const node = Object.assign(document.createElement(tag), properties);
@@ -180,26 +203,68 @@
     return node;
   }
 
-  function renderHeader() {
+  function download(name, address) {
+    element("a", { href: address, download: name }).click();
+  }
+
+  // Values of a point that is no row of the page; `told` is {column: value}.
+  function tell(key, told) {
+    surfaces.set(`${key}@${state.hardware}`, told);
+  }
+
+  const toggleCompared = (key) => {
+    const now = state.compare ? state.compare.split(",") : [];
+    change({ compare: (now.includes(key) ? now.filter((one) => one !== key) : [...now, key].slice(-COMPARED)).join(",") });
+  };
+
+  const app = {
+    element, clip, number, withInterval, escaped, title, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, tell,
+    toggleCompared, download, style: () => Figure.style(page.palette),
+    hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
+  };
+  const views = [["front", Front], ["parallel", Parallel], ["table", Table], ["design", Design], ["compare", Compare], ["progress", Progress]]
+    .map(([name, module]) => ({ name, root: byId(SECTIONS[name]), view: module.view(byId(SECTIONS[name]), app) }));
+  const showBudgets = Budgets.panel(byId("budgets"), app);
+
+  for (const { name, root, view } of views.filter((one) => one.view.image)) {
+    const place = root.querySelector(".save") ?? root.appendChild(element("span", { className: "save" }));
+    place.append(...["svg", "png"].map((format) => {
+      const button = element("button", { type: "button", textContent: format.toUpperCase(), title: `save this figure as ${format.toUpperCase()}` });
+      button.addEventListener("click", async () => download(`${clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_")}-${name}.${format}`, await view.image(format)));
+      return button;
+    }));
+  }
+
+  // ---- views of the page itself
+
+  function renderHeader(shown) {
     const counts = Object.entries(page.counts).map(([status, n]) => `${number(n)} ${status}`);
-    const visible = rows.filter(shown);
-    const best = visible.filter((row) => onFront.has(row)).length;
-    if (nRows) counts.push(`${plural(visible.length, "point")}, ${best.toLocaleString("en")} on the front`);
+    const best = shown.rows.filter((row) => shown.onFront.has(row)).length;
+    if (nRows) counts.push(`${plural(shown.rows.length, "point")}, ${best.toLocaleString("en")} on the front`);
     byId("counts").textContent = counts.join(" · ");
-    byId("notes").replaceChildren(...page.notes.map((text) => element("li", { textContent: text })));
+    byId("title").textContent = page.definition.title;
+    const open = byId("notes").querySelector("details")?.open ?? false;
+    const notes = page.notes.map((text) => element("li", { textContent: text }));
+    const rest = notes.splice(NOTES);
+    byId("notes").replaceChildren(...notes, ...(rest.length ? [element("li", {},
+      element("details", { open }, element("summary", { textContent: plural(rest.length, "more note") }), element("ul", {}, ...rest)))] : []));
   }
 
   function fillSelect(id, options, names) {
     const select = byId(id);
-    select.replaceChildren(...options.map((value, k) =>
-      element("option", { value, textContent: clip(names[k], 40), selected: value === state[id] })));
+    const said = JSON.stringify([options, names]);
+    if (select.dataset.said !== said) {
+      select.dataset.said = said;
+      select.replaceChildren(...options.map((value, k) => element("option", { value, textContent: clip(names[k], 40) })));
+    }
+    select.value = state[id];
   }
 
   function renderControls() {
     for (const axis of ["x", "y", "z"]) {
       fillSelect(axis, axes, axes.map(title));
       byId(`l${axis}`).checked = state[`l${axis}`] === "1";
-      byId(`l${axis}`).disabled = !(ends(columns[state[axis]].values.filter((v) => v !== null))[0] > 0);
+      byId(`l${axis}`).disabled = numbers(state[axis]).some((v) => v <= 0);
     }
     fillSelect("task", allowed.task, allowed.task.map((t) => (t === BOTH && tasks.length > 1 ? "all" : t)));
     fillSelect("hardware", hardware, hardware);
@@ -207,270 +272,9 @@
     byId("family-label").hidden = families.length < 2;
     byId("task-label").hidden = tasks.length < 2;
     byId("hardware-label").hidden = hardware.length < 2;
+    byId("view-s").hidden = tasks.length < 2;
     for (const node of document.querySelectorAll(".third")) node.hidden = state.view !== "3";
-    for (const n of ["2", "3"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
-  }
-
-  const hasWebGL = (() => {
-    try {
-      return Boolean(document.createElement("canvas").getContext("webgl"));
-    } catch {
-      return false;
-    }
-  })();
-
-  // Thousands of points keep their words while a slider moves; other axes have other words.
-  let hovers = { axes: "", of: new Map() };
-  function hover(row) {
-    const axes = shownAxes().join("|");
-    if (hovers.axes !== axes) hovers = { axes, of: new Map() };
-    if (!hovers.of.has(row)) hovers.of.set(row, hoverText(row));
-    return hovers.of.get(row);
-  }
-
-  function hoverText(row) {
-    const lines = page.design
-      .filter((column) => columns[column].values[row] !== null)
-      .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
-    const measured = [...new Set([...objectives, ...shownAxes()])].filter((column) => !page.design.includes(column));
-    lines.push(...measured.map((column) => `${title(column)}  ${withInterval(column, row)}`));
-    return lines.map((line) => escaped(clip(line, HOVER_CHARACTERS))).join("<br>");
-  }
-
-  // In space the vertical is plotly's z; the column chosen as y points up in both views.
-  const letters = () => (state.view === "3" ? "xzy" : "xy");
-
-  function coordinates(some) {
-    return Object.fromEntries(shownAxes().map((column, k) =>
-      [letters()[k], some.map((row) => columns[column].values[row])]));
-  }
-
-  // On a crowded front every n-th point carries its interval, or the bars would hide the points.
-  function bars(some, colour) {
-    const step = Math.ceil(some.length / BARS);
-    const thinned = (values) => some.map((row, k) => (k % step === 0 ? values[row] : null));
-    const found = {};
-    shownAxes().forEach((column, k) => {
-      const known = page.intervals[column];
-      if (!known) return;
-      found[`error_${letters()[k]}`] = {
-        type: "data", symmetric: false, color: `${colour}99`, thickness: 1, width: 2,
-        array: thinned(known.high), arrayminus: thinned(known.low),
-      };
-    });
-    return found;
-  }
-
-  function traces(style) {
-    const flat = state.view === "2";
-    const drawable = rows.filter((row) => shown(row) && shownAxes().every((c) => columns[c].values[row] !== null));
-    const kind = flat ? (drawable.length > 2000 && hasWebGL ? "scattergl" : "scatter") : "scatter3d";
-    const front = joined();
-    const found = [];
-    const names = columns.task ? (state.task === BOTH ? tasks : [state.task]) : [""];
-    for (const name of names) {
-      const colour = style.palette[Math.max(0, tasks.indexOf(name)) % style.palette.length];
-      const mine = drawable.filter((row) => taskOf(row) === name);
-      const add = (type, some, more) => found.push({
-        type, mode: "markers", ...coordinates(some), customdata: some, text: some.map(hover),
-        hovertemplate: "%{text}<extra></extra>", legendgroup: name, showlegend: false, ...more,
-      });
-      const line = front
-        ? front.filter((row) => taskOf(row) === name && shown(row)).sort((a, b) =>
-          columns[state.x].values[a] - columns[state.x].values[b] || columns[state.y].values[a] - columns[state.y].values[b])
-        : [];
-      const inLine = new Set(line);
-      const best = mine.filter((row) => onFront.has(row) && !inLine.has(row));
-      const outside = mine.filter((row) => !within(row));
-      if (outside.length) add(kind, outside, { marker: { color: style.quiet, size: flat ? 4 : 2, opacity: 0.12, line: { width: 0 } } });
-      add(kind, mine.filter((row) => within(row) && !onFront.has(row) && !inLine.has(row)),
-        { marker: { color: colour, size: flat ? 5 : 3, opacity: 0.22, line: { width: 0 } } });
-      add(kind, best, {
-        marker: { color: colour, size: flat ? 7 : 4, opacity: 0.75, line: { width: 0 } },
-        ...(front ? {} : bars(best, colour)),
-      });
-      if (flat && line.length) {
-        // The staircase is what the front attains: nothing lies beyond it.
-        found.push({
-          type: "scatter", mode: "lines", ...coordinates(line), hoverinfo: "skip", showlegend: false,
-          line: { color: colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh" },
-        });
-      } else if (line.length > 3) {
-        found.push({
-          type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z",
-        });
-      }
-      add(flat ? "scatter" : kind, line, {
-        marker: { color: colour, size: flat ? 9 : 6, line: { color: style.page, width: 1 } },
-        ...bars(line, colour),
-        name: escaped(clip(name, 40)), showlegend: names.length > 1,
-      });
-    }
-    const best = budgeted.pick >= 0 ? budgeted.pick : budgeted.nearest[0]?.row;
-    const picked = budgeted.limits.length ? drawable.filter((row) => row === best) : [];
-    if (picked.length) {
-      found.push({
-        type: flat ? "scatter" : "scatter3d", mode: "markers", ...coordinates(picked), hoverinfo: "skip", showlegend: false,
-        marker: { symbol: "diamond-open", color: style.text, size: flat ? 16 : 10, line: { color: style.text, width: 2 } },
-      });
-    }
-    const chosen = drawable.filter((row) => String(row) === state.chosen);
-    if (chosen.length) {
-      found.push({
-        type: flat ? "scatter" : "scatter3d", mode: "markers", ...coordinates(chosen), hoverinfo: "skip",
-        showlegend: false,
-        marker: { symbol: "circle-open", color: style.text, size: flat ? 18 : 12, line: { color: style.text, width: 2 } },
-      });
-    }
-    return found;
-  }
-
-  // A narrow figure is seen from further away, so that its axes stay inside.
-  function camera(narrow) {
-    const far = narrow ? 1.5 : 1;
-    return { eye: { x: 1.7 * far, y: -1.9 * far, z: 0.6 * far }, center: { x: 0, y: 0, z: -0.25 } };
-  }
-
-  function renderPlot() {
-    if (state.view === "3" && !hasWebGL) {
-      Plotly.purge("plot");
-      byId("plot").textContent = "The 3-D view needs WebGL, which this browser does not offer. The 2-D view works.";
-      return;
-    }
-    const css = getComputedStyle(document.documentElement);
-    const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-    const style = {
-      text: css.getPropertyValue("--text").trim(), page: css.getPropertyValue("--page").trim(),
-      rule: css.getPropertyValue("--rule").trim(), quiet: css.getPropertyValue("--quiet").trim(), palette: dark ? page.palette.dark : page.palette.light,
-    };
-    const axis = (letter) => ({
-      title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true,
-      type: state[`l${letter}`] === "1" ? "log" : "linear", gridcolor: style.rule, linecolor: style.rule,
-      zeroline: false, exponentformat: "SI", minexponent: 4, showbackground: false, color: style.text,
-      ...(state[`l${letter}`] === "1" && state.view === "2" ? { dtick: "D2" } : {}),
-    });
-    const narrow = byId("plot").clientWidth < 560;
-    const layout = {
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: css.fontFamily, size: narrow ? 11 : 12, color: style.text },
-      margin: state.view === "2" ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
-      hovermode: "closest", hoverlabel: { align: "left", bgcolor: style.page, bordercolor: style.text, font: { color: style.text } },
-      legend: { orientation: "h", x: 0, y: 1.08, itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
-      uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
-      ...(state.view === "2"
-        ? { xaxis: axis("x"), yaxis: axis("y") }
-        : {
-          scene: {
-            xaxis: axis("x"), yaxis: axis("z"), zaxis: axis("y"), aspectmode: "manual",
-            aspectratio: { x: 1.5, y: 1.5, z: 1 }, camera: camera(narrow),
-          },
-        }),
-    };
-    Plotly.react("plot", traces(style), layout, {
-      responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
-    }).then((plot) => {
-      plot.removeAllListeners("plotly_click");
-      plot.on("plotly_click", (event) => change({ chosen: String(event.points[0].customdata) }));
-    });
-    describe();
-  }
-
-  function describe() {
-    const front = joined();
-    const said = shownAxes().map((column) => columns[column].label);
-    const every = plural(objectives.length, "objective");
-    byId("caption").textContent = front
-      ? `${state.view === "2" ? "Joined" : "Large"}: the front of ${said.slice(0, -1).join(", ")} and ${said.at(-1)} alone. ` +
-        `Solid: the front over all ${every}. Dim: dominated. Bars: one standard error, or the model's interval.`
-      : `Solid: the front over all ${every}. Dim: dominated.`;
-    if (budgeted.limits.length) byId("caption").textContent += ` Grey: outside the budgets. Diamond: the ${budgeted.pick >= 0 ? "pick" : "nearest"}.`;
-    const marked = (front ?? budgeted.front).filter(shown);
-    const ranges = !marked.length ? ["nothing is within the budgets"] : shownAxes().map((column) => {
-      const [low, high] = ends(marked.map((row) => columns[column].values[row]).filter((v) => v !== null));
-      return `${title(column)} ${number(low)} to ${number(high)}`;
-    });
-    byId("plot").setAttribute("aria-label", `${said.join(" against ")}: ${marked.length} points on the front, ${ranges.join(", ")}. The table below holds the numbers.`);
-  }
-
-  function tableColumns() {
-    const parameters = page.design.filter((column) => column === "trial" || varies(column));
-    const several = columns.task && tasks.length > 1 ? ["task"] : [];
-    return [...new Set([...parameters.filter((c) => c === "trial"), ...several, ...objectives, ...parameters])];
-  }
-
-  function compare(column, order) {
-    const sign = order === "ascending" ? 1 : -1;
-    return (a, b) => {
-      const [left, right] = [columns[column].values[a], columns[column].values[b]];
-      if (left === null || right === null) return (left === null) - (right === null) || a - b;
-      const both = typeof left === "number" && typeof right === "number";
-      return sign * (both ? left - right : String(left).localeCompare(String(right))) || a - b;
-    };
-  }
-
-  function renderTable() {
-    const named = tableColumns();
-    const head = named.map((column) => {
-      const sorted = state.sort === column;
-      const button = element("button", { type: "button", textContent: clip(title(column), 40), title: column });
-      button.addEventListener("click", () => change({
-        sort: column,
-        order: sorted ? (state.order === "ascending" ? "descending" : "ascending")
-          : page.objectives[column] === "max" ? "descending" : "ascending",
-      }));
-      const cell = element("th", { scope: "col", className: isNumeric(column) ? "" : "text" }, button);
-      cell.setAttribute("aria-sort", sorted ? state.order : "none");
-      return cell;
-    });
-    const front = [...budgeted.front];
-    if (columns[state.sort]) front.sort(compare(state.sort, state.order));
-    const visible = state.rows === "all" ? front : front.slice(0, TABLE_ROWS);
-    const body = visible.map((row) => {
-      const line = element("tr", { tabIndex: 0 }, ...named.map((column) => element("td", {
-        textContent: withInterval(column, row), className: isNumeric(column) ? "" : "text",
-        title: String(columns[column].values[row] ?? "not measured"),
-      })));
-      line.dataset.row = row;
-      line.setAttribute("aria-selected", String(String(row) === state.chosen));
-      return line;
-    });
-    const table = byId("front").querySelector("table");
-    table.tHead.replaceChildren(element("tr", {}, ...head));
-    table.tBodies[0].replaceChildren(...body);
-    byId("front-count").textContent = `${plural(front.length, "design")} that nothing beats over ${objectives.map((c) => columns[c].label).join(", ")}`;
-    byId("more").hidden = visible.length === front.length;
-    byId("more").textContent = `Show all ${front.length.toLocaleString("en")}`;
-  }
-
-  function definitions(named, row) {
-    return element("dl", {}, ...named.flatMap((column) => [
-      element("dt", { textContent: columns[column].label, title: column }),
-      element("dd", {
-        textContent: `${clip(withInterval(column, row), 120)}\u00a0${columns[column].unit}`.trim(),
-        title: String(columns[column].values[row]),
-      }),
-    ]));
-  }
-
-  function renderDesign() {
-    const panel = byId("design");
-    if (state.chosen === "") {
-      panel.replaceChildren(element("h2", { textContent: "Design" }),
-        element("p", { textContent: "Choose a point of the figure or a row of the table." }));
-      return;
-    }
-    const row = Number(state.chosen);
-    const has = (column) => columns[column].values[row] !== null;
-    const others = Object.keys(columns).filter((c) => !objectives.includes(c) && !page.design.includes(c) && has(c));
-    const open = panel.querySelector("details")?.open ?? false;
-    const heading = columns.trial ? `Trial ${number(columns.trial.values[row])}` : `Point ${row}`;
-    panel.replaceChildren(
-      element("h2", { textContent: clip(heading, 60) }),
-      element("p", { textContent: !within(row) ? "outside the budgets" : onFront.has(row) ? "on the front" : "dominated" }),
-      definitions(objectives.filter(has), row),
-      definitions(page.design.filter((column) => column !== "trial" && has(column)), row),
-      element("details", { open }, element("summary", { textContent: "everything measured" }), definitions(others, row)),
-    );
+    for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
   }
 
   function renderFailures() {
@@ -489,57 +293,62 @@
     )));
   }
 
-  const showBudgets = Budgets.panel(byId("budgets"), { element, clip, number, withInterval, change });
-
-  let [drawing, drawnMs] = [undefined, 0];
-  function drawTimed() {
-    const start = performance.now();
-    renderPlot();
-    drawnMs = performance.now() - start;
+  function renderBundle({ budgeted }) {
+    const link = byId("bundle");
+    link.hidden = !Details.isServed(page) || budgeted.pick < 0 || !isNamed();
+    if (link.hidden) return;
+    const [trial, number] = keyOf(budgeted.pick).split(".");
+    const chip = columns.hardware ? { hardware: columns.hardware.values[budgeted.pick] } : {};
+    link.href = Details.address("bundle.zip", { trial, point: number, ...chip });
   }
 
   function render(moving = false) {
-    budgeted = engine.evaluate(state);
-    onFront = new Set(budgeted.front);
-    renderHeader();
-    renderFailures();
     const empty = page.state !== null;
+    const wanted = page.definition.views;
     byId("state").hidden = !empty;
-    for (const id of ["budgets", "figure", "design", "front"]) byId(id).hidden = empty;
+    byId("budgets").hidden = empty;
+    for (const { name, root } of views) {
+      if (name !== "progress") root.hidden = empty || !wanted.includes(name);
+      root.style.order = wanted.indexOf(name);
+    }
+    const shown = selection(moving);
+    renderHeader(shown);
+    renderFailures();
+    if (wanted.includes("progress")) views.find(({ name }) => name === "progress").view.render(shown);
     if (empty) {
       byId("state").querySelector("h2").textContent = page.state.title;
       byId("state").querySelector("p").textContent = page.state.text;
       return;
     }
-    showBudgets(state, budgeted);
+    showBudgets(state, shown.budgeted);
+    renderBundle(shown);
     renderControls();
-    clearTimeout(drawing);
-    // A slider's numbers come first; a figure that takes long to draw waits for as long for another step.
-    if (moving) drawing = setTimeout(drawTimed, drawnMs);
-    else drawTimed();
-    renderTable();
-    renderDesign();
+    for (const { name, view } of views) if (name !== "progress" && wanted.includes(name)) view.render(shown);
   }
 
   // ---- what a reader does
 
+  const KEYS = [
+    ["Tab, Shift+Tab", "through budgets, figures and tables"], ["← → on a slider", "moves the budget, φ or θ by a step; ↑ ↓ on a handle of an axis too"],
+    ["Enter on a row", "chooses its design"], ["c", "adds the chosen design to the comparison, or takes it away"],
+    ["2, 3", "the front in the plane, in space"], ["Escape", "chooses nothing"], ["?", "these keys"],
+  ];
+  byId("keys").querySelector("dl").append(...KEYS.flatMap(([key, does]) =>
+    [element("dt", {}, element("kbd", { textContent: key })), element("dd", { textContent: does })]));
+  const does = {
+    "?": () => byId("keys").showModal(), Escape: () => change({ chosen: "" }), 2: () => change({ view: "2" }), 3: () => change({ view: "3" }),
+    c: () => { if (state.chosen) toggleCompared(state.chosen); },
+  };
+  addEventListener("keydown", (event) => {
+    const typed = event.target.matches("input:not([type=range]), select, textarea") || byId("keys").open;
+    if (typed || event.ctrlKey || event.altKey || event.metaKey || page.state !== null || !Object.hasOwn(does, event.key)) return;
+    does[event.key]();
+  });
+  byId("help").addEventListener("click", does["?"]);
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
   for (const id of ["x", "y", "z", "task", "family", "hardware"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
   for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
-  for (const n of ["2", "3"]) byId(`view-${n}`).addEventListener("click", () => { Plotly.purge("plot"); change({ view: n }); });
-  byId("more").addEventListener("click", () => change({ rows: "all" }));
-  const tableBody = byId("front").querySelector("tbody");
-  const choose = (event) => {
-    const line = event.target.closest("tr");
-    if (line) change({ chosen: line.dataset.row });
-  };
-  tableBody.addEventListener("click", choose);
-  tableBody.addEventListener("keydown", (event) => {
-    if (event.key !== "Enter") return;
-    const row = event.target.closest("tr")?.dataset.row;
-    choose(event);
-    tableBody.querySelector(`tr[data-row="${row}"]`)?.focus();
-  });
+  for (const n of ["2", "3", "s"]) byId(`view-${n}`).addEventListener("click", () => change({ view: n }));
   addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => { state = readState(); render(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => render());

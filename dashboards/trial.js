@@ -1,8 +1,8 @@
 "use strict";
 // The page's two figures were drawn in Python; this script gives them the reader's colours and moves the first
 // through time. Text only ever enters the page through textContent or as the figures carry it, escaped.
-(() => {
-  const page = JSON.parse(document.getElementById("data").textContent);
+(async () => {
+  const page = await Data.read();
   const byId = (id) => document.getElementById(id);
   const ON = 1;
 
@@ -58,46 +58,6 @@
 
   // ---- views
 
-  function look() {
-    const css = getComputedStyle(document.documentElement);
-    const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-    const colour = (name) => css.getPropertyValue(name).trim();
-    return { font: css.fontFamily, text: colour("--text"), page: colour("--page"), rule: colour("--rule"), dark };
-  }
-
-  // Colours of a light page, in the reader's scheme.
-  function recoloured(value, style) {
-    if (Array.isArray(value)) return value.map((inner) => recoloured(inner, style));
-    if (value && typeof value === "object") {
-      return Object.fromEntries(Object.entries(value).map(([key, inner]) => [key, recoloured(inner, style)]));
-    }
-    const index = style.dark ? page.palette.light.indexOf(value) : -1;
-    return index < 0 ? value : page.palette.dark[index];
-  }
-
-  function draw(id, figure, style, own) {
-    const layout = recoloured(figure.layout, style);
-    delete layout.title;
-    delete layout.template;
-    const axes = Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key));
-    for (const key of axes) {
-      Object.assign(layout[key], {
-        gridcolor: style.rule, linecolor: style.rule, color: style.text, zeroline: false, automargin: true,
-      });
-      layout[key].title = { ...layout[key].title, standoff: 4 };
-    }
-    const narrow = byId(id).clientWidth < 480;
-    Object.assign(layout, {
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: style.font, size: narrow ? 11 : 12, color: style.text },
-      hovermode: "closest", hoverlabel: { bgcolor: style.page, bordercolor: style.text, font: { color: style.text } },
-      ...own(layout),
-    });
-    return Plotly.react(id, recoloured(figure.data, style), layout, {
-      responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
-    });
-  }
-
   const seconds = () => (state.moment * page.step_ms) / 1000;
 
   function cursor(style) {
@@ -110,25 +70,29 @@
   let busy = Promise.resolve();
 
   function renderAll() {
-    const style = look();
+    const style = Figure.style(page.palette);
     const now = traces();
     const pins = { ...page.pins, data: page.pins.data.map((trace, k) => ({ ...trace, ...now[k] })) };
+    const margin = { l: 48, r: 8, t: 32, b: 36 };
     busy = Promise.all([
-      draw("pins", pins, style, (layout) => ({ legend: { ...layout.legend, x: 0, y: 1, yanchor: "bottom" }, margin: { l: 48, r: 8, t: 32, b: 36 } })),
-      draw("course", page.course, style, () => ({ shapes: [cursor(style)], margin: { l: 48, r: 8, t: 32, b: 36 } })).then((plot) => {
-        plot.removeAllListeners("plotly_click");
-        plot.on("plotly_click", (event) => show({ moment: Math.round((1000 * event.points[0].x) / page.step_ms) }));
+      Figure.draw(byId("pins"), pins, style, (layout) => ({ legend: { ...layout.legend, x: 0, y: 1, yanchor: "bottom" }, margin })),
+      Figure.draw(byId("course"), page.course, style, () => ({ shapes: [cursor(style)], margin })).then((plot) => {
+        plot?.removeAllListeners("plotly_click");
+        plot?.on("plotly_click", (event) => show({ moment: Math.round((1000 * event.points[0].x) / page.step_ms) }));
       }),
     ]);
     renderWords();
   }
 
   function renderMoment() {
-    const now = traces();
-    busy = Promise.all([
-      Plotly.restyle("pins", { x: now.map((trace) => trace.x), y: now.map((trace) => trace.y) }, [0, 1, 2, 3]),
-      Plotly.relayout("course", { "shapes[0].x0": seconds(), "shapes[0].x1": seconds() }),
-    ]);
+    // After the first drawing, which starts the library.
+    busy = busy.then(() => {
+      const now = traces();
+      return Promise.all([
+        Plotly.restyle("pins", { x: now.map((trace) => trace.x), y: now.map((trace) => trace.y) }, [0, 1, 2, 3]),
+        Plotly.relayout("course", { "shapes[0].x0": seconds(), "shapes[0].x1": seconds() }),
+      ]);
+    });
     renderWords();
   }
 

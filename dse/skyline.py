@@ -456,7 +456,11 @@ def fitting(rows: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def _fits(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    return rows["fits"].astype("boolean").fillna(True).to_numpy(dtype=bool)
+    """Return which rows fit; one without an answer where others of its hardware have one cannot run there."""
+    fits = rows["fits"].astype("boolean")
+    chips = _groups(rows, "hardware" if "hardware" in rows else None)
+    answered = np.isin(chips, chips[fits.notna().to_numpy()])
+    return np.where(fits.isna(), ~answered, fits.fillna(False).to_numpy(dtype=bool))
 
 
 def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:

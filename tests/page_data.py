@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import json
+import re
+from pathlib import Path
+from typing import Any
+
 import pandas as pd
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
@@ -13,6 +20,13 @@ ENERGY = [50.0, 20.0, 21.0, 5.0, 30.0]
 WEIGHTS = [90_000, 40_000, 10_000, 20_000, 45_000]
 ON_FRONT = [True, True, True, True, False]
 ON_PAIR = [True, True, False, True, False]
+
+
+def held(path: Path) -> Any:
+    """Return what a page that was written carries for its script."""
+    text = path.read_text(encoding="utf-8")
+    packed = re.findall(r'<script type="application/gzip" id="data">([A-Za-z0-9+/=]*)</script>', text)
+    return json.loads(gzip.decompress(base64.b64decode(*packed)))
 
 
 def points(**more: object) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""What a search space and a scene may hold, as rows: read from the code, so it cannot be out of date."""
+"""What search spaces, pages and scenes may hold, as rows: read from the code, so it cannot be out of date."""
 
 from __future__ import annotations
 
@@ -25,6 +25,10 @@ _LISTS = {
 _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
 _MOTIONS = "scene.motions"
+_PAGE = {
+    "page": "what the page of a study has and opens with, a file named by `dse dashboard --page`",
+    "page.front": "its figure of the front",
+}
 _SCENE = {
     "scene": "a scene file, named by data of kind scene",
     "scene.sensor": "shipped sensors: their numbers and those of their cameras, each with its evidence",
@@ -37,7 +41,7 @@ _SCENE = {
 
 
 def sections() -> list[Row]:
-    """Return the sections of a search space, then those of a scene file: name and meaning."""
+    """Return the sections of a search space, those of a page, then those of a scene: name and meaning."""
     docs = {
         "data": "the recordings; `kind` names a component",
         "test": "keys of data that differ for the recordings of a final test",
@@ -49,7 +53,7 @@ def sections() -> list[Row]:
     listed = [{"section": name, "doc": docs.get(name) or _doc(settings_class(name))} for name in SECTIONS]
     listed.append({"section": _SAMPLERS, "doc": "how designs are proposed; named by search.sampler"})
     listed.append({"section": _FORMATS, "doc": "formats of event files; named by data.format, if at all"})
-    return [*listed, *({"section": name, "doc": doc} for name, doc in _SCENE.items())]
+    return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 
 def names(section: str) -> list[Row]:
@@ -108,6 +112,10 @@ def _package(section: str) -> str | None:
 
 
 def _class(section: str) -> type:
+    if section in _PAGE:
+        from dse.dashboard.definition import Definition, FrontView
+
+        return Definition if section == "page" else FrontView
     if section not in _SCENE:
         return settings_class(section)
     from dse.scene.load import SceneFile
@@ -172,7 +180,7 @@ def _evidence(section: str, preset: Preset) -> list[Row]:
 def _row(field: dataclasses.Field[Any], hint: Any, rule: Rule, with_axes: bool) -> Row:
     default: Any = field.default
     if field.default_factory is not dataclasses.MISSING:
-        default = field.default_factory()
+        default = {} if dataclasses.is_dataclass(field.default_factory) else field.default_factory()
     words, null, _ = wanted(hint).partition(" or null")
     must = " ".join(filter(None, [words, bounds(rule)])) + null
     if rule.choices:

@@ -34,18 +34,21 @@ def budget_columns(points: pandas.DataFrame, objectives: Mapping[str, str]) -> d
     return {name: way for name, way in wanted.items() if _can_be_named(name)}
 
 
-def gather_budgets(points: pandas.DataFrame, objectives: Mapping[str, str], results: str) -> dict[str, Any]:
+def gather_budgets(
+    points: pandas.DataFrame, objectives: Mapping[str, str], results: str, hardware: Sequence[str]
+) -> dict[str, Any]:
     """Gather the terms of a page's budgets, as plain values that JSON can hold.
 
     Args:
         points: all design points, in the order of the table.
         objectives: column -> 'max' or 'min'.
         results: what a command calls the study.
+        hardware: profiles that a command names.
 
     Returns:
         columns: {column: 'max' or 'min'} of those that get a budget;
         maximise: the column that `dse pick` maximises, None where nothing can be;
-        results: as given;
+        results, hardware: as given;
         ranges: values of the filters, and {column: [least, largest]} of the points that have them.
     """
     columns = budget_columns(points, objectives)
@@ -55,6 +58,7 @@ def gather_budgets(points: pandas.DataFrame, objectives: Mapping[str, str], resu
         "columns": columns,
         "maximise": maximise,
         "results": results,
+        "hardware": list(hardware),
         "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns]))),
     }
 
@@ -72,7 +76,7 @@ def contenders(points: pandas.DataFrame, objectives: Mapping[str, str], maximise
     signed = [(-1.0 if way == "max" else 1.0) * numbers(points, name) for name, way in limited.items()]
     costs = np.column_stack([np.where(np.isfinite(values), values, np.inf) for values in signed])
     found = []
-    for group in _groups(points, (*_FILTERS, "fits", "transductive")):
+    for group in groups_of(points, (*_FILTERS, "fits", "transductive")):
         best = group[non_dominated(costs[group])]
         alike = _alike(costs[group, : len(objectives)])
         found.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
@@ -87,7 +91,7 @@ def _can_be_named(column: str) -> bool:
     return [budget.column for budget in budgets] == [column]
 
 
-def _groups(points: pandas.DataFrame, columns: Sequence[str]) -> list[Array]:
+def groups_of(points: pandas.DataFrame, columns: Sequence[str]) -> list[Array]:
     """Return the row numbers, ascending, of each combination of values."""
     by = [name for name in columns if name in points.columns]
     if not by or not len(points):
@@ -112,7 +116,7 @@ def _ranges(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[str, 
         honest = ~np.asarray(points["transductive"].astype("boolean").fillna(False), bool)
     values = {name: numbers(points, name) for name in columns}
     found = []
-    for group in _groups(points, _FILTERS) if len(points) else ():
+    for group in groups_of(points, _FILTERS) if len(points) else ():
         rows = group[honest[group]]
         finite = {name: x[rows][np.isfinite(x[rows])] for name, x in values.items()}
         found.append(

@@ -14,6 +14,8 @@ def difference(old: Any, new: Any) -> dict[str, Any] | None:
 
     Lists differ in one stretch: what they begin and end with alike is not sent, as when rows were added.
     """
+    if old is new:
+        return None
     if isinstance(old, dict) and isinstance(new, dict):
         return _of_mappings(old, new)
     if isinstance(old, list) and isinstance(new, list):

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.dashboard.bins import gather_bins
 from dse.dashboard.budgets import contenders, gather_budgets
+from dse.dashboard.definition import Definition, definition_for, load
 from dse.figures.front import design_columns, front_mask, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
@@ -18,8 +20,10 @@ from dse.skyline import fitting
 if TYPE_CHECKING:
     import pandas
 
-MAX_POINTS = 20_000
-"""Points that a page carries; beyond it, every front point and an even sample of the others."""
+MAX_POINTS = 12_000
+"""Points that a page carries; beyond it, every front point and an even sample of the others, and all in bins.
+
+With sixty columns, so many make a file of some 7 MB, 5 of them the drawing library."""
 
 _BOOKKEEPING = ("status", "reason")
 
@@ -31,6 +35,9 @@ def gather_page(
     objectives: Mapping[str, str] | Sequence[tuple[str, str]],
     notes: Sequence[str] = (),
     results: str = "RESULTS",
+    hardware: Sequence[str] = (),
+    definition: Definition | None = None,
+    marks: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Gather what a page shows, as plain values that JSON can hold.
 
@@ -44,7 +51,10 @@ def gather_page(
         intervals: {column: {low, high}}, distances from the value;
         fronts: {columns joined by '|': row numbers that no row of the same task and hardware beats over
         these columns}, for all objectives (key 'all') and each two or three of them;
-        failures: trial, reason and design of each failed trial.
+        bins: where all points lie, when `columns` has a sample of them (`bins.gather_bins`);
+        failures: trial, reason and design of each failed trial;
+        definition: what the page has and opens with (`definition_for`);
+        marks: as given.
     """
     if frame.columns.duplicated().any():
         raise ValueError(
@@ -62,7 +72,7 @@ def gather_page(
     points = frame[~failed].reset_index(drop=True)
     present = {column: way for column, way in wanted.items() if np.isfinite(numbers(points, column)).any()}
     fronts = _fronts(points, present)
-    budgets = gather_budgets(points, present, results)
+    budgets = gather_budgets(points, present, results, hardware)
     whole = {**fronts, "contenders": contenders(points, present, budgets["maximise"])}
     keep = _kept(len(points), whole)
     n_whole = len(np.unique(np.concatenate(list(whole.values()))))
@@ -75,14 +85,16 @@ def gather_page(
         if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
     ]
     exact = {*present, *budgets["columns"], budgets["maximise"]}
+    columns = {column: _column(shown, column, exact=column in exact) for column in measured}
+    defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
     return {
         "name": name,
-        "notes": [*notes, *_remarks(points, wanted, present, len(keep))],
+        "notes": [*notes, *_remarks(points, wanted, present, len(keep)), *lacks],
         "counts": _counts(frame),
         "state": _state(points, failed, wanted, present),
         "objectives": present,
         "design": [column for column in design_columns(points) if column in measured],
-        "columns": {column: _column(shown, column, exact=column in exact) for column in measured},
+        "columns": columns,
         "intervals": _intervals(shown, measured),
         "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
         "budgets": budgets
@@ -90,7 +102,10 @@ def gather_page(
             "contenders": place[whole["contenders"]].tolist(),
             "stands_for": (len(points) - n_whole) / max(len(keep) - n_whole, 1),
         },
+        "bins": gather_bins(points, list(budgets["columns"])) if len(keep) < len(points) else [],
         "failures": _failures(frame[failed]),
+        "definition": defined,
+        "marks": [dict(mark) for mark in marks],
         "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
     }
 
@@ -128,7 +143,8 @@ def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
         return np.arange(n)
     best = np.unique(np.concatenate(list(fronts.values())))
     rest = np.setdiff1d(np.arange(n), best)
-    room = max(0, MAX_POINTS - len(best))
+    # However many are on fronts, there is a sample: the number of feasible points rests on it.
+    room = min(len(rest), max(MAX_POINTS - len(best), MAX_POINTS // 4))
     return np.sort(np.concatenate([best, rest[np.linspace(0, len(rest) - 1, room).astype(int)]]))
 
 
@@ -136,8 +152,16 @@ def _column(frame: pandas.DataFrame, column: str, *, exact: bool) -> dict[str, A
     """Return a column; what budgets are compared with keeps all its digits."""
     words, unit = label(column)
     digits = 17 if exact else 6
-    values = [_plain(value, digits) for value in frame[column].tolist()]
-    return {"label": words, "unit": unit, "values": values}
+    return {"label": words, "unit": unit, "values": _values(frame[column], digits)}
+
+
+def _values(values: pandas.Series, digits: int) -> list[Any]:
+    """Return values as JSON holds them; most of a table's are of its trials, and so many times the same."""
+    if values.dtype.kind != "f":
+        return [_plain(value, digits) for value in values.tolist()]
+    codes, distinct = values.factorize()
+    plain = [*(_plain(value, digits) for value in distinct.tolist()), None]  # a missing value's code is -1
+    return [plain[code] for code in codes.tolist()]
 
 
 def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -1,7 +1,8 @@
 """The page of a study while it runs: a small server that reads, and says only what changed.
 
-Two routes, `/` and `/data.json`, are all that there is: no address names a file. Requests must be meant for
-this machine (`Host`), or carry the token that is made when other machines may connect.
+Four routes are all that there is: `/` and `/data.json` are the page, `/design.json` what it shows of one
+trial, `/bundle.zip` a design point to keep. No address names a file. Requests must be meant for this machine
+(`Host`), or carry the token that is made when other machines may connect.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import gzip
 import hashlib
 import hmac
 import ipaddress
+import re
 import secrets
 import socket
 import sys
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -38,8 +41,34 @@ MOST_READERS = 64
 """Connections at a time; more are closed unheard, so that nobody can fill the memory."""
 _PATIENCE_S = 60.0
 _WORTH_PACKING = 1024
+_MOST_DOCUMENTS = 16
+"""Trials whose documents are kept, a few 100 kB each."""
 
 Page = Mapping[str, Any]
+
+
+class Refused(Exception):
+    """Something that cannot be sent: the status of the answer, and one sentence for whoever asked."""
+
+    def __init__(self, status: HTTPStatus, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file to be sent; of its name, letters, digits, '.', '_' and '-' are kept."""
+
+    name: str
+    content: bytes
+
+
+def _no_design(trial: int) -> Page:
+    raise Refused(HTTPStatus.NOT_FOUND, "Nothing more is known of this design.")
+
+
+def _no_bundle(trial: int, point: int, hardware: str) -> Download:
+    raise Refused(HTTPStatus.NOT_FOUND, "No design can be downloaded here.")
 
 
 @dataclass(frozen=True)
@@ -47,30 +76,47 @@ class Shown:
     """A version of the page; equal pages have the same version, whichever server made them."""
 
     page: Page
+    digests: Mapping[str, str]
 
     @functools.cached_property
     def version(self) -> str:
-        return hashlib.sha256(as_json(self.page).encode()).hexdigest()[:32]
+        return hashlib.sha256(as_json(self.digests).encode()).hexdigest()[:32]
 
     @functools.cached_property
     def filled(self) -> Filled:
         return filled("page", {**self.page, "version": self.version}, live=True)
 
 
+def _digests(page: Page, last: Shown | None) -> dict[str, str]:
+    """Return a digest of each part of a page; one that is the same object as before is not read again."""
+    known = {} if last is None else {key: (value, last.digests[key]) for key, value in last.page.items()}
+    found = {}
+    for key, value in page.items():
+        old, digest = known.get(key, (None, ""))
+        same = digest and old is value
+        found[key] = digest if same else hashlib.sha256(as_json({key: value}).encode()).hexdigest()
+    return found
+
+
 class Live:
     """The page of files that change: what they were last read as, however they are now."""
 
     def __init__(
-        self, read: Callable[[], Page], needed: Sequence[Path], more: Sequence[Path], waiting: Page
+        self,
+        read: Callable[[], Page],
+        needed: Sequence[Path],
+        more: Sequence[Path],
+        waiting: Callable[[], Page],
     ) -> None:
         """Remember where to look.
 
         Args:
-            read: gathers the page; whatever it raises means that the files cannot be read now.
+            read: gathers the page; whatever it raises means that the files cannot be read now. Parts that are
+                the same objects as last time are known to be unchanged.
             needed: files without which there is no page. All are looked at for every request, and read when
                 one of them has changed.
             more: files that need not be there.
-            waiting: the page before they could be read for the first time.
+            waiting: gathers the page before they could be read for the first time.
         """
         self._read = read
         self._needed = needed
@@ -90,8 +136,9 @@ class Live:
         try:
             seen = self._stamps()
             if self._shown is None or seen != self._seen:
-                new = Shown(self._page())
                 last = None if self._shown is None else self._shown[0]
+                page = self._page()
+                new = Shown(page, _digests(page, last))
                 if last is None or last.version != new.version:
                     self._shown = (new, last)
                 self._seen = seen  # files that changed while they were read are read again next time
@@ -101,7 +148,7 @@ class Live:
             self._reading.release()
 
     def _stamps(self) -> list[tuple[int, int, int] | None]:
-        return [_stamp(path) for path in self._files]
+        return [stamp(path) for path in self._files]
 
     def _page(self) -> Page:
         try:
@@ -109,7 +156,7 @@ class Live:
         except Exception as error:  # a file cut short raises nearly anything, and the server goes on
             missing = [path.name for path in self._needed if not path.exists()]
             if self._good is None and missing:
-                return self._waiting
+                return self._waiting()
             print(str(error) or type(error).__name__, file=sys.stderr)
             return self._unreadable(missing)
         self._good = page
@@ -120,12 +167,12 @@ class Live:
         what = f"{' and '.join(missing)} cannot be found" if missing else "The tables cannot be read"
         if self._good is None:
             text = f"{what}: they are damaged, or are being written. This page looks again when they change."
-            return {**self._waiting, "state": {"title": "No table to read", "text": text}}
+            return {**self._waiting(), "state": {"title": "No table to read", "text": text}}
         note = f"{what} now. This is the study as it was read at {self._read_at}."
         return {**self._good, "notes": [note, *self._good["notes"]]}
 
 
-def _stamp(path: Path) -> tuple[int, int, int] | None:
+def stamp(path: Path) -> tuple[int, int, int] | None:
     """Return what changes when a file is written or replaced; None where there is none."""
     try:
         found = path.stat()
@@ -139,18 +186,31 @@ class Server(ThreadingHTTPServer):
 
     request_queue_size = MOST_READERS
 
-    def __init__(self, live: Live, host: str = LOOPBACK, port: int = PORT) -> None:
+    def __init__(
+        self,
+        live: Live,
+        host: str = LOOPBACK,
+        port: int = PORT,
+        design: Callable[[int], Page] = _no_design,
+        bundle: Callable[[int, int, str], Download] = _no_bundle,
+    ) -> None:
         """Take the port.
 
         Args:
             live: what to show.
             host: name or address to listen at. Any but this machine's own (loopback) makes a token needed.
             port: 0 takes a free one.
+            design: number of a trial -> what the page shows of it; may raise Refused. Called once for each
+                version of the page.
+            bundle: trial, point and hardware -> a file; may raise Refused. Never called twice at a time.
 
         Raises:
             OSError: the host is not this machine's, or the port is taken; its text says so.
         """
         self.live = live
+        self._design, self._bundle = design, bundle
+        self._documents: OrderedDict[tuple[str, int], str] = OrderedDict()
+        self._gathering, self._exporting = threading.Lock(), threading.Lock()
         self._places = threading.Semaphore(MOST_READERS)
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -172,6 +232,32 @@ class Server(ThreadingHTTPServer):
         """Where a browser finds the page."""
         query = f"?token={self.token}" if self.token else ""
         return f"http://{self._name}:{self.server_port}/{query}"
+
+    def document(self, trial: int) -> str:
+        """Return what the page shows of a trial, as JSON.
+
+        Raises:
+            Refused: there is nothing to show.
+        """
+        shown, _ = self.live.shown()
+        key = shown.version, trial
+        with self._gathering:
+            if key not in self._documents:
+                self._documents[key] = as_json(self._design(trial))
+            self._documents.move_to_end(key)
+            while len(self._documents) > _MOST_DOCUMENTS:
+                self._documents.popitem(last=False)
+            return self._documents[key]
+
+    def bundle(self, trial: int, point: int, hardware: str) -> Download:
+        """Return a design point as a file.
+
+        Raises:
+            Refused: there is no such point, or it cannot be exported.
+        """
+        self.live.shown()
+        with self._exporting:
+            return self._bundle(trial, point, hardware)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Start a thread for a connection if there is a place for it."""
@@ -214,10 +300,40 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.OK, "text/html", shown.filled.html, shown.filled.policy)
         elif path == "/data.json":
             self._send_changes(_fields(query).get("since", ""))
+        elif path in ("/design.json", "/bundle.zip"):
+            self._send_asked(path, query)
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
     do_HEAD = do_GET
+
+    def _send_asked(self, path: str, query: str) -> None:
+        """Send what there is of one design, or say why it cannot be sent."""
+        try:
+            if path == "/design.json":
+                text = self.server.document(_number(query, "trial"))
+                self._send(HTTPStatus.OK, "application/json", text)
+            else:
+                trial, point = _number(query, "trial"), _number(query, "point")
+                self._send_file(self.server.bundle(trial, point, _once(query, "hardware")))
+        except Refused as refused:
+            self._answer(refused.status, str(refused))
+        except OSError:
+            raise  # the reader went away
+        except Exception as error:  # a damaged study raises nearly anything, and the server goes on
+            print(str(error) or type(error).__name__, file=sys.stderr)
+            self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
+
+    def _send_file(self, download: Download) -> None:
+        self.send_response(HTTPStatus.OK)
+        self._guard("default-src 'none'")
+        name = re.sub(r"[^A-Za-z0-9._-]", "_", download.name)
+        self.send_header("Content-Type", "application/zip")
+        self.send_header("Content-Disposition", f'attachment; filename="{name}"')
+        self.send_header("Content-Length", str(len(download.content)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(download.content)
 
     def _refused(self) -> HTTPStatus | None:
         """Return why a request is not answered, or None."""
@@ -282,7 +398,11 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer with the status alone: nothing that was sent comes back."""
         # The base class knows a method by our having a function for it, and calls others unsupported.
         known = HTTPStatus.METHOD_NOT_ALLOWED if code == HTTPStatus.NOT_IMPLEMENTED else HTTPStatus(code)
-        body = f"{known.value} {known.phrase}\n".encode()
+        self._answer(known, f"{known.value} {known.phrase}")
+
+    def _answer(self, known: HTTPStatus, text: str) -> None:
+        """Answer with one line of text."""
+        body = f"{text}\n".encode()
         self.send_response(known)
         self._guard("default-src 'none'")
         if known is HTTPStatus.METHOD_NOT_ALLOWED:
@@ -300,6 +420,30 @@ class _Handler(BaseHTTPRequestHandler):
 def _fields(query: str) -> dict[str, str]:
     """Return the last value of each field of a query."""
     return {name: values[-1] for name, values in parse_qs(query, errors="replace").items()}
+
+
+def _once(query: str, name: str) -> str:
+    """Return a field of a query, '' where it is missing.
+
+    Raises:
+        Refused: it is given more than once.
+    """
+    values = parse_qs(query, errors="replace").get(name, [""])
+    if len(values) > 1:
+        raise Refused(HTTPStatus.BAD_REQUEST, f"{name} must be given once.")
+    return values[0]
+
+
+def _number(query: str, name: str) -> int:
+    """Return a field of a query as a whole number.
+
+    Raises:
+        Refused: it is missing, given more than once, or anything but up to nine digits.
+    """
+    text = _once(query, name)
+    if not re.fullmatch("[0-9]{1,9}", text):
+        raise Refused(HTTPStatus.BAD_REQUEST, f"{name} must be a number of up to nine digits.")
+    return int(text)
 
 
 def _without_port(host: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import html
 import json
@@ -13,13 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dse.dashboard.definition import Definition
 from dse.dashboard.gather import gather_page
+from dse.dashboard.sources import sources
 
 if TYPE_CHECKING:
     import pandas
 
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
-_LOADED_FIRST = {"page": ("budgets",)}  # scripts that a template's own calls, each in a slot of its name
+# The modules of each page in the order in which they call each other; each may have a style beside it.
+_MODULES = {
+    "page": (
+        *("data", "figure", "details", "budgets", "front", "parallel"),
+        *("table", "design", "compare", "progress", "page"),
+    ),
+    "trial": ("data", "figure", "trial"),
+}
 
 
 def write_page(
@@ -30,6 +40,9 @@ def write_page(
     objectives: Mapping[str, str] | Sequence[tuple[str, str]],
     notes: Sequence[str] = (),
     results: str = "RESULTS",
+    hardware: Sequence[str] = (),
+    definition: Definition | None = None,
+    marks: Sequence[Mapping[str, Any]] = (),
 ) -> Path:
     """Write the page of a study as one self-contained HTML file.
 
@@ -41,6 +54,9 @@ def write_page(
         objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
         notes: sentences to print above the figure, such as warnings of the run.
         results: what the commands that the page offers call the study: its folder.
+        hardware: profiles that they name, where the points are priced on others than those of the study.
+        definition: which parts the page has and what it opens with; None: `dashboards/study.yaml`.
+        marks: published designs to draw beside, as `dse.report.gather_marks` returns them.
 
     Returns:
         The path written.
@@ -48,7 +64,16 @@ def write_page(
     Raises:
         ValueError: a column name occurs twice, or a direction is neither 'max' nor 'min'.
     """
-    page = gather_page(frame, name=name, objectives=objectives, notes=notes, results=results)
+    page = gather_page(
+        frame,
+        name=name,
+        objectives=objectives,
+        notes=notes,
+        results=results,
+        hardware=hardware,
+        definition=definition,
+        marks=marks,
+    )
     return write_filled("page", page, path)
 
 
@@ -74,13 +99,6 @@ def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Pa
     return target
 
 
-def _sources() -> Path:
-    """Return the folder of the page's sources: inside the installed package, or beside it in a clone."""
-    package = Path(__file__).resolve().parent.parent
-    installed = package / "_dashboards"
-    return installed if installed.is_dir() else package.parent / "dashboards"
-
-
 @dataclass(frozen=True)
 class Filled:
     """A page's HTML, and the content security policy that it states: what may run in it."""
@@ -99,33 +117,39 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
     """
     from plotly.offline import get_plotlyjs
 
-    sources = _sources()
-    names = [template, *(["live"] if live else [])]
-    scripts = {
-        "plotly": get_plotlyjs().replace("\r\n", "\n"),
-        "script": "".join((sources / f"{name}.js").read_text(encoding="utf-8") for name in names),
-    }
-    for name in _LOADED_FIRST.get(template, ()):
-        scripts[name] = (sources / f"{name}.js").read_text(encoding="utf-8")
+    folder = sources()
+    names = [*_MODULES[template], *(["live"] if live else [])]
+    plotly = get_plotlyjs().replace("\r\n", "\n")
+    modules = [(folder / f"{name}.js").read_text(encoding="utf-8") for name in names]
+    styles = [folder / f"{name}.css" for name in ("style", *names)]
     # Only these scripts may run, and nothing but the page's own server may be asked, whatever a name in the
     # study contains. 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our scripts
     # never evaluate.
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-        for text in scripts.values()
+        for text in (plotly, *modules)
     )
     policy = (
         f"default-src 'none'; script-src {hashes} 'unsafe-eval'; "
         "style-src 'unsafe-inline'; img-src data: blob:" + ("; connect-src 'self'" if live else "")
     )
-    slots = scripts | {
+    slots = {
+        "plotly": plotly,
+        "scripts": "\n".join(f"<script>{text}</script>" for text in modules),
         "title": html.escape(str(page["name"])),
         "policy": policy,
-        "style": (sources / "style.css").read_text(encoding="utf-8"),
-        "data": as_json(page),
+        "style": "".join(path.read_text(encoding="utf-8") for path in styles if path.exists()),
+        "kind": "application/json" if live else "application/gzip",
+        "data": as_json(page) if live else packed(page),
     }
-    text = (sources / f"{template}.html").read_text(encoding="utf-8")
+    text = (folder / f"{template}.html").read_text(encoding="utf-8")
     return Filled(_SLOT.sub(lambda slot: slots[slot[1]], text), policy)
+
+
+def packed(document: Mapping[str, Any]) -> str:
+    """Return a document as base64 of gzipped JSON: text that holds no mark-up, a sixth of the length."""
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(gzip.compress(text.encode(), compresslevel=6, mtime=0)).decode("ascii")
 
 
 def as_json(page: Mapping[str, Any]) -> str:

@@ -5,7 +5,7 @@ system, add a file there and its printed figures to `published.yaml`. Designs ar
 accuracy is printed beside. What holds without papers follows: families against each other, and chips.
 """
 
-from dse.report.gather import Report, report
+from dse.report.gather import Report, gather_marks, report
 from dse.report.rows import FAMILIES, HARDWARE, Row
 
-__all__ = ["FAMILIES", "HARDWARE", "Report", "Row", "report"]
+__all__ = ["FAMILIES", "HARDWARE", "Report", "Row", "gather_marks", "report"]

@@ -13,6 +13,7 @@ from dse import pricing
 from dse.report.designs import Found, found, record
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
+from dse.report.marks import Mark
 from dse.report.rows import FAMILIES, Row, published
 from dse.study import Study
 
@@ -82,6 +83,21 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
         missing = (f"{name} ({' or '.join(published()[name]['families'])})" for name in silent)
         notes.append(f"nothing to show for these systems: {', '.join(missing)}")
     return Report(rows, list(dict.fromkeys(notes)))
+
+
+def gather_marks(study: Study) -> list[dict[str, Any]]:
+    """Return the published designs that the report sets beside a study, as plain values (fields of `Mark`).
+
+    Raises:
+        StoreError: the study's folder is damaged, or older than the report.
+    """
+    marks: dict[tuple[str, str], Mark] = {}
+    for group in alike(found(study)):
+        for module in _systems():
+            for mark in module.marks(group):
+                marks.setdefault((mark.task, mark.name), mark)
+    ordered = sorted(marks.values(), key=lambda mark: mark.name[0])
+    return [{**vars(mark), "values": dict(mark.values)} for mark in ordered]
 
 
 def alike(parts: Sequence[Found]) -> list[list[Found]]:

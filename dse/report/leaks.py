@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dse.dataset.encoding import transductive as reads_labels
 from dse.report.designs import Found, best_of, record
+from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured
 
 if TYPE_CHECKING:
@@ -71,3 +72,13 @@ def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chos
         )
         found.append(leak)
     return found
+
+
+def mark_of_leak(
+    system: str, printed: float, leaky: Chosen | None, honest: Chosen | None, more: str = ""
+) -> Iterator[Mark]:
+    """Yield the accuracy as printed, which has no honest one beside it, where we have either."""
+    beside = leaky or honest
+    if beside is not None:
+        told = "; ".join(filter(None, ["transductive: it saw its answers", more]))
+        yield mark(system, beside[0], "", {"accuracy": printed}, told)

@@ -313,6 +313,7 @@ def test_describe_covers_every_section(capsys: Captured) -> None:
     assert main(["describe"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
         *(*SECTIONS, "search.samplers", "recordings.formats"),
+        *("page", "page.front"),
         *("scene", "scene.sensor", "scene.textures", "scene.motions"),
         *("scene.camera", "scene.variation", "scene.method"),
     ]

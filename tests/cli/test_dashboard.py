@@ -20,7 +20,10 @@ import pytest
 from dse import study
 from dse.cli import main
 from dse.cli.pages import write_page
+from dse.report import gather_marks
 from tests import tiny_study
+from tests.page_data import held
+from tests.report.made import write
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 # Tables are written at most once a minute; here after each run.
@@ -75,11 +78,6 @@ def study_folder(path: Path, **changes: Any) -> Path:
     return folder
 
 
-def held(path: Path) -> Any:
-    text = path.read_text(encoding="utf-8")
-    return json.loads(text.split('<script type="application/json" id="data">')[1].split("</script>")[0])
-
-
 def test_a_page_from_before_the_first_trial_to_the_last(
     fake_model: None, chromium: Any, tmp_path: Path
 ) -> None:
@@ -116,6 +114,9 @@ def test_a_page_from_before_the_first_trial_to_the_last(
     assert (process.returncode, rest, errors) == (0, "ended\n", "")
     assert faults == []
     written = held(write_page(study.open(folder), tmp_path / "page.html"))
+    assert sorted(written.pop("details")) == ["0", "1", "2"]  # which a server sends when they are asked for
+    # The server does not know the family of these tests, and so not how many designs there are.
+    assert [one.pop("progress")["runs"]["done"] for one in (page, written)] == [3, 3]
     assert page == written
 
 
@@ -173,3 +174,53 @@ def test_what_cannot_be_served_is_said(
         code = int(str(ended.code))
     assert code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [["--html", "page.html", "--port", "1"], []])
+def test_a_page_definition_is_read_before_anything_else(
+    fake_model: None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    more: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text("views: [tabel]\nsort: 3\n", encoding="utf-8")
+    assert main(["dashboard", str(study_folder(tmp_path)), "--page", "mine.yaml", *more]) == 2
+    out, error = capsys.readouterr()
+    lines = error.splitlines()
+    assert out == "", "no server was started"
+    assert not Path("page.html").exists()
+    assert lines[: len(lines) - 2] == ["--port: is for a page that is served, and --html writes a file"] * (
+        1 if more else 0
+    )
+    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: front, ")
+    assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
+
+
+def test_a_page_of_another_definition_and_published_designs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = write(tmp_path / "made", [{"accuracy": 0.8, "n_weights": 100}, {"accuracy": 0.6, "n_weights": 10}])
+    own = tmp_path / "own.yaml"
+    own.write_text("title: mine\nviews: [table]\ntable: [n_weights, n_cores]\n", encoding="utf-8")
+    path = tmp_path / "page.html"
+    assert main(["dashboard", str(made.folder), "--html", str(path), "--page", str(own)]) == 0
+    assert capsys.readouterr().out == f"{path}\n"
+    page = held(path)
+    assert (page["definition"]["title"], page["definition"]["views"]) == ("mine", ["table"])
+    assert page["definition"]["table"] == ["n_weights"]
+    assert any("has no n_cores" in note for note in page["notes"])
+    assert page["marks"] == gather_marks(made)
+    assert {mark["name"][0] for mark in page["marks"]} == {"A", "D"}
+    with shown(str(made.folder), "--port", "0", "--page", str(own)) as (_, url):
+        served = ask(url, "/data.json")[1]["page"]
+    assert all(served[part] == page[part] for part in ("definition", "marks", "notes"))
+
+
+def test_a_study_of_before_families_has_a_page_without_published_designs(tmp_path: Path) -> None:
+    made = write(tmp_path / "old", [{"accuracy": 0.8}])
+    made.points().drop(columns="family").to_parquet(made.folder / "points.parquet")
+    page = held(write_page(made, tmp_path / "page.html"))
+    assert page["marks"] == []
+    assert any("Published designs are not drawn beside: " in note for note in page["notes"])

@@ -12,6 +12,7 @@ import pytest
 from dse import study
 from dse.cli import main
 from dse.hardware.profile import load
+from tests.page_data import held
 from tests.spaces import write_space
 
 Captured = pytest.CaptureFixture[str]
@@ -62,6 +63,38 @@ def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Ca
     assert max(row["front_share"] for row in drawn) == 1.0
     [sure] = answered(capsys, "pick", str(results), *chip, "--confidence", "0.9")["rows"]
     assert sure["hardware"] == "mine" and sure["front_share"] >= 0.9
+
+
+def test_a_page_has_the_shares_of_the_skyline_and_refuses_draws_of_nothing(
+    results: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+    page = tmp_path / "page.html"
+    assert main(["dashboard", str(results), "--html", str(page), "--draws", "50"]) == 0
+    columns = {name: column["values"] for name, column in held(page)["columns"].items()}
+    shown = {
+        (trial, point): share
+        for trial, point, share in zip(
+            columns["trial"], columns["point"], columns["front_share"], strict=True
+        )
+    }
+    assert [shown[row["trial"], row["point"]] for row in rows] == [row["front_share"] for row in rows]
+    other = ("--hardware", "mcu_m4", "--hardware", "op_4.6_0.9")
+    assert main(["dashboard", str(results), "--html", str(page), *other]) == 0
+    shown_on = held(page)
+    assert set(shown_on["columns"]["hardware"]["values"]) == {"mcu_m4", "op_4.6_0.9"}
+    assert shown_on["budgets"]["hardware"] == ["mcu_m4", "op_4.6_0.9"], (
+        "the command that it offers names them"
+    )
+    assert main(["dashboard", str(results), "--hardware", "none_such"]) == 2
+    bare = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"))
+    assert main(["run", str(bare), "--results", str(tmp_path / "results"), "--quiet", "--json"]) == 0
+    capsys.readouterr()
+    arguments = ["dashboard", str(tmp_path / "results" / "tiny"), "--draws", "5"]
+    assert main(arguments) == main([*arguments, "--html", str(tmp_path / "none.html")]) == 2
+    said = capsys.readouterr()
+    assert said.err.count("nothing to draw: the study has no hardware") == 2 and said.out == ""
+    assert not (tmp_path / "none.html").exists()
 
 
 def test_draws_say_how_sure_each_point_of_the_front_is(results: Path, capsys: Captured) -> None:

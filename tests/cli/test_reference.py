@@ -11,6 +11,7 @@ import yaml
 
 import dse.hardware
 from dse.cli import main, reference
+from dse.dashboard.definition import Definition, FrontView
 from dse.hardware import profile
 from dse.scene import presets
 from dse.scene.load import SceneFile
@@ -42,6 +43,8 @@ def test_every_section_and_name_has_its_keys(section: str) -> None:
 @pytest.mark.parametrize(
     ("section", "cls"),
     [
+        ("page", Definition),
+        ("page.front", FrontView),
         ("scene", SceneFile),
         ("scene.camera", Camera),
         ("scene.variation", Variation),

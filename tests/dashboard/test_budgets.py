@@ -67,8 +67,8 @@ def opened(chromium, tmp_path):
 
 
 # What the page would show under budgets, for some of which a whole reload per budget would take long.
-EVALUATED = """(moved) => {
-  const page = JSON.parse(document.getElementById("data").textContent);
+EVALUATED = """async (moved) => {
+  const page = await Data.read();
   const engine = Budgets.over(page);
   const whole = (row) => row < 0 ? null : Object.fromEntries(
     Object.entries(page.columns).map(([name, column]) => [name, column.values[row]]));
@@ -134,16 +134,16 @@ def keys(rows):
 
 
 def volumes(frame, state, front):
-    """Return the hypervolume of each task's front, in the box of the selection's points."""
+    """Return the hypervolume of each task's front, in the box of the task's points in the selection."""
     chosen = frame[~frame["transductive"]]
     for name in ("task", "family", "hardware"):
         chosen = chosen if state[name] == "all" else chosen[chosen[name] == state[name]]
     signs = np.array([-1.0 if way == "max" else 1.0 for way in OBJECTIVES.values()])
-    costs = chosen[list(OBJECTIVES)].replace(np.inf, np.nan) * signs
-    best, worst = costs.min().to_numpy(), costs.max().to_numpy()
     tasks = dict.fromkeys(frame["task"]) if state["task"] == "all" else [state["task"]]
     found = []
     for task in tasks:
+        costs = chosen[chosen["task"] == task][list(OBJECTIVES)].replace(np.inf, np.nan) * signs
+        best, worst = costs.min().to_numpy(), costs.max().to_numpy()
         own = front[front["task"] == task][list(OBJECTIVES)].to_numpy(float) * signs
         found.append(hypervolume((own - best) / (worst - best), np.ones(len(signs))) if len(own) else 0.0)
     return found
@@ -225,8 +225,9 @@ def test_small_table_by_hand(opened):
     assert page.tab.inner_text("#pick button >> nth=0") == "Trial 1"
     assert page.tab.inner_text("#pick button >> nth=1") == "Trial 4"
     assert page.cells(1) == ["1", "2", "3"]
-    outside = page.traces()[0]
-    assert outside["x"] == [50]
+    assert [trace["x"] for trace in page.traces()[1:3]] == [[5, 20]] * 2
+    red, _, blue, _ = page.cloud(50, 0.95)
+    assert abs(red - blue) < 40, "grey: outside the budgets"
     assert page.tab.inner_text("#command") == (
         "dse pick results/fabric --budget 'energy_uj <= 30' --export bundle"
     )
@@ -254,7 +255,7 @@ def test_nothing_feasible_names_the_nearest_and_what_is_missed(opened):
     assert page.tab.inner_text("#pick button >> nth=0") == "Trial 3"
     assert page.tab.inner_text("#pick .missed >> nth=0") == "misses energy by 1\u00a0µJ"
     assert not page.tab.is_visible("#export")
-    assert page.traces()[-1]["x"] == [5]
+    assert page.marked("diamond-open") == [(5, 0.6)]
     assert "nothing is within the budgets" in page.tab.get_attribute("#plot", "aria-label")
     assert tally(page)[:2] == ["0 of 5 feasible", "0 on the front"]
     assert page.tab.is_visible("#plot .plot-container")

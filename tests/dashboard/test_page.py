@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import pandas as pd
 import pytest
 
@@ -20,6 +22,20 @@ HOSTILE = (
 )
 
 
+SPOT = """([x, y]) => {
+  const plot = document.getElementById("plot");
+  const box = plot.getBoundingClientRect();
+  const { xaxis, yaxis } = plot._fullLayout;
+  return [box.left + xaxis._offset + xaxis.d2p(x), box.top + yaxis._offset + yaxis.d2p(y)];
+}"""
+
+CLOUD = """([x, y]) => {
+  const { xaxis, yaxis } = document.getElementById("plot")._fullLayout;
+  const brush = document.getElementById("cloud").getContext("2d");
+  return [...brush.getImageData(xaxis._offset + xaxis.d2p(x), yaxis._offset + yaxis.d2p(y), 1, 1).data];
+}"""
+
+
 class Page:
     """A page opened from disk, and every complaint of the browser about it."""
 
@@ -36,7 +52,7 @@ class Page:
     def open(self, fragment=""):
         self.tab.goto(f"{self.path.as_uri()}#{fragment}")
         self.tab.wait_for_function(
-            "document.querySelector('#plot .plot-container') || !document.querySelector('#state').hidden"
+            "document.querySelector('#plot')?.data || !document.querySelector('#state').hidden"
         )
         return self
 
@@ -48,8 +64,25 @@ class Page:
     def traces(self):
         return self.tab.evaluate(
             "document.getElementById('plot').data"
-            ".map((t) => ({type: t.type, mode: t.mode, x: t.x, y: t.y, bars: t.error_y?.array}))"
+            ".map((t) => ({type: t.type, mode: t.mode, x: t.x, y: t.y, bars: t.error_y?.array,"
+            " symbol: t.marker?.symbol}))"
         )
+
+    def marked(self, symbol):
+        """Return where a mark is drawn, x first."""
+        found = [trace for trace in self.traces() if trace["symbol"] == symbol]
+        return [(trace["x"][0], trace["y"][0]) for trace in found]
+
+    def cloud(self, x, y):
+        """Return the colour that the canvas has at a value: red, green, blue and how opaque."""
+        return self.tab.evaluate(CLOUD, [x, y])
+
+    def point_at(self, x, y):
+        """Move the pointer to a value of the plane."""
+        self.tab.locator("#plot").scroll_into_view_if_needed()
+        left, top = self.tab.evaluate(SPOT, [x, y])
+        self.tab.mouse.move(left, top)
+        return left, top
 
     def overflow(self):
         return self.tab.evaluate("document.documentElement.scrollWidth - innerWidth")
@@ -74,9 +107,9 @@ def opened(chromium, tmp_path):
 
 def test_front_is_drawn_with_bars_and_listed(opened):
     page = opened(pd.concat([points(), failed()], ignore_index=True))
-    dominated, best, line, joined = page.traces()
-    assert dominated["x"] == [30]
-    assert best["x"] == [21]
+    reach, line, joined = page.traces()
+    assert reach["x"] == [5, 50]
+    assert page.cloud(21, 0.85)[3] > page.cloud(30, 0.88)[3] > page.cloud(30, 0.7)[3] == 0
     assert line["mode"] == "lines"
     assert joined["x"] == line["x"] == [5, 20, 50]
     assert joined["bars"] == [0.02] * 3
@@ -89,7 +122,7 @@ def test_axes_change_and_the_link_restores_the_view(opened):
     page = opened(points())
     page.tab.select_option("#x", "n_weights")
     page.tab.click("#front tbody tr:nth-child(2)")
-    assert page.traces()[3]["x"] == [10_000, 40_000, 90_000]
+    assert page.traces()[2]["x"] == [10_000, 40_000, 90_000]
     page.tab.reload()
     assert page.tab.input_value("#x") == "n_weights"
     assert page.tab.inner_text("#design h2") == "Trial 1"
@@ -97,28 +130,34 @@ def test_axes_change_and_the_link_restores_the_view(opened):
 
 def test_design_panel_names_what_was_clicked_in_the_figure(opened):
     page = opened(points())
-    page.tab.evaluate("document.getElementById('plot').emit('plotly_click', {points: [{customdata: 2}]})")
+    page.tab.mouse.click(*page.point_at(21, 0.85))
     text = page.tab.inner_text("#design")
     assert "Trial 2" in text
     assert "on the front" in text
     assert "0.850 ± 0.02" in text
     assert "21 (16.8–31.5)\u00a0µJ" in text
-
-
-def test_hover_shows_the_design(opened):
-    page = opened(points())
-    box = page.tab.locator("#plot .nsewdrag").bounding_box()
-    spot = page.tab.evaluate(
-        "(() => { const l = document.getElementById('plot')._fullLayout;"
-        " return [l.xaxis._offset + l.xaxis.d2p(20), l.yaxis._offset + l.yaxis.d2p(0.9)]; })()"
+    page.tab.wait_for_function(
+        "document.getElementById('plot').data.some((t) => t.marker?.symbol === 'circle-open')"
     )
-    assert box["width"] > 400
-    plot = page.tab.locator("#plot").bounding_box()
-    page.tab.mouse.move(plot["x"] + spot[0], plot["y"] + spot[1])
-    page.tab.wait_for_selector("#plot .hoverlayer .hovertext")
-    text = page.tab.text_content("#plot .hoverlayer")
+    assert page.marked("circle-open") == [(21, 0.85)]
+
+
+def test_pointing_shows_the_design_and_marks_it_in_the_table(opened):
+    page = opened(points())
+    page.point_at(20, 0.9)
+    page.tab.wait_for_selector("#tip", state="visible")
+    text = page.tab.text_content("#tip")
     assert "model.hidden  50" in text
     assert "energy (µJ)  20" in text
+    assert page.tab.inner_text("#front tr.pointed td:first-child") == "1"
+    page.point_at(45, 0.65)
+    page.tab.wait_for_selector("#tip", state="hidden")
+    assert page.tab.locator("#front tr.pointed").count() == 0
+    page.tab.hover("#front tbody tr:nth-child(4)")
+    ring = page.tab.locator("#ring").bounding_box()
+    left, top = page.tab.evaluate(SPOT, [5, 0.6])
+    assert abs(ring["x"] + ring["width"] / 2 - left) < 1.5
+    assert abs(ring["y"] + ring["height"] / 2 - top) < 1.5
 
 
 def test_table_sorts_by_any_column_and_by_keyboard(opened):
@@ -139,16 +178,67 @@ def test_space_is_drawn(opened):
     page.tab.wait_for_selector("#plot canvas")
     assert {trace["type"] for trace in page.traces()} <= {"scatter3d", "mesh3d"}
     assert sum(len(trace["x"]) for trace in page.traces() if trace["type"] == "scatter3d") == 5
+    page.tab.mouse.move(0, 0)
     assert page.tab.is_visible("#z")
+    page.tab.hover("#front tbody tr:nth-child(4)")
+    page.tab.wait_for_function("document.getElementById('plot').data.at(-1).x.length === 1")
+    assert page.traces()[-1]["x"] == [5], "pointed at in the table, marked in space"
     page.tab.click("#view-2")
     assert not page.tab.is_visible("#z")
 
 
 def test_many_points_are_drawn(opened):
-    many = pd.concat([points(energy_uj=10.0 + k, trial=k) for k in range(500)], ignore_index=True)
+    many = pd.concat(
+        [points(energy_uj=10.0 + k, trial=range(5 * k, 5 * k + 5)) for k in range(500)], ignore_index=True
+    )
     page = opened(many)
-    assert {trace["type"] for trace in page.traces()} >= {"scattergl"}
-    assert page.tab.text_content("#plot").find("WebGL") == -1
+    assert sum(len(trace["x"]) for trace in page.traces()) < 50
+    assert page.cloud(300, 0.95)[3] > 0
+    page.tab.mouse.click(*page.point_at(300, 0.95))
+    trial = page.tab.inner_text("#design h2").removeprefix("Trial ")
+    assert abs(10 + int(trial.replace("\u202f", "")) // 5 - 300) <= 4, "of the trials on nearly the same spot"
+
+
+def test_a_picture_has_every_point(opened):
+    page = opened(points(), name='a/b"<c>')
+    with page.tab.expect_download() as saved:
+        page.tab.click("#figure .save button >> nth=0")
+    assert saved.value.suggested_filename == "a_b_c_-front.svg"
+    drawn = ElementTree.parse(saved.value.path()).getroot()
+    assert sum(1 for path in drawn.iter() if "point" in path.get("class", "").split()) == 2 + 3 + 2
+    with page.tab.expect_download() as saved:
+        page.tab.click("#figure .save button >> nth=1")
+    assert saved.value.path().read_bytes().startswith(b"\x89PNG")
+
+
+def test_tasks_stand_side_by_side_when_asked(opened):
+    both = pd.concat([points(), points(task="velocity", trial=range(5, 10))], ignore_index=True)
+    page = opened(both)
+    page.tab.click("#view-s")
+    page.tab.wait_for_function("document.getElementById('plot').layout.xaxis2")
+    axes = page.tab.evaluate("document.getElementById('plot').data.map((t) => t.xaxis)")
+    assert axes.count("x") == axes.count("x2") == 3
+    notes = page.tab.evaluate("document.getElementById('plot').layout.annotations.map((note) => note.text)")
+    assert notes == ["texture", "velocity"]
+    page.tab.click("#view-2")
+    page.tab.wait_for_function("!document.getElementById('plot').layout.xaxis2")
+
+
+def test_keys_are_listed_and_work(opened):
+    page = opened(points())
+    page.tab.keyboard.press("?")
+    assert "chooses its design" in page.tab.inner_text("#keys")
+    page.tab.keyboard.press("Escape")
+    page.tab.focus("#front tbody tr:nth-child(2)")
+    page.tab.keyboard.press("Enter")
+    assert page.tab.text_content("#front tr:focus td") == "1"
+    page.tab.keyboard.press("c")
+    assert "compare=1" in page.tab.evaluate("location.hash")
+    page.tab.keyboard.press("Escape")
+    assert "chosen=" not in page.tab.evaluate("location.hash")
+    page.tab.focus("#budget-0")
+    page.tab.keyboard.press("3")
+    assert page.tab.input_value("#budget-0") == "3", "a number is typed, not the view changed"
 
 
 def test_two_tasks_are_told_apart(opened):
@@ -244,8 +334,9 @@ def test_hostile_study_never_runs(opened, fragment):
     page.tab.click("#failures summary")
     if fragment != "view=3":
         page.tab.select_option("#x", HOSTILE[2])
-        page.tab.evaluate("Plotly.Fx.hover('plot', [{curveNumber: 1, pointNumber: 0}])")
-        page.tab.wait_for_selector("#plot .hoverlayer .hovertext")
+        page.tab.wait_for_function("document.getElementById('plot').data[0].x[1] === 5")
+        page.point_at(2.0, 0.9)
+        page.tab.wait_for_selector("#tip", state="visible")
     assert page.tab.evaluate("window.hacked") is None
     assert page.tab.locator("img, main a[href], main svg[onload]").count() == 0
     assert page.tab.locator("h1").text_content() == "".join(HOSTILE)

@@ -11,12 +11,21 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from http import HTTPStatus
 
 import pandas as pd
 import pytest
 
 from dse.dashboard import gather_page
-from dse.dashboard.serve import LONGEST_ADDRESS, LONGEST_HEADERS, MOST_READERS, Live, Server
+from dse.dashboard.serve import (
+    LONGEST_ADDRESS,
+    LONGEST_HEADERS,
+    MOST_READERS,
+    Download,
+    Live,
+    Refused,
+    Server,
+)
 from tests.dashboard.test_changes import applied
 from tests.page_data import OBJECTIVES, points
 
@@ -44,12 +53,19 @@ class Folder:
         return self.gather(pd.read_parquet(self.table))
 
     def live(self):
-        return Live(self.read, [self.table], [self.path / "warnings.json"], self.gather(pd.DataFrame()))
+        return Live(
+            self.read, [self.table], [self.path / "warnings.json"], lambda: self.gather(pd.DataFrame())
+        )
+
+
+def nothing_known(trial):
+    """Return the document of a design of which nothing was recorded."""
+    return {"trial": trial, "notes": [], "tasks": {}}
 
 
 @contextmanager
-def running(live, host="127.0.0.1", port=0):
-    server = Server(live, host, port)
+def running(live, host="127.0.0.1", port=0, design=nothing_known, **more):
+    server = Server(live, host, port, design, **more)
     thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     try:
@@ -369,6 +385,171 @@ def test_while_one_reads_others_get_the_last_page(folder):
         assert live.shown()[0] is first
         go_on.set()
         assert new.result()[0].version != first.version
+
+
+# ---- what is asked of one design
+
+
+class Designs:
+    """Trials 0 to 99, each with the point 0 on one chip; what was asked is kept."""
+
+    def __init__(self):
+        self.asked, self.at_once, self.most_at_once = [], 0, 0
+
+    def design(self, trial):
+        self.asked.append(trial)
+        if trial == 66:
+            raise KeyError("/etc/passwd")
+        if trial > 99:
+            raise Refused(HTTPStatus.NOT_FOUND, "There is no such trial.")
+        return {"trial": trial, "name": HOSTILE[1]}
+
+    def bundle(self, trial, point, hardware):
+        self.at_once += 1
+        self.most_at_once = max(self.most_at_once, self.at_once)
+        time.sleep(0.02)
+        self.at_once -= 1
+        self.asked.append((trial, point, hardware))
+        if trial == 66:
+            raise KeyError("/etc/passwd")
+        if (point, hardware) != (0, "chip"):
+            raise Refused(HTTPStatus.NOT_FOUND, "There is no such point.")
+        return Download(f'trial {trial}";\r\nX: y/é.zip', b"PK" + bytes(2000))
+
+
+@pytest.fixture
+def designs():
+    return Designs()
+
+
+@pytest.fixture
+def serving(folder, designs):
+    folder.write(points())
+    with running(folder.live(), design=designs.design, bundle=designs.bundle) as server:
+        yield server
+
+
+def test_the_document_of_a_trial(serving, folder, designs):
+    status, headers, body = ask(serving, "/design.json?trial=7")
+    assert (status, headers["Content-Type"]) == (200, "application/json; charset=utf-8")
+    assert json.loads(body) == {"trial": 7, "name": HOSTILE[1]}
+    assert b"<" not in body
+    assert ask(serving, "/design.json?trial=007")[2] == body
+    assert designs.asked == [7]
+    folder.write(points(accuracy=0.5))
+    assert ask(serving, "/design.json?trial=7")[2] == body
+    assert designs.asked == [7, 7]  # of another version of the page
+
+
+def test_only_so_many_documents_are_kept(serving, designs):
+    for trial in (*range(40), 39, 0):
+        ask(serving, f"/design.json?trial={trial}")
+    assert designs.asked == [*range(40), 0]
+
+
+def test_a_design_can_be_downloaded(serving):
+    status, headers, body = ask(serving, "/bundle.zip?trial=7&point=0&hardware=chip")
+    assert (status, body) == (200, b"PK" + bytes(2000))
+    assert headers["Content-Type"] == "application/zip"
+    assert headers["Content-Disposition"] == 'attachment; filename="trial_7____X__y__.zip"'
+    assert headers["X"] is None
+    assert "Content-Encoding" not in headers
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    status, headers, nothing = ask(serving, "/bundle.zip?trial=7&point=0&hardware=chip", "HEAD")
+    assert (status, headers["Content-Length"], nothing) == (200, str(len(body)), b"")
+
+
+@pytest.mark.parametrize(
+    "trial",
+    [
+        *("", "=", "=../../etc/passwd", "=%2e%2e%2f", "=١", "=%D9%A1", "=1e3", "=1.0", "=+1", "=-1", "=1%00"),
+        *(
+            "=0x1",
+            "=1_0",
+            "= 1",
+            "=1%0a",
+            "=" + "9" * 10,
+            "=" + "9" * 900,
+            "=1&trial=1",
+            "=1&trial=2",
+            "[]=1",
+        ),
+        *("=<script>alert(1)</script>", "=null", "=NaN"),
+    ],
+)
+@pytest.mark.parametrize("path", ["/design.json?trial", "/bundle.zip?point=0&hardware=chip&trial"])
+def test_a_number_is_digits(serving, designs, path, trial):
+    connection = socket.create_connection(("127.0.0.1", serving.server_port), timeout=10)
+    with connection, connection.makefile("rb") as answer:
+        connection.sendall(f"GET {path}{trial} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        text = answer.read()
+    assert text.startswith(b"HTTP/1.0 400 ")
+    assert text.split(b"\r\n\r\n")[1] in (
+        b"trial must be a number of up to nine digits.\n",
+        b"trial must be given once.\n",
+        b"400 Bad Request\n",
+    )
+    assert designs.asked == []
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "said"),
+    [
+        ("trial=7&point=1&hardware=chip", 404, "There is no such point.\n"),
+        ("trial=7&point=0", 404, "There is no such point.\n"),
+        ("trial=7&point=0&hardware=../../etc/passwd", 404, "There is no such point.\n"),
+        ("trial=7&point=0&hardware=chip&hardware=chip", 400, "hardware must be given once.\n"),
+        ("trial=7&hardware=chip", 400, "point must be a number of up to nine digits.\n"),
+        ("trial=66&point=0&hardware=chip", 500, "500 Internal Server Error\n"),
+    ],
+)
+def test_what_cannot_be_downloaded(serving, query, status, said, capsys):
+    found, headers, body = ask(serving, f"/bundle.zip?{query}")
+    assert (found, body.decode()) == (status, said)
+    assert headers["Content-Type"] == "text/plain; charset=utf-8"
+    assert ask(serving)[0] == 200
+    capsys.readouterr()
+
+
+def test_a_fault_names_nothing(serving, capsys):
+    status, _, body = ask(serving, "/design.json?trial=66")
+    assert (status, body) == (500, b"500 Internal Server Error\n")
+    assert "passwd" in capsys.readouterr().err
+    assert ask(serving, "/design.json?trial=100")[::2] == (404, b"There is no such trial.\n")
+
+
+@pytest.mark.parametrize("path", ["/design.json?trial=7", "/bundle.zip?trial=7&point=0&hardware=chip"])
+def test_designs_are_guarded_like_the_page(serving, folder, designs, path):
+    assert ask(serving, path, "POST")[0] == 405
+    assert ask(serving, path, Host="evil.example")[0] == 421
+    assert ask(serving, f"{path}&x={'x' * LONGEST_ADDRESS}")[0] == 414
+    assert ask(serving, path, Cookie="x" * LONGEST_HEADERS)[0] == 431
+    route, _, query = path.partition("?")
+    for other in (f"{route}/?{query}", f"{route}%00?{query}", f"/x/..{route}?{query}"):
+        assert ask(serving, other)[0] == 404
+    with running(folder.live(), "0.0.0.0", design=designs.design, bundle=designs.bundle) as server:
+        assert ask(server, path)[0] == 403
+        assert ask(server, f"{path}&token=wrong")[0] == 403
+        assert designs.asked == []
+        assert ask(server, f"{path}&token={server.token}")[0] == 200
+
+
+def test_one_export_at_a_time(serving, designs):
+    with ThreadPoolExecutor(8) as pool:
+        ask_one = "/bundle.zip?trial=7&point=0&hardware=chip"
+        answers = list(pool.map(lambda _: ask(serving, ask_one)[0], range(16)))
+    assert answers == [200] * 16
+    assert designs.most_at_once == 1
+
+
+def test_a_server_of_a_page_alone_has_no_designs(folder):
+    folder.write(points())
+    with Server(folder.live(), port=0) as server:
+        for path in ("/design.json?trial=1", "/bundle.zip?trial=1&point=0&hardware=chip"):
+            with ThreadPoolExecutor(1) as pool:
+                answer = pool.submit(ask, server, path)
+                server.handle_request()
+                assert answer.result()[0] == 404
 
 
 # ---- in a browser

@@ -13,6 +13,7 @@ from dse.dashboard import write_trial_page
 from dse.dashboard.trial import trial_page
 from dse.figures.trial import draw_pins, gather_trial
 from dse.records import Block
+from tests.page_data import held
 
 HOSTILE = '<img src=x onerror="window.hacked=1"></script><script>window.hacked=1</script>{{script}}'
 SIZES = ((1280, 720), (390, 844), (320, 568))
@@ -60,9 +61,9 @@ def test_the_largest_page_is_of_sane_size(tmp_path):
 
 
 def test_hostile_text_stays_data(tmp_path):
-    text = write_trial_page(made_up(name=HOSTILE), tmp_path / "page.html").read_text(encoding="utf-8")
-    held = text.split('<script type="application/json" id="data">')[1].split("</script>")[0]
-    assert json.loads(held)["name"] == HOSTILE
+    path = write_trial_page(made_up(name=HOSTILE), tmp_path / "page.html")
+    text = path.read_text(encoding="utf-8")
+    assert held(path)["name"] == HOSTILE
     assert "window.hacked=1</script>" not in text
     assert text.count("// The page's two figures were drawn in Python") == 1
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from dse.cli import priced
 from dse.cli.answer import Answer
-from dse.cli.numbers import port
-from dse.cli.pages import page_server, write_page
+from dse.cli.numbers import draws, port
+from dse.cli.pages import Asked, page_server, write_page
 from dse.config import ConfigError, Fault
 
 HELP = "show the page of a study while it runs, or write it as one HTML file that opens without a server"
@@ -18,6 +19,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULTS", help="folder of a study")
     parser.add_argument(
         "--html", type=Path, metavar="FILE", help="write the page there instead of serving it"
+    )
+    parser.add_argument(
+        "--page",
+        metavar="PAGE",
+        default="study",
+        help="parts, axes and budgets of the page: study (default), paper, deployment, or a file",
+    )
+    priced.add_hardware(parser)
+    parser.add_argument(
+        "--draws",
+        type=draws,
+        default=0,
+        metavar="N",
+        help="draw the figures of the hardware so often: points that stay on the front in few are paler",
     )
     parser.add_argument(
         "--port", type=port, metavar="N", help="where to serve it (default: 8050; 0: any that is free)"
@@ -31,20 +46,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Write the page and return where it is, or serve it until Ctrl-C."""
+    from dse.dashboard import definition
+
+    faults = []
+    if arguments.html:
+        given = [name for name in ("port", "host") if getattr(arguments, name) is not None]
+        text = "is for a page that is served, and --html writes a file"
+        faults += [Fault(f"--{name}", 0, text) for name in given]
+    try:
+        page = definition.load(arguments.page)
+    except ConfigError as error:
+        faults += error.faults
+    if faults:
+        raise ConfigError(faults)
+    asked = Asked(page, arguments.draws, tuple(arguments.hardware))
     if arguments.html:
         from dse import study
 
-        given = [name for name in ("port", "host") if getattr(arguments, name) is not None]
-        if given:
-            text = "is for a page that is served, and --html writes a file"
-            raise ConfigError([Fault(f"--{name}", 0, text) for name in given])
-        path = write_page(study.open(arguments.results), arguments.html)
+        path = write_page(study.open(arguments.results), arguments.html, asked)
         return Answer([{"page": str(path)}], text=str(path))
 
     from dse.dashboard.serve import LOOPBACK, PORT
 
     host, number = arguments.host or LOOPBACK, PORT if arguments.port is None else arguments.port
-    with page_server(Path(arguments.results), host, number) as server:
+    with page_server(Path(arguments.results), host, number, asked) as server:
         print(f"{server.url}  (Ctrl-C ends it)", flush=True)
         try:
             server.serve_forever()

@@ -1,4 +1,4 @@
-"""`dse describe`: the sections of a search space and of a scene, their components, keys, units and ranges."""
+"""`dse describe`: what a search space, a page and a scene hold: components, keys, units and ranges."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
 from dse.config.locate import is_hardware_file
 
-HELP = "print what a search space or a scene may hold: sections, components, keys, units, ranges"
+HELP = "print what a search space, a page or a scene may hold: sections, components, keys, units, ranges"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from dse.metrics.accuracy import seeds_se
 from dse.report.designs import Found, best
+from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured, number, published
 from dse.store import StoreError
 
@@ -25,21 +26,53 @@ _TIMES = {"t_p_ms": ("phi_p", "theta_p"), "t_h_ms": ("phi_h", "theta_h")}
 def rows(parts: Sequence[Found]) -> list[Row]:
     """Return accuracy, t_p and t_h with their settings: nets of each trained length, and early read-outs."""
     found: list[Row] = []
-    for part in parts:
-        designs = part.of(published()["A"]["families"])
-        if designs.empty or part.of_movement or part.joint:  # D and E show those
-            continue
+    for part, designs in _shown(parts):
+        for chosen, length, at in _by_length(designs):
+            found += _of_length(part, chosen, length, at)
         lengths = designs["decision_latency_ms"]
-        for length in sorted(lengths.unique()):
-            chosen = best(designs[lengths == length])
-            if chosen is not None:
-                found += _of_length(part, chosen, length, lengths.max() if lengths.nunique() > 1 else None)
         longest = best(designs[lengths == lengths.max()])
         if longest is not None:
             shorter = sorted(lengths.unique())[:-1]
             found += _early(part, longest, shorter)
             found += _hardware(part, longest)
     return found
+
+
+def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+    """Yield the published networks of the lengths that stand beside ours, at their peak accuracy."""
+    paper = published()["A"]
+    for part, designs in _shown(parts):
+        for chosen, _, at in _by_length(designs):
+            values = {"accuracy": paper["accuracy"][at]}
+            if "t_p_ms" in chosen.index:  # the mean time of a decision at these settings is t_p
+                values |= {"decision_latency_ms": paper["t_p_ms"][at], "phi": paper["phi_p"][at]}
+                values |= {"theta": paper["theta_p"][at], "t_p_ms": paper["t_p_ms"][at]}
+                values |= {"t_h_ms": paper["t_h_ms"][at]}
+            if number(chosen.get("n_cores")) is not None:
+                values["n_cores"] = paper["n_cores"]
+            yield mark("A", part, f"samples of {paper['length_ms'][at]} ms", values)
+
+
+def _shown(parts: Sequence[Found]) -> Iterator[tuple[Found, pandas.DataFrame]]:
+    """Yield the tasks that this system stands beside, and their designs; D and E show the others."""
+    for part in parts:
+        designs = part.of(published()["A"]["families"])
+        if not (designs.empty or part.of_movement or part.joint):
+            yield part, designs
+
+
+def _by_length(designs: pandas.DataFrame) -> Iterator[tuple[pandas.Series[Any], float, int]]:
+    """Yield the best design of each trained length, that length, and the place of the printed one.
+
+    It stands beside the printed length that is as much of the longest.
+    """
+    lengths, printed_ms = designs["decision_latency_ms"], np.array(published()["A"]["length_ms"])
+    several = lengths.nunique() > 1
+    for length in sorted(lengths.unique()):
+        chosen = best(designs[lengths == length])
+        if chosen is not None:
+            wanted_ms = length / lengths.max() * printed_ms[-1] if several else length
+            yield chosen, length, int(np.abs(printed_ms - wanted_ms).argmin())
 
 
 def printed() -> Iterator[Row]:
@@ -49,14 +82,10 @@ def printed() -> Iterator[Row]:
         yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=told)
 
 
-def _of_length(
-    part: Found, chosen: pandas.Series[Any], length: float, longest: float | None
-) -> Iterator[Row]:
-    """Yield the figures of one trained length beside the printed length that is as much of the longest."""
+def _of_length(part: Found, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
+    """Yield the figures of one trained length beside those at a place among the printed ones."""
     paper = published()["A"]
-    printed_ms = np.array(paper["length_ms"])
-    at = int(np.abs(printed_ms - (length if longest is None else length / longest * printed_ms[-1])).argmin())
-    where = f"{length:g} ms (printed: {printed_ms[at]} ms)"
+    where = f"{length:g} ms (printed: {paper['length_ms'][at]} ms)"
     yield measured(part, "A", f"accuracy, {where}", paper["accuracy"][at], chosen)
     last = _last(part, chosen)
     if "accuracy_best" in last:

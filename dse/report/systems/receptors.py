@@ -5,21 +5,21 @@ As printed, windows of one run that overlap are in training and in test.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dse.report.designs import Found
-from dse.report.leaks import chosen, rows_of_leak
+from dse.report.leaks import Chosen, chosen, mark_of_leak, rows_of_leak
+from dse.report.marks import Mark
 from dse.report.rows import Row, measured, published
 
 
 def rows(parts: Sequence[Found]) -> list[Row]:
     """Return both accuracies, the leak, information transfer, size and time to recognition."""
     paper = published()["G"]
-    leaky = chosen(parts, paper["families"], transductive=True, encoders=False)
-    honest = chosen(parts, paper["families"], transductive=False)
+    leaky, honest = _both(parts)
     found = rows_of_leak("G", paper["accuracy"], leaky, honest)
     if honest is None:
         return found
@@ -38,3 +38,15 @@ def rows(parts: Sequence[Found]) -> list[Row]:
         ),
         replace(base, figure="hidden nodes", published=paper["hidden"], ours=hidden),
     ]
+
+
+def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+    """Yield the published accuracy, of windows of one run on both sides of the split."""
+    yield from mark_of_leak("G", published()["G"]["accuracy"], *_both(parts))
+
+
+def _both(parts: Sequence[Found]) -> tuple[Chosen | None, Chosen | None]:
+    """Return the best design as printed, and the best honest one."""
+    families = published()["G"]["families"]
+    leaky = chosen(parts, families, transductive=True, encoders=False)
+    return leaky, chosen(parts, families, transductive=False)

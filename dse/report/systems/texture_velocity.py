@@ -10,6 +10,7 @@ import numpy as np
 
 from dse.correlation import spearman
 from dse.report.designs import Found, best
+from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured, number, published
 from dse.skyline import front_ends
 
@@ -35,6 +36,21 @@ def rows(parts: Sequence[Found]) -> list[Row]:
             if not designs.empty:
                 found += _of_family(part, system, designs, _kind(part, family))
     return found
+
+
+def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+    """Yield the ends of the published front; spikes as printed, which fit a sum over the test set."""
+    for part in parts:
+        system = "E" if part.of_movement else "D"
+        paper = published()[system]
+        if best(part.of(paper["families"])) is None:
+            continue
+        for end, printed in paper["ends"].items():
+            values = {column: printed[figure] for figure, column in _FIGURES.items()}
+            of_peak = " and ".join(f"{name} {x}" for name, x in paper["peak"].items())
+            spikes = "spikes fit a sum over the test set"
+            more = f"{of_peak}; {spikes}" if end == "best accuracy" else spikes
+            yield mark(system, part, end, values, more)
 
 
 def _kind(part: Found, family: str) -> str:

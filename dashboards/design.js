@@ -1,0 +1,724 @@
+"use strict";
+// The panel of one design: what it is, what was measured, and what its runs recorded. Moving φ and θ chooses another
+// point of the same trial; its numbers come from the trial's decision surface, so that no server is asked.
+const Design = (() => {
+  const TABS = {
+    confusion: "confusion", surface: "φ/θ", raster: "raster", energy: "energy", cores: "cores", learning: "learning", bits: "bits",
+  };
+  // What the figures are of: all but the raster and the surface stay as they are when φ and θ move.
+  const OF = {
+    confusion: "Answers at the end of the recording, as trained; all repeats.", energy: "An answer at the end of the recording, as trained.",
+    cores: "As trained.", bits: "Answers at the end of the recording.",
+  };
+  const NO_PARTS = "Its runs recorded nothing to draw.";
+
+  // ---- pure: a trial's document in, numbers and words out
+
+  const own = (object, name) => (object && Object.hasOwn(object, name) ? object[name] : undefined);
+
+  // What output spikes answer under a setting, the rule of dse.decision: the first step with more than phi spikes, a
+  // share theta or more of them of one class. Undecided: the leading class at the last step. Ties: the lowest class.
+  function decide(spikes, nSteps, nClasses, phi, theta) {
+    const counts = new Array(nClasses).fill(0);
+    let [total, read, most, leading] = [0, 0, 0, 0];
+    for (let step = 0; step < nSteps; step += 1) {
+      const before = read;
+      while (read < spikes.length && spikes[read][0] <= step) {
+        counts[spikes[read][1]] += 1;
+        total += 1;
+        read += 1;
+      }
+      if (read === before) continue;
+      most = Math.max(...counts);
+      leading = counts.indexOf(most);
+      if (total > phi && most / total >= theta) return { label: leading, step, decided: true };
+    }
+    return { label: leading, step: nSteps - 1, decided: false };
+  }
+
+  // Where a point lies on a surface, as i * len(theta) + j; -1 where it does not.
+  function placeOn(surface, point) {
+    const place = point === null ? -1 : point - surface.first_point;
+    return place >= 0 && place < surface.phi.length * surface.theta.length ? place : -1;
+  }
+
+  // The fastest setting among the most accurate (t_p); equal times: the smallest phi, then theta.
+  function bestPlace({ phi, theta }, { accuracy, decision_latency_ms: latency }) {
+    const rank = (k) => [-accuracy[k], latency[k], phi[Math.floor(k / theta.length)], theta[k % theta.length]];
+    let best = 0;
+    for (let k = 1; k < accuracy.length; k += 1) {
+      const [now, then] = [rank(k), rank(best)];
+      const at = now.findIndex((value, n) => value !== then[n]);
+      if (at >= 0 && now[at] < then[at]) best = k;
+    }
+    return best;
+  }
+
+  const partOf = (details, task) => own(details.tasks, String(task)) ?? Object.values(details.tasks)[0] ?? {};
+
+  // A file may carry the surface of the weights as trained alone.
+  const isOf = (surface, precision) => ["weight_bits", "pruned_after"].every((name) => (surface[name] ?? null) === precision(name));
+
+  // The surface that a point is on, or else that of its precision, or else the first: of the weights as trained.
+  function surfaceOf(part, point, precision, hardware) {
+    const all = (part.surfaces ?? []).filter((one) => columnsOn(one, hardware));
+    return all.find((one) => placeOn(one, point) >= 0)
+      ?? all.find((one) => isOf(one, precision)) ?? all[0] ?? null;
+  }
+
+  const columnsOn = (surface, hardware) => own(surface.hardware, hardware) ?? own(surface.hardware, "") ?? null;
+
+  // A point's trial and number, where it is named by them.
+  function named({ columns }, key) {
+    return columns.trial && columns.point ? key.split(".").map(Number) : [null, null];
+  }
+
+  // The numbers of a point of a surface on the hardware shown, with what its design has on the page; null if there is none.
+  function toldOf(shown, details, key) {
+    const [trial, point] = named(shown, key);
+    const { columns, page, state } = shown;
+    for (const [task, part] of Object.entries(details.tasks)) {
+      const surface = (part.surfaces ?? []).find((one) => placeOn(one, point) >= 0);
+      const known = surface && columnsOn(surface, state.hardware);
+      if (!known) continue;
+      const place = placeOn(surface, point);
+      const sibling = columns.trial.values.findIndex((other, row) => other === trial && (!columns.task || String(columns.task.values[row]) === task));
+      return {
+        ...Object.fromEntries(sibling < 0 ? [] : page.design.map((column) => [column, columns[column].values[sibling]])),
+        read_out_ms: null, weight_bits: surface.weight_bits ?? null, pruned_after: surface.pruned_after ?? null,
+        ...Object.fromEntries(Object.entries(known).map(([column, values]) => [column, values[place]])),
+        trial, point, task, hardware: state.hardware,
+        phi: surface.phi[Math.floor(place / surface.theta.length)], theta: surface.theta[place % surface.theta.length],
+      };
+    }
+    return null;
+  }
+
+  // Whether the page has a point's row for the hardware shown.
+  const isRow = ({ columns, state }, row) => row >= 0 && (!columns.hardware || String(columns.hardware.values[row]) === state.hardware);
+
+  // A number of a point with its uncertainty, from its row or from what its surface told.
+  function worded(app, shown, at, column) {
+    const { columns, objectives } = shown;
+    if (isRow(shown, at.row)) return app.withInterval(column, at.row);
+    const value = at.value(column);
+    const text = app.number(value, objectives.includes(column));
+    const [se, low, high] = ["se", "low", "high"].map((end) => at.value(`${column}_${end}`));
+    if (value !== null && se) return `${text} ± ${Number(se.toPrecision(1))}`;
+    return value !== null && low !== null && high !== null && columns[column] ? `${text} (${app.number(low)}–${app.number(high)})` : text;
+  }
+
+  const withUnit = (app, shown, at, column) => `${app.clip(worded(app, shown, at, column), 120)}\u00a0${shown.columns[column].unit}`.trim();
+
+  // A link may name points that are no rows of the page; returns whether the numbers of one are news.
+  const told = new Set();
+  function restore(app, shown, { key, row }, details) {
+    const name = `${key}@${shown.state.hardware}`;
+    if (!details || isRow(shown, row) || told.has(name)) return false;
+    told.add(name);
+    const numbers = toldOf(shown, details, key);
+    if (numbers !== null) app.tell(key, numbers);
+    return numbers !== null;
+  }
+
+  // Plotly writes numbers from Python as base64; returns them as (nested) lists.
+  const KINDS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
+  function listed(values) {
+    if (!values?.bdata) return Array.isArray(values) ? values : [];
+    const flat = [...new KINDS[values.dtype](Uint8Array.from(atob(values.bdata), (letter) => letter.charCodeAt(0)).buffer)];
+    const [rows, width] = String(values.shape ?? "").split(",").map(Number);
+    return width ? Array.from({ length: rows }, (_, k) => flat.slice(k * width, (k + 1) * width)) : flat;
+  }
+
+  // Plotly text as plain words.
+  const plain = (text) => String(text ?? "").replace(/<br>/g, " ").replace(/&lt;/g, "<").replace(/&gt;/g, ">").replace(/&amp;/g, "&");
+
+  const axisOf = (layout, trace) => plain(layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`]?.title?.text);
+
+  // What a figure shows, in words with its numbers.
+  const WORDS = {
+    confusion({ data: [heat], layout }, number) {
+      const counts = listed(heat.text).map((row) => row.map(Number));
+      const names = (layout.xaxis.ticktext ?? []).map(plain);
+      const total = counts.flat().reduce((sum, n) => sum + n, 0);
+      const right = counts.reduce((sum, row, k) => sum + row[k], 0);
+      const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
+      const most = wrong.slice(0, 3).map(([n, i, j]) => `${names[i]} taken for ${names[j]} ${number(n)} times`);
+      const worst = most.length ? `; most often wrong: ${most.join(", ")}` : "";
+      return `Confusion matrix of ${names.length} classes: ${number(right)} of ${number(total)} right${worst}.`;
+    },
+    learning({ data, layout }, number) {
+      const curves = data.map((trace) => [trace, listed(trace.y)]).filter(([, y]) => y.length);
+      const whose = (trace) => (data.length > 1 ? ` of ${plain(trace.name)}` : "");
+      const told = curves.map(([trace, y]) => `${axisOf(layout, trace)}${whose(trace)} ${number(y[0])} to ${number(y.at(-1))}`);
+      return `Learning curves over ${Math.max(0, ...curves.map(([, y]) => y.length))} epochs: ${told.join(", ")}.`;
+    },
+    energy({ data: [bars] }) {
+      return `Energy of an inference: ${listed(bars.customdata).map(plain).join(", ")}.`;
+    },
+    cores({ data, layout }) {
+      const counted = (layout.annotations ?? []).filter(({ name }) => name === "cores").map(({ text }) => plain(text));
+      return `Cores in use: ${[...counted, data.map((trace) => plain(trace.name)).join(", ")].join(". ")}.`;
+    },
+    bits({ data, layout }, number) {
+      const told = data.map((trace) => {
+        const [bits, accuracy] = [listed(trace.customdata ?? trace.x), listed(trace.y)];
+        return `${plain(trace.name)} ${accuracy.map((value, k) => `${number(value, true)} at ${number(bits[k])} bits`).join(", ")}`;
+      });
+      return `${axisOf(layout, data[0] ?? {}) || "accuracy"} against bits per weight: ${told.join("; ")}.`;
+    },
+  };
+
+  // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none.
+  function figureOf(part, tab, hardware) {
+    const found = own(part.figures, tab);
+    return tab === "energy" || tab === "cores" ? own(found, hardware) : found;
+  }
+
+  function tabsOf(part, hardware, wanted) {
+    const has = { surface: () => (part.surfaces ?? []).some((one) => columnsOn(one, hardware)), raster: () => (part.examples ?? []).length > 0 };
+    return (wanted ?? Object.keys(TABS)).filter((tab) => Object.hasOwn(TABS, tab) && (has[tab]?.() ?? figureOf(part, tab, hardware) !== undefined));
+  }
+
+  // ---- the panel
+
+  function view(root, app) {
+    const { element, clip, number, change } = app;
+    const set = (node, attributes) => {
+      for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+      return node;
+    };
+    const heading = element("h2", {}, "Design");
+    const compare = element("button", { type: "button", textContent: "compare", title: "beside other designs, below (c)" });
+    const bundle = element("a", { textContent: "export", title: "download the bundle of this design" });
+    const command = element("code", { tabIndex: 0 });
+    const line = element("details", { className: "export" }, element("summary", { textContent: "export" }), command);
+    const standing = element("p", { className: "standing" });
+    const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
+    const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
+    const strip = set(element("div", { className: "tabs" }), { role: "tablist", "aria-label": "What its runs recorded" });
+    const pane = set(element("div", { className: "pane", id: "design-pane", tabIndex: 0 }), { role: "tabpanel" });
+    const notes = element("div", { className: "quiet" });
+    const save = element("span", { className: "save" });
+    const hint = element("p", { textContent: "Choose a point of the figure or a row of the table." });
+    const body = element("div", {}, standing, objectives, parameters, everything, strip, pane, notes, save, line);
+    set(command, { "aria-label": "Command that exports this design" });
+    root.append(element("div", { className: "head" }, heading, bundle, compare), hint, body);
+
+    let shown = null;
+    let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
+    let drawn = null; // what is in the pane: {said, figure(), draw(), move()}
+
+    compare.addEventListener("click", () => app.toggleCompared(shown.chosen.key));
+
+    // ---- the head
+
+    function list(node, columns) {
+      node.hidden = columns.length === 0;
+      node.replaceChildren(...columns.flatMap((column) => [
+        element("dt", { textContent: shown.columns[column].label, title: column }),
+        element("dd", { textContent: withUnit(app, shown, shown.chosen, column), title: String(shown.chosen.value(column)) }),
+      ]));
+    }
+
+    // A point that is no row of the page is on no front: those are carried whole.
+    function standingOf({ chosen, budgeted, onFront, within }) {
+      const meets = ({ column, way, limit }) => {
+        const value = chosen.value(column);
+        return value !== null && (way === "max" ? value >= limit : value <= limit);
+      };
+      const isWithin = isRow(shown, chosen.row) ? within(chosen.row) : budgeted.limits.every(meets);
+      if (!isWithin) return "outside the budgets";
+      if (!isRow(shown, chosen.row) || !onFront.has(chosen.row)) return "dominated";
+      const share = chosen.value("front_share");
+      return `on the front${typeof share === "number" ? `, in ${number(100 * share)} % of the draws of its chip's figures` : ""}`;
+    }
+
+    function renderHead() {
+      const { chosen, columns, page, state, objectives: aims } = shown;
+      const has = (column) => chosen.value(column) !== null;
+      const trial = chosen.value("trial") ?? named(shown, chosen.key)[0];
+      heading.textContent = clip(trial === null ? `Point ${chosen.key}` : `Trial ${number(trial)}`, 60);
+      const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
+      standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
+      compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
+      list(objectives, aims.filter(has));
+      const said = ["trial", "task", "hardware"];
+      list(parameters, page.design.filter((column) => !said.includes(column) && has(column)));
+      list(others, Object.keys(columns).filter((column) => ![...aims, ...page.design, ...said].includes(column) && has(column)));
+      const [, point] = named(shown, chosen.key);
+      const deployable = point !== null && chosen.value("transductive") !== true;
+      bundle.hidden = !deployable || !Details.isServed(page);
+      line.hidden = !deployable || Details.isServed(page);
+      const chip = columns.hardware ? { hardware: state.hardware } : {};
+      if (!bundle.hidden) bundle.href = Details.address("bundle.zip", { trial, point, ...chip });
+      if (!line.hidden) command.textContent = exported(page.budgets.results, trial, point, chip.hardware);
+    }
+
+    function exported(results, trial, point, hardware) {
+      const chip = hardware === undefined ? [] : [`(p.hardware == ${JSON.stringify(hardware)})`];
+      const row = [`(p.trial == ${trial})`, `(p.point == ${point})`, ...chip].join(" & ");
+      const script = `import dse; s = dse.open(${JSON.stringify(results)}); p = s.points(); dse.export(s, p[${row}].iloc[0], "bundle")`;
+      return `python -c ${Budgets.quoted(script)}`;
+    }
+
+    // ---- its document
+
+    function load() {
+      const { page, columns, chosen } = shown;
+      const trial = named(shown, chosen.key)[0] ?? (columns.trial ? chosen.value("trial") : null);
+      if (trial !== loaded.trial) loaded = { trial, page: null, details: trial === null ? null : undefined, text: "" };
+      if (trial === null || (loaded.page === page && loaded.details)) return;
+      const mine = loaded = { ...loaded, page };
+      Details.of(page, trial).then((details) => {
+        if (mine !== loaded) return; // another design was chosen meanwhile
+        // What a running study says again is not drawn again.
+        const text = JSON.stringify(details);
+        if (mine.details === undefined || text !== mine.text) Object.assign(loaded, { details, text });
+        if (restore(app, shown, shown.chosen, details)) change({});
+        else renderParts();
+      });
+    }
+
+    // ---- tabs
+
+    function say(text) {
+      drawn = null;
+      save.hidden = true;
+      pane.replaceChildren(element("p", { className: "quiet", textContent: text }));
+    }
+
+    function renderParts() {
+      const { page, state, chosen } = shown;
+      const { details } = loaded;
+      const part = details ? partOf(details, chosen.value("task")) : {};
+      const names = details ? tabsOf(part, state.hardware, page.definition?.design) : [];
+      const open = names.includes(state.tab) ? state.tab : names[0];
+      renderTabs(names, open);
+      notes.replaceChildren(...(details?.notes ?? []).map((text) => element("p", { textContent: text })));
+      pane.setAttribute("aria-busy", String(details === undefined));
+      if (details === undefined) return say("…");
+      if (details === null) return say(absent(page));
+      if (!open) return say(NO_PARTS);
+      const surface = surfaceOf(part, named(shown, chosen.key)[1], chosen.value, state.hardware);
+      const said = JSON.stringify([open, chosen.value("task"), state.hardware, surface?.first_point, app.style().dark]);
+      if (drawn?.said === said && drawn.details === details) {
+        drawn.move();
+        return;
+      }
+      const focused = pane.contains(document.activeElement) ? document.activeElement.dataset.name : undefined;
+      const kept = new Map([...pane.querySelectorAll("select")].map((select) => [select.dataset.name, select.value]));
+      const built = { surface: surfacePane, raster: rasterPane }[open] ?? figurePane;
+      drawn = { said, details, ...built(part, surface, open) };
+      pane.replaceChildren(...drawn.nodes);
+      for (const select of pane.querySelectorAll("select")) {
+        if ([...select.options].some(({ value }) => value === kept.get(select.dataset.name))) select.value = kept.get(select.dataset.name);
+      }
+      if (focused) pane.querySelector(`[data-name=${focused}]`)?.focus({ preventScroll: true });
+      save.hidden = false;
+      drawn.move();
+      drawn.draw();
+    }
+
+    function absent(page) {
+      if (Details.isServed(page)) return "Nothing was recorded.";
+      const carried = app.plural(Object.keys(page.details ?? {}).length, "design");
+      return `This file carries the details of ${carried}; dse dashboard ${page.budgets.results} shows all.`;
+    }
+
+    function renderTabs(names, open) {
+      const now = [...strip.children].map((tab) => tab.dataset.tab);
+      if (now.join() !== names.join()) {
+        const focused = strip.contains(document.activeElement) ? document.activeElement.dataset.tab : null;
+        strip.replaceChildren(...names.map((name) => {
+          const tab = set(element("button", { type: "button", id: `tab-${name}`, textContent: TABS[name] }), { role: "tab", "aria-controls": pane.id });
+          tab.dataset.tab = name;
+          return tab;
+        }));
+        strip.querySelector(`[data-tab="${focused}"]`)?.focus({ preventScroll: true });
+      }
+      strip.hidden = names.length === 0;
+      for (const tab of strip.children) {
+        const isOpen = tab.dataset.tab === open;
+        tab.setAttribute("aria-selected", String(isOpen));
+        tab.tabIndex = isOpen ? 0 : -1;
+      }
+      if (open) pane.setAttribute("aria-labelledby", `tab-${open}`);
+      else pane.removeAttribute("aria-labelledby");
+    }
+
+    strip.addEventListener("click", (event) => {
+      const tab = event.target.closest("[role=tab]");
+      if (tab) change({ tab: tab.dataset.tab });
+    });
+    strip.addEventListener("keydown", (event) => {
+      const tabs = [...strip.children];
+      const at = tabs.indexOf(document.activeElement);
+      const to = { ArrowLeft: at - 1 + tabs.length, ArrowRight: at + 1, Home: 0, End: tabs.length - 1 }[event.key];
+      if (to === undefined || at < 0) return;
+      event.preventDefault();
+      const next = tabs[to % tabs.length];
+      change({ tab: next.dataset.tab });
+      next.focus({ preventScroll: true });
+    });
+
+    // ---- figures
+
+    // The node takes the figure's height, so that a figure can follow its width.
+    const fitted = () => ({ autosize: true, height: undefined, width: undefined });
+
+    function figureNode(name, height) {
+      const node = set(element("div", { className: "plot" }), { role: "img" });
+      node.dataset.figure = name;
+      node.style.height = `${height}px`;
+      return node;
+    }
+
+    function figurePane(part, surface, tab) {
+      const figure = figureOf(part, tab, shown.state.hardware);
+      const node = figureNode(tab, figure.layout.height ?? 320);
+      node.setAttribute("aria-label", WORDS[tab](figure, number));
+      const misfits = tab === "energy" ? own(part.misfits, shown.state.hardware) ?? [] : [];
+      return {
+        nodes: [
+          node, ...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })),
+          ...(OF[tab] ? [element("p", { className: "quiet", textContent: OF[tab] })] : []),
+        ],
+        node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), fitted), move() {},
+      };
+    }
+
+    // ---- φ and θ
+
+    // Two sliders that move a setting over a surface. `place` is the setting chosen, -1 for an answer without one.
+    function settings(surface, known, follow) {
+      const { theta } = surface;
+      const best = bestPlace(surface, known);
+      let place = -1;
+      let asked = 0;
+      const sliders = ["phi", "theta"].map((name) => {
+        const [symbol, words] = name === "phi" ? ["φ", "φ: spikes before any decision"] : ["θ", "θ: share of spikes that decides"];
+        const slider = set(element("input", { type: "range", min: 0, max: surface[name].length - 1, step: 1 }), { "aria-label": words });
+        slider.dataset.name = name;
+        slider.disabled = surface[name].length < 2;
+        const out = element("output");
+        slider.addEventListener("input", () => aim(Number(sliders[0].slider.value) * theta.length + Number(sliders[1].slider.value)));
+        slider.addEventListener("change", settle);
+        return { name, slider, out, node: element("label", { title: words }, element("span", { textContent: symbol }), slider, out) };
+      });
+      const summary = set(element("p", { className: "told" }), { role: "status" });
+
+      function show() {
+        const at = place < 0 ? best : place;
+        const index = { phi: Math.floor(at / theta.length), theta: at % theta.length };
+        for (const { name, slider, out } of sliders) {
+          const value = number(surface[name][index[name]]);
+          if (Number(slider.value) !== index[name]) slider.value = index[name];
+          out.textContent = value;
+          slider.setAttribute("aria-valuetext", name === "phi" ? `${value} spikes` : value);
+        }
+        summary.textContent = place < 0 ? unset(shown.chosen.value) : summed(place);
+        follow(place);
+      }
+
+      function unset(value) {
+        if (!isOf(surface, value)) {
+          return `This surface is of the weights as trained, at ${number(surface.weight_bits)} bits; φ and θ choose among its points.`;
+        }
+        return `${answered(value)} Move φ or θ to let it decide; they start at the best setting.`;
+      }
+
+      function summed(at) {
+        const wanted = [...new Set(["accuracy", "decision_latency_ms", ...["energy_uj"].filter((column) => known[column]), "undecided"])];
+        const said = (column, value) => (column === "undecided" ? `${number(100 * value)}\u00a0% undecided`
+          : `${words(column)} ${number(value, column === "accuracy")}\u00a0${unit(column)}`.trim());
+        return wanted.filter((column) => typeof known[column]?.[at] === "number").map((column) => said(column, known[column][at])).join(" · ");
+      }
+
+      // The marks move at once; the rest of the page, once per frame.
+      function aim(at) {
+        place = at;
+        show();
+        if (!asked) asked = requestAnimationFrame(() => choose(true));
+      }
+
+      function choose(moving) {
+        cancelAnimationFrame(asked);
+        asked = 0;
+        const key = `${loaded.trial}.${surface.first_point + place}`;
+        if (!isRow(shown, app.rowOf(key))) {
+          told.add(`${key}@${shown.state.hardware}`);
+          app.tell(key, toldOf(shown, loaded.details, key));
+        }
+        change({ chosen: key }, moving);
+      }
+
+      function settle() {
+        if (place >= 0) choose(false);
+      }
+
+      return {
+        nodes: [element("div", { className: "setting" }, ...sliders.map(({ node }) => node)), summary], best, aim(at) { aim(at); settle(); },
+        move() {
+          if (asked) return; // the reader is ahead of the page
+          place = placeOn(surface, named(shown, shown.chosen.key)[1]);
+          show();
+        },
+      };
+    }
+
+    const words = (column) => (shown.columns[column]?.label ?? column.replace(/_ms$/, "").replace(/_/g, " "));
+    const unit = (column) => shown.columns[column]?.unit ?? (column.endsWith("_ms") ? "ms" : "");
+
+    // When an answer without φ and θ comes.
+    function answered(value) {
+      const after = value("read_out_ms");
+      return after === null ? "This design answers at the end of the recording." : `This design answers after ${number(after)}\u00a0ms.`;
+    }
+
+    const HALVES = [[0.57, 1], [0, 0.43]]; // of the two maps, upwards
+
+    function surfacePane(part, surface) {
+      const known = columnsOn(surface, shown.state.hardware);
+      const { phi, theta } = surface;
+      const offered = Object.keys(known).filter((column) => column !== "accuracy" && !/_(se|low|high)$/.test(column) && new Set(known[column]).size > 1);
+      if (!offered.includes("decision_latency_ms")) offered.unshift("decision_latency_ms");
+      const select = set(element("select", {}, ...offered.map((column) => element("option", { value: column, textContent: clip(titled(column), 40) }))),
+        { "aria-label": "Quantity of the lower map" });
+      select.dataset.name = "quantity";
+      select.value = "decision_latency_ms";
+      const node = figureNode("surface", 368);
+      // Rings over the maps: plotly would take longer to move them than a slider may.
+      const rings = HALVES.map(() => element("span", { className: "ring", hidden: true }));
+      const maps = element("div", { className: "maps" }, node, ...rings);
+      let at = -1;
+      let plot = null;
+      const sliders = settings(surface, known, (place) => {
+        at = place;
+        ring();
+        describe();
+      });
+
+      function ring() {
+        rings.forEach((mark, k) => {
+          const [x, y] = ["x", "y"].map((letter) => plot?._fullLayout?.[`${letter}axis${k ? 2 : ""}`]);
+          mark.hidden = at < 0 || !x || !y;
+          if (mark.hidden) return;
+          const [across, down] = [x._offset + x.d2p(at % theta.length), y._offset + y.d2p(Math.floor(at / theta.length))];
+          mark.style.transform = `translate(${across}px, ${down}px)`;
+        });
+      }
+
+      // `whole` has the rings too, for a picture that is kept.
+      function figure(whole = true) {
+        const quantities = ["accuracy", select.value];
+        const grid = (values) => phi.map((_, i) => values.slice(i * theta.length, (i + 1) * theta.length));
+        const frame = (k) => ({ xaxis: k ? "x2" : "x", yaxis: k ? "y2" : "y" });
+        const spot = (place) => ({ x: [place % theta.length], y: [Math.floor(place / theta.length)] });
+        const marks = (place, marker) => quantities.map((_, k) => ({
+          type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, cliponaxis: false, ...frame(k), ...spot(place), marker,
+        }));
+        // White on black is seen on every colour of the maps.
+        const crosses = [["#000000", 4], ["#ffffff", 1.5]].flatMap(([color, width]) =>
+          marks(sliders.best, { symbol: "x-thin", size: 8, line: { color, width } }));
+        const ringed = !whole || at < 0 ? [] : [["#000000", 4.5], ["#ffffff", 1.5]].flatMap(([color, width]) =>
+          marks(at, { symbol: "circle-open", size: 14, color, line: { width } }));
+        const said = (column, value, i, j) =>
+          `φ ${number(phi[i])}, θ ${number(theta[j])}: ${app.escaped(words(column))} ${number(value)}\u00a0${app.escaped(unit(column))}`;
+        const data = [
+          ...quantities.map((column, k) => ({
+            type: "heatmap", z: grid(known[column]), ...frame(k), colorscale: "Cividis", xgap: 1, ygap: 1, hoverinfo: "text",
+            text: grid(known[column]).map((row, i) => row.map((value, j) => said(column, value, i, j))),
+            colorbar: {
+              thickness: 8, len: HALVES[k][1] - HALVES[k][0], y: HALVES[k][0], yanchor: "bottom", ypad: 0, outlinewidth: 0,
+              nticks: 5, exponentformat: "power", minexponent: 5,
+            },
+          })),
+          ...crosses, ...ringed,
+        ];
+        const ticks = (values, most) => {
+          const every = Math.ceil(values.length / most);
+          const places = values.map((_, k) => k).filter((k) => k % every === 0);
+          const ticktext = places.map((k) => number(values[k]));
+          return { tickmode: "array", tickvals: places, ticktext, showgrid: false, fixedrange: true, range: [-0.5, values.length - 0.5] };
+        };
+        const layout = { margin: { l: 40, r: 8, t: 20, b: 36 }, dragmode: false, annotations: [] };
+        quantities.forEach((column, k) => {
+          const suffix = k ? "2" : "";
+          layout[`xaxis${suffix}`] = { ...ticks(theta, 10), anchor: `y${suffix}`, title: { text: k ? "θ (share of the spikes)" : "" } };
+          layout[`yaxis${suffix}`] = { ...ticks(phi, 8), anchor: `x${suffix}`, domain: HALVES[k], title: { text: "φ (spikes)" } };
+          layout.annotations.push({
+            text: app.escaped(clip(titled(column), 40)), showarrow: false, xref: "paper", x: 0, xanchor: "left",
+            yref: "paper", y: HALVES[k][1], yanchor: "bottom",
+          });
+        });
+        return { data, layout };
+      }
+
+      function describe() {
+        const values = (place) => ["accuracy", select.value].map((column) => `${words(column)} ${number(known[column][place])} ${unit(column)}`.trim());
+        const setting = (place) => `φ ${number(phi[Math.floor(place / theta.length)])}, θ ${number(theta[place % theta.length])}`;
+        const said = (place) => `${setting(place)}: ${values(place).join(", ")}.`;
+        const chosen = at < 0 ? "" : ` Chosen, at the ring: ${said(at)}`;
+        node.setAttribute("aria-label",
+          `Accuracy and ${words(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${said(sliders.best)}${chosen}`);
+      }
+
+      async function draw() {
+        plot = await Figure.draw(node, figure(false), app.style(), fitted);
+        if (!plot) return;
+        plot.removeAllListeners("plotly_click");
+        plot.removeAllListeners("plotly_afterplot");
+        plot.on("plotly_click", ({ points: [{ x, y }] }) => { if (isMovable()) sliders.aim(y * theta.length + x); });
+        plot.on("plotly_afterplot", ring);
+        ring();
+      }
+      select.addEventListener("change", () => {
+        describe();
+        draw();
+      });
+      const legend = `${precision(surface, part)}Ring: chosen. Cross: the fastest of the most accurate settings.`;
+      return {
+        nodes: [
+          ...(isMovable() ? sliders.nodes : []), element("label", {}, "lower map ", select), maps,
+          element("p", { className: "quiet", textContent: legend }),
+        ],
+        node, figure, draw, move: sliders.move,
+      };
+    }
+
+    const titled = (column) => `${words(column)}${unit(column) ? ` (${unit(column)})` : ""}`;
+    // Without numbers of its points a table cannot say which one a setting is.
+    const isMovable = () => Boolean(shown.columns.trial && shown.columns.point);
+
+    function precision(surface, part) {
+      if ((part.surfaces ?? []).length < 2) return "";
+      return `${number(surface.weight_bits)} bits per weight${surface.pruned_after ? `, ${number(100 * surface.pruned_after)} % of them removed` : ""}. `;
+    }
+
+    // ---- an example recording
+
+    function rasterPane(part, surface) {
+      const { examples } = part;
+      const options = examples.map(({ title }, k) => element("option", { value: k, textContent: clip(title, 60) }));
+      const select = set(element("select", {}, ...options), { "aria-label": "Recording" });
+      select.dataset.name = "example";
+      const node = figureNode("raster", examples[0].figure.layout.height ?? 320);
+      const summary = set(element("p", { className: "told" }), { role: "status" });
+      const known = surface && columnsOn(surface, shown.state.hardware);
+      const sliders = known && isMovable() ? settings(surface, known, follow) : null;
+      let rule = { phi: null, theta: null, after: null };
+      let moved = null; // the marks that are drawn
+      let plot = null;
+      const example = () => examples[Number(select.value)];
+
+      function answer() {
+        const { spikes, n_steps: nSteps, classes, step_ms: stepMs } = example();
+        if (rule.phi !== null) return decide(spikes, nSteps, classes.length, rule.phi, rule.theta);
+        const steps = rule.after === null ? nSteps : Math.min(nSteps, Math.max(1, Math.round(rule.after / stepMs)));
+        return decide(spikes, steps, classes.length, Infinity, 0);
+      }
+
+      function said() {
+        const { classes, step_ms: stepMs, true: meant } = example();
+        const { label, step, decided } = answer();
+        const name = clip(String(classes[label]), 40);
+        const verdict = typeof meant !== "string" ? "" : meant === classes[label] ? " (right)" : ` (wrong: it is ${clip(meant, 40)})`;
+        const time = `${number((step + 1) * stepMs)}\u00a0ms`;
+        if (rule.phi === null) return `answers ${name} after ${time}${verdict}`;
+        return decided ? `decides ${name} after ${time}${verdict}` : `undecided: the largest count says ${name} after ${time}${verdict}`;
+      }
+
+      // The lines of the decision and of theta, where the setting puts them.
+      function marks() {
+        const { layout } = example().figure;
+        const { step, decided } = answer();
+        const x = (step + 1) * example().step_ms;
+        const visible = rule.theta !== null;
+        return {
+          shapes: (layout.shapes ?? []).map((shape) => {
+            const dash = decided || !visible ? "solid" : "dot";
+            if (shape.name === "decision") return { ...shape, x0: x, x1: x, line: { ...shape.line, dash } };
+            return shape.name === "theta" ? { ...shape, visible, y0: rule.theta ?? 0, y1: rule.theta ?? 0 } : shape;
+          }),
+          annotations: (layout.annotations ?? []).map((one) => (one.name === "theta" ? { ...one, visible, y: rule.theta ?? 0 } : one)),
+        };
+      }
+      const figure = () => ({ data: example().figure.data, layout: { ...example().figure.layout, ...marks() } });
+
+      function describe() {
+        summary.textContent = said();
+        const { title, spikes, classes, n_steps: nSteps, step_ms: stepMs } = example();
+        const counted = `${app.plural(spikes.length, "output spike")} of ${number(classes.length)} classes in ${number(nSteps * stepMs)} ms`;
+        node.setAttribute("aria-label", `${title}: ${counted}; ${said()}.`);
+      }
+
+      function follow(place) {
+        const { value } = shown.chosen;
+        rule = place < 0 ? { phi: value("phi"), theta: value("theta"), after: value("read_out_ms") }
+          : { phi: surface.phi[Math.floor(place / surface.theta.length)], theta: surface.theta[place % surface.theta.length], after: null };
+        describe();
+        const now = marks();
+        if (!plot || JSON.stringify(now) === JSON.stringify(moved)) return;
+        moved = now;
+        Plotly.relayout(plot, Figure.recoloured(now, app.style()));
+      }
+
+      async function draw() {
+        node.style.height = `${example().figure.layout.height ?? 320}px`;
+        moved = marks();
+        plot = await Figure.draw(node, figure(), app.style(), fitted);
+      }
+      select.addEventListener("change", () => {
+        describe();
+        draw();
+      });
+      const drawnParts = "Output spikes, share of the leading class, spikes per layer";
+      const asTrained = !part.surfaces?.length || isOf(part.surfaces[0], shown.chosen.value);
+      return {
+        nodes: [
+          select, ...(sliders?.nodes ?? []), summary, node,
+          element("p", { className: "quiet", textContent: `${drawnParts}; first repeat${asTrained ? "" : ", as trained"}.` }),
+        ],
+        node, figure, draw, move: () => (sliders ? sliders.move() : follow(-1)),
+      };
+    }
+
+    // ---- the view
+
+    function render(next) {
+      shown = next;
+      hint.hidden = Boolean(shown.chosen);
+      body.hidden = compare.hidden = !shown.chosen;
+      if (!shown.chosen) {
+        heading.textContent = "Design";
+        bundle.hidden = true;
+        return;
+      }
+      renderHead();
+      load();
+      if (restore(app, shown, shown.chosen, loaded.details)) change({});
+      else renderParts();
+    }
+
+    // The open tab's figure in the colours of print: a data address.
+    async function image(format) {
+      const look = Figure.print(shown.page.palette);
+      const { clientWidth: width, clientHeight: height } = drawn.node;
+      const frame = element("div", { className: "aside" });
+      Object.assign(frame.style, { width: `${width}px`, height: `${height}px` });
+      document.body.append(frame);
+      try {
+        await Figure.draw(frame, drawn.figure(), look, () => ({ ...fitted(), paper_bgcolor: look.page }));
+        return await Plotly.toImage(frame, { format, width, height, scale: format === "png" ? 2 : 1 });
+      } finally {
+        Plotly.purge(frame);
+        frame.remove();
+      }
+    }
+
+    return { render, hover() {}, image };
+  }
+
+  return { view, decide, named, restore, worded, partOf, figureOf, listed, plain, words: WORDS };
+})();

@@ -1,0 +1,37 @@
+"use strict";
+// What a page knows of one trial beyond its points: carried by the page, or asked of its server.
+const Details = (() => {
+  const kept = new Map();
+  let version; // of the page that they belong to
+
+  // The token of a server on the network is part of the page's address.
+  function address(route, fields) {
+    const query = new URLSearchParams(location.search);
+    for (const [name, value] of Object.entries(fields)) query.set(name, value);
+    return `${route}?${query}`;
+  }
+
+  async function asked(trial) {
+    const answer = await fetch(address("design.json", { trial }), { cache: "no-store" });
+    return answer.ok ? answer.json() : null;
+  }
+
+  const isServed = (page) => page.version !== undefined;
+
+  // Resolves to the document of a trial, or to null where there is none.
+  function of(page, trial) {
+    if (page.version !== version) kept.clear();
+    version = page.version;
+    const key = String(trial);
+    if (!kept.has(key)) {
+      const carried = page.details?.[key];
+      kept.set(key, (isServed(page) ? asked(key) : carried ? Data.unpacked(carried) : Promise.resolve(null)).catch(() => {
+        kept.delete(key); // a lost connection may come back
+        return null;
+      }));
+    }
+    return kept.get(key);
+  }
+
+  return { of, isServed, address };
+})();

@@ -1,0 +1,77 @@
+"use strict";
+// Figures that were drawn in Python, in the reader's colours; and the drawing library, started when it is needed.
+const Figure = (() => {
+  const turns = new WeakMap(); // the last figure asked for on each node: earlier ones are not drawn any more
+  let started;
+
+  // The library is most of a page, so that it starts once the page's numbers have been seen.
+  function library() {
+    started ??= new Promise((resolve) => {
+      const start = () => {
+        const code = document.createElement("script");
+        code.textContent = document.getElementById("plotly").textContent;
+        document.head.append(code);
+        resolve(Plotly);
+      };
+      if (document.hidden) setTimeout(start);
+      else requestAnimationFrame(() => setTimeout(start));
+    });
+    return started;
+  }
+
+  // The reader's colours; `palette` has a list of colours for light pages and what they become on dark ones.
+  function style(palette) {
+    const css = getComputedStyle(document.documentElement);
+    const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+    const colours = ["text", "page", "panel", "rule", "quiet", "focus", "warn"];
+    const named = Object.fromEntries(colours.map((name) => [name, css.getPropertyValue(`--${name}`).trim()]));
+    return { ...named, font: css.fontFamily, dark, palette: dark ? palette.dark : palette.light, light: palette.light };
+  }
+
+  // The colours of a picture that is kept: a light page, whatever the reader's scheme.
+  const print = (palette) => ({
+    text: "#1b1e22", page: "#ffffff", panel: "#f5f6f7", rule: "#d5d9de", quiet: "#59616b", focus: "#0072b2", warn: "#8a4500",
+    font: getComputedStyle(document.documentElement).fontFamily, dark: false, palette: palette.light, light: palette.light,
+  });
+
+  // Colours of a light page, in the reader's scheme.
+  function recoloured(value, look) {
+    if (Array.isArray(value)) return value.map((inner) => recoloured(inner, look));
+    if (value && typeof value === "object" && !ArrayBuffer.isView(value)) {
+      return Object.fromEntries(Object.entries(value).map(([key, inner]) => [key, recoloured(inner, look)]));
+    }
+    const index = look.dark ? look.light.indexOf(value) : -1;
+    return index < 0 ? value : look.palette[index];
+  }
+
+  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+
+  // What every figure of a page has in common.
+  const face = (look, narrow) => ({
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    font: { family: look.font, size: narrow ? 11 : 12, color: look.text },
+    hovermode: "closest",
+    hoverlabel: { align: "left", bgcolor: look.page, bordercolor: look.text, font: { color: look.text } },
+  });
+
+  // Draws {data, layout}; `own` returns what the page lays out otherwise. Resolves to the plot, or to null when
+  // another figure was asked for on the node meanwhile.
+  async function draw(node, figure, look, own = () => ({})) {
+    const turn = {};
+    turns.set(node, turn);
+    await library();
+    if (turns.get(node) !== turn || !node.isConnected) return null;
+    const layout = recoloured(figure.layout, look);
+    delete layout.title;
+    delete layout.template;
+    for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
+      Object.assign(layout[key], { gridcolor: look.rule, linecolor: look.rule, color: look.text, zeroline: false, automargin: true });
+      layout[key].title = { ...layout[key].title, standoff: 4 };
+    }
+    Object.assign(layout, face(look, node.clientWidth < 480));
+    Object.assign(layout, own(layout));
+    return Plotly.react(node, recoloured(figure.data, look), layout, config);
+  }
+
+  return { library, style, print, recoloured, config, face, draw };
+})();

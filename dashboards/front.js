@@ -1,0 +1,575 @@
+"use strict";
+// The front over two or three columns. In the plane, plotly draws axes, the joined front and what is marked, and a
+// canvas behind it every other point: twenty thousand of them follow a slider, which no chart library's do.
+const Front = (() => {
+  const BARS = 40; // intervals on a front: more would hide its points
+  const SPACE_POINTS = 2000; // dominated points drawn in space
+  const NEAR_PX = 16; // how far from a point a pointer means it
+  const SETTLED_MS = 150; // after a budget's last step: until then the canvas draws what plotly is too slow for
+  const FADE_MS = 1200; // of points that a running study adds
+  const HOVER_CHARACTERS = 60;
+  const BOTH = "all";
+  const POINTED = "pointed";
+  const [OUTSIDE, DIM, BEST, JOINED] = [0, 1, 2, 3]; // points: beyond a budget, dominated, on the front, on the joined one
+
+  const hasWebGL = (() => {
+    try {
+      return Boolean(document.createElement("canvas").getContext("webgl"));
+    } catch {
+      return false;
+    }
+  })();
+
+  const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+
+  function view(root, app) {
+    const { element, number, escaped, clip, title } = app;
+    const part = (name) => root.querySelector(name);
+    const [plot, canvas, ring, tip] = ["#plot", "#cloud", "#ring", "#tip"].map(part);
+    let shown = null;
+    let panels = []; // of the plane: {tasks, suffix, points: rows, kinds of each, line: the joined front}
+    let places = []; // of the canvas: {rows, x, y} in pixels, per panel
+    let known = new Set(); // keys of the points drawn before, so that new ones can fade in
+    let born = { rows: new Set(), at: -Infinity };
+
+    // ---- what is drawn
+
+    const flat = () => shown.state.view !== "3";
+    const axes = () => (flat() ? ["x", "y"] : ["x", "y", "z"]).map((axis) => shown.state[axis]);
+    // In space the vertical is plotly's z; the column chosen as y points up in both views.
+    const letters = () => (flat() ? "xy" : "xzy");
+    const taskOf = (row) => (shown.columns.task ? String(shown.columns.task.values[row]) : "");
+    const namesShown = () => (!shown.columns.task ? [""] : shown.state.task === BOTH ? app.distinct("task") : [shown.state.task]);
+    const drawable = () => shown.rows.filter((row) => axes().every((column) => !Number.isNaN(app.numbers(column)[row])));
+
+    function coordinates(some) {
+      return Object.fromEntries(axes().map((column, k) => [letters()[k], some.map((row) => app.numbers(column)[row])]));
+    }
+
+    // On a crowded front every n-th point carries its interval.
+    function bars(some, colour) {
+      const step = Math.ceil(some.length / BARS);
+      const thinned = (values) => some.map((row, k) => (k % step === 0 ? values[row] : null));
+      return Object.fromEntries(axes().flatMap((column, k) => {
+        const interval = shown.page.intervals[column];
+        return !interval ? [] : [[`error_${letters()[k]}`, {
+          type: "data", symmetric: false, color: `${colour}99`, thickness: 1, width: 2,
+          array: thinned(interval.high), arrayminus: thinned(interval.low),
+        }]];
+      }));
+    }
+
+    // A point that stays on the front in few draws of its chip's figures looks less certain.
+    function certainty(row) {
+      const share = shown.columns.front_share?.values[row];
+      return typeof share === "number" ? 0.25 + 0.75 * share : 1;
+    }
+
+    function hoverText(row) {
+      const { columns, objectives, page } = shown;
+      const lines = page.design.filter((column) => columns[column].values[row] !== null)
+        .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
+      const measured = [...new Set([...objectives, ...axes()])].filter((column) => !page.design.includes(column));
+      return [...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
+        .map((line) => clip(line, HOVER_CHARACTERS));
+    }
+
+    const colourOf = (name, look) => look.palette[Math.max(0, app.distinct("task").indexOf(name)) % look.palette.length];
+
+    const isOnFront = (row) => shown.onFront.has(row);
+
+    function panelsOf() {
+      const names = namesShown();
+      const front = shown.joined(axes());
+      const points = drawable();
+      const groups = shown.state.view === "s" && names.length > 1 ? names.map((name) => [name]) : [names];
+      return groups.map((tasks, k) => {
+        const mine = tasks.length === names.length ? points : points.filter((row) => tasks.includes(taskOf(row)));
+        const line = new Set((front ?? []).filter((row) => !shown.columns.task || tasks.includes(taskOf(row))));
+        const kinds = Uint8Array.from(mine, (row) => (line.has(row) ? JOINED : !shown.within(row) ? OUTSIDE : isOnFront(row) ? BEST : DIM));
+        return { tasks, suffix: k ? String(k + 1) : "", points: mine, kinds, line: [...line] };
+      });
+    }
+
+    // What the canvas draws of a panel, the least first. Dense clouds are thinner: the front stays what is seen first.
+    function layers({ kinds }) {
+      const counts = [0, 0, 0, 0];
+      for (const kind of kinds) counts[kind] += 1;
+      const thin = (kind, alpha) => Math.max(0.08, alpha * Math.min(1, Math.sqrt(1000 / counts[kind])));
+      return [
+        { kind: OUTSIDE, size: 2, alpha: thin(OUTSIDE, 0.2) }, { kind: DIM, size: 2.5, alpha: thin(DIM, 0.35) },
+        { kind: BEST, size: 3.5, alpha: 0.8 },
+      ];
+    }
+
+    function marked(look) {
+      const { budgeted, chosen, compared, columns } = shown;
+      const best = budgeted.pick >= 0 ? budgeted.pick : budgeted.nearest[0]?.row;
+      const symbol = (kind, size, width, colour) => ({ symbol: kind, color: colour, size, line: { color: colour, width } });
+      const inTask = (row) => row < 0 || shown.state.task === BOTH || !columns.task || taskOf(row) === shown.state.task;
+      const taskAt = ({ row, value }) => String((row < 0 ? value("task") : columns.task?.values[row]) ?? "");
+      const found = [];
+      if (budgeted.limits.length && best >= 0) {
+        const at = { row: best, value: (column) => columns[column].values[best] };
+        found.push({ at, task: taskAt(at), marker: symbol("diamond-open", 16, 2, look.text), name: budgeted.pick >= 0 ? "pick" : "nearest" });
+      }
+      compared.forEach((at, k) => found.push({ at, task: taskAt(at), marker: symbol("square-open", 16, 1.5, look.text), name: String(k + 1), words: true }));
+      if (chosen) found.push({ at: chosen, task: taskAt(chosen), marker: symbol("circle-open", 18, 2, look.text), name: "chosen" });
+      return found.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(at.value(column))));
+    }
+
+    const published = () => (shown.page.marks).filter(({ task, values }) =>
+      (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[column])));
+
+    // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
+    function planeTraces(look, whole) {
+      const { state, page } = shown;
+      const found = [];
+      for (const panel of panels) {
+        const on = { xaxis: `x${panel.suffix}`, yaxis: `y${panel.suffix}` };
+        const add = (trace) => found.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
+        if (panel.points.length) {
+          const reach = axes().map((column) => ends(panel.points.map((row) => app.numbers(column)[row])));
+          add({ x: reach[0], y: reach[1], marker: { opacity: 0 } }); // the axes reach over what the canvas draws
+        }
+        for (const name of panel.tasks) {
+          const colour = colourOf(name, look);
+          const mine = (rows) => rows.filter((row) => taskOf(row) === name);
+          if (whole) {
+            for (const { kind, size, alpha } of layers(panel)) {
+              const some = mine(panel.points.filter((_, k) => panel.kinds[k] === kind));
+              const marker = { color: kind === OUTSIDE ? look.quiet : colour, size: 2 * size, opacity: alpha, line: { width: 0 } };
+              if (some.length) add({ ...coordinates(some), marker });
+            }
+          }
+          const [xs, ys] = [state.x, state.y].map(app.numbers);
+          const line = mine(panel.line).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
+          if (!line.length) continue;
+          // The staircase is what the front attains: nothing lies beyond it.
+          add({ mode: "lines", ...coordinates(line), line: { color: colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh" } });
+          add({
+            ...coordinates(line), customdata: line, ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: panel.tasks.length > 1,
+            marker: { color: colour, size: 9, opacity: line.map(certainty), line: { color: look.page, width: 1 } },
+          });
+        }
+        const here = ({ task }) => panel.tasks.length !== 1 || !task || task === panel.tasks[0];
+        const cited = published().filter(here);
+        if (cited.length) {
+          add({
+            ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[column])])),
+            marker: { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } },
+            hoverinfo: "text", hovertext: cited.map(({ name, says }) => `${escaped(clip(name, 60))}<br>${escaped(clip(says, 120))}`),
+            name: "published", showlegend: true,
+          });
+        }
+        for (const { at, marker, name, words } of marked(look).filter(here)) {
+          add({
+            x: [at.value(state.x)], y: [at.value(state.y)], marker,
+            ...(words ? { mode: "markers+text", text: [name], textposition: "top right", textfont: { color: look.text } } : {}),
+          });
+        }
+      }
+      return found;
+    }
+
+    function spaceTraces(look) {
+      const found = [];
+      const front = shown.joined(axes());
+      const points = drawable();
+      for (const name of namesShown()) {
+        const colour = colourOf(name, look);
+        const mine = points.filter((row) => taskOf(row) === name);
+        const visible = new Set(mine);
+        const line = (front ?? []).filter((row) => visible.has(row));
+        const inLine = new Set(line);
+        const thinned = (rows) => rows.filter((_, k) => k % Math.ceil(rows.length / SPACE_POINTS) === 0);
+        const add = (rows, marker, more = {}) => rows.length && found.push({
+          type: "scatter3d", mode: "markers", ...coordinates(rows), customdata: rows, legendgroup: name, showlegend: false,
+          text: rows.map((row) => hoverText(row).map(escaped).join("<br>")), hovertemplate: "%{text}<extra></extra>", marker, ...more,
+        });
+        const cloud = mine.filter((row) => !inLine.has(row));
+        add(thinned(cloud.filter((row) => !shown.within(row))), { color: look.quiet, size: 2, opacity: 0.12, line: { width: 0 } });
+        add(thinned(cloud.filter((row) => shown.within(row) && !isOnFront(row))), { color: colour, size: 3, opacity: 0.22, line: { width: 0 } });
+        const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
+        add(best, { color: colour, size: 4, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
+        if (line.length > 3) {
+          found.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
+        }
+        add(line, { color: colour, size: 6, line: { color: look.page, width: 1 } },
+          { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 });
+      }
+      const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => value(column))]));
+      const cited = published();
+      if (cited.length) {
+        found.push({
+          type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[column])), name: "published",
+          text: cited.map(({ name, says }) => `${escaped(clip(name, 60))}<br>${escaped(clip(says, 120))}`), hovertemplate: "%{text}<extra></extra>",
+          marker: { symbol: "cross", size: 4, color: look.quiet }, showlegend: true,
+        });
+      }
+      for (const { at: point, marker, name, words } of marked(look)) {
+        found.push({
+          type: "scatter3d", mode: words ? "markers+text" : "markers", ...at([point.value]), hoverinfo: "skip", showlegend: false,
+          marker: { ...marker, size: 0.65 * marker.size }, ...(words ? { text: [name], textfont: { color: look.text } } : {}),
+        });
+      }
+      found.push({
+        type: "scatter3d", mode: "markers", x: [], y: [], z: [], name: POINTED, hoverinfo: "skip", showlegend: false,
+        marker: { symbol: "circle-open", size: 12, color: look.text, line: { color: look.text, width: 2 } },
+      });
+      return found;
+    }
+
+    // ---- its frame
+
+    function axis(letter, look) {
+      const { state } = shown;
+      const log = state[`l${letter}`] === "1";
+      return {
+        title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
+        gridcolor: look.rule, linecolor: look.rule, zeroline: false, exponentformat: "SI", minexponent: 4, showbackground: false,
+        color: look.text, ...(log && flat() ? { dtick: "D2" } : {}),
+      };
+    }
+
+    // A narrow figure is seen from further away, so that its axes stay inside.
+    function camera(narrow) {
+      const far = narrow ? 1.5 : 1;
+      return { eye: { x: 1.7 * far, y: -1.9 * far, z: 0.6 * far }, center: { x: 0, y: 0, z: -0.25 } };
+    }
+
+    function layout(look) {
+      const { state } = shown;
+      const narrow = plot.clientWidth < 560;
+      const found = {
+        ...Figure.face(look, narrow),
+        margin: flat() ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
+        legend: { orientation: "h", x: 0, y: 1.08, itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
+        uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
+      };
+      if (!flat()) {
+        found.scene = {
+          xaxis: axis("x", look), yaxis: axis("z", look), zaxis: axis("y", look), aspectmode: "manual",
+          aspectratio: { x: 1.5, y: 1.5, z: 1 }, camera: camera(narrow),
+        };
+        return found;
+      }
+      panels.forEach(({ suffix, tasks }, k) => {
+        const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
+        found[`xaxis${suffix}`] = { ...axis("x", look), domain: [low, high], anchor: `y${suffix}` };
+        found[`yaxis${suffix}`] = { ...axis("y", look), anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
+        if (panels.length > 1) {
+          (found.annotations ??= []).push({
+            text: escaped(clip(tasks[0], 40)), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
+            showarrow: false, font: { color: colourOf(tasks[0], look) },
+          });
+        }
+      });
+      return found;
+    }
+
+    // ---- the canvas behind the axes
+
+    // Where a panel's values lie in pixels; what a logarithm cannot show lies nowhere.
+    function projected(panel) {
+      const frame = plot._fullLayout;
+      return ["x", "y"].map((letter) => {
+        const along = frame[`${letter}axis${panel.suffix}`];
+        const log = along.type === "log";
+        return (value) => along._offset + along.l2p(log ? Math.log10(value) : value);
+      });
+    }
+
+    function paint() {
+      const frame = plot._fullLayout;
+      const ratio = devicePixelRatio || 1;
+      const [width, height] = [plot.clientWidth, plot.clientHeight];
+      if (canvas.width !== width * ratio || canvas.height !== height * ratio) [canvas.width, canvas.height] = [width * ratio, height * ratio];
+      const brush = canvas.getContext("2d");
+      brush.setTransform(ratio, 0, 0, ratio, 0, 0);
+      brush.clearRect(0, 0, width, height);
+      places = [];
+      if (!shown || !flat() || !frame?.xaxis || plot.dataset.view !== drawnView()) return;
+      const look = app.style();
+      const age = Math.min(1, (performance.now() - born.at) / FADE_MS);
+      for (const panel of panels) {
+        const [alongX, alongY] = [frame[`xaxis${panel.suffix}`], frame[`yaxis${panel.suffix}`]];
+        if (!alongX || !alongY) return;
+        const [toX, toY] = projected(panel);
+        const [xs, ys] = axes().map(app.numbers);
+        const { points, kinds } = panel;
+        const place = { rows: points, x: Float32Array.from(points, (row) => toX(xs[row])), y: Float32Array.from(points, (row) => toY(ys[row])) };
+        places.push(place);
+        brush.save();
+        brush.beginPath();
+        brush.rect(alongX._offset, alongY._offset, alongX._length, alongY._length);
+        brush.clip();
+        bins(brush, panel, toX, toY, look);
+        const fresh = (k) => (age < 1 && born.rows.has(points[k]) ? age : 1);
+        for (const { kind, size, alpha } of layers(panel)) {
+          for (const name of panel.tasks) {
+            brush.fillStyle = kind === OUTSIDE ? look.quiet : colourOf(name, look);
+            brush.globalAlpha = alpha;
+            for (let k = 0; k < points.length; k += 1) {
+              if (kinds[k] !== kind || (panel.tasks.length > 1 && taskOf(points[k]) !== name)) continue;
+              if (age < 1) brush.globalAlpha = alpha * fresh(k);
+              if (kind === BEST) {
+                brush.globalAlpha = alpha * certainty(points[k]) * fresh(k);
+                brush.beginPath();
+                brush.arc(place.x[k], place.y[k], size, 0, 7);
+                brush.fill();
+              } else {
+                brush.fillRect(place.x[k] - size, place.y[k] - size, 2 * size, 2 * size);
+              }
+            }
+          }
+        }
+        if (isStale()) sketch(brush, panel, toX, toY, look);
+        brush.restore();
+      }
+      if (age < 1) requestAnimationFrame(paint);
+    }
+
+    // The joined front and the marks, without intervals.
+    const isStale = () => plot.classList.contains("stale");
+    function sketch(brush, panel, toX, toY, look) {
+      const { state, page } = shown;
+      const [xs, ys] = axes().map(app.numbers);
+      brush.globalAlpha = 1;
+      for (const name of panel.tasks) {
+        const line = panel.line.filter((row) => taskOf(row) === name).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
+        brush.strokeStyle = brush.fillStyle = colourOf(name, look);
+        brush.lineWidth = 1.5;
+        brush.beginPath();
+        line.forEach((row, k) => {
+          const [x, y] = [toX(xs[row]), toY(ys[row])];
+          if (k === 0) brush.moveTo(x, y);
+          else if (page.objectives[state.x] === "min") brush.lineTo(x, toY(ys[line[k - 1]]));
+          else brush.lineTo(toX(xs[line[k - 1]]), y);
+          brush.lineTo(x, y);
+        });
+        brush.stroke();
+        for (const row of line) {
+          brush.beginPath();
+          brush.arc(toX(xs[row]), toY(ys[row]), 4.5, 0, 7);
+          brush.fill();
+        }
+      }
+      brush.strokeStyle = look.text;
+      brush.lineWidth = 2;
+      for (const { at, task, marker } of marked(look)) {
+        if (panel.tasks.length === 1 && task && task !== panel.tasks[0]) continue;
+        const [x, y, r] = [toX(at.value(state.x)), toY(at.value(state.y)), marker.size / 2];
+        const corners = { "diamond-open": [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]], "square-open": [[-1, -1], [1, -1], [1, 1], [-1, 1]] }[marker.symbol];
+        brush.beginPath();
+        if (corners) {
+          for (const [right, down] of corners) brush.lineTo(x + r * right, y + r * down);
+          brush.closePath();
+        } else {
+          brush.arc(x, y, r, 0, 7);
+        }
+        brush.stroke();
+      }
+    }
+
+    // How many of all points lie where, behind a sample of them.
+    function bins(brush, panel, toX, toY, look) {
+      const { state, page } = shown;
+      for (const { task, hardware, x, y, x_edges, y_edges, counts } of page.bins) {
+        const isShown = (!task || panel.tasks.includes(task)) && (!hardware || hardware === state.hardware);
+        const turned = x === state.y && y === state.x;
+        if (!isShown || state.family !== BOTH || !(turned || (x === state.x && y === state.y))) continue;
+        const [right, up] = turned ? [y_edges, x_edges] : [x_edges, y_edges];
+        const most = Math.log1p(Math.max(...counts.map(([, , n]) => n)));
+        brush.fillStyle = look.quiet;
+        for (const [first, second, n] of counts) {
+          const [i, j] = turned ? [second, first] : [first, second];
+          brush.globalAlpha = (0.25 * Math.log1p(n)) / most;
+          const [left, bottom, edge, top] = [toX(right[i]), toY(up[j]), toX(right[i + 1]), toY(up[j + 1])];
+          brush.fillRect(left, top, edge - left, bottom - top);
+        }
+      }
+    }
+
+    const drawnView = () => `${shown.state.view}|${panels.length}|${axes().join("|")}|${shown.state.lx}${shown.state.ly}`;
+
+    // ---- pointing
+
+    function nearest(event) {
+      const box = plot.getBoundingClientRect();
+      const [px, py] = [event.clientX - box.left, event.clientY - box.top];
+      let [best, least] = [-1, NEAR_PX ** 2];
+      for (const { rows, x, y } of places) {
+        for (let k = 0; k < rows.length; k += 1) {
+          // Of points on the same spot, one on the front is meant.
+          const distance = (x[k] - px) ** 2 + (y[k] - py) ** 2 + (isOnFront(rows[k]) ? 0 : 4);
+          if (distance < least) [best, least] = [rows[k], distance];
+        }
+      }
+      return best;
+    }
+
+    function spot(row) {
+      for (const { rows, x, y } of places) {
+        const k = rows.indexOf(row);
+        if (k >= 0) return [x[k], y[k]];
+      }
+      return null;
+    }
+
+    function say(row) {
+      const at = row >= 0 ? spot(row) : null;
+      tip.hidden = at === null;
+      if (at === null) return;
+      tip.replaceChildren(...hoverText(row).map((text) => element("div", { textContent: text })));
+      const width = plot.clientWidth;
+      tip.style.left = `${at[0] > width / 2 ? "" : at[0] + 12}px`;
+      tip.style.right = `${at[0] > width / 2 ? width - at[0] + 12 : ""}px`;
+      tip.style.top = `${Math.max(0, Math.min(at[1] - 16, plot.clientHeight - tip.offsetHeight))}px`;
+    }
+
+    let [pressed, pointed] = [null, -1];
+    plot.addEventListener("pointermove", (event) => {
+      if (!shown || !flat() || event.buttons) return;
+      const row = nearest(event);
+      if (row === pointed) return;
+      pointed = row;
+      say(row);
+      app.hover(row < 0 ? null : app.keyOf(row));
+    });
+    plot.addEventListener("pointerleave", () => {
+      pointed = -1;
+      say(-1);
+      app.hover(null);
+    });
+    // Plotly covers the page while a button is held: what is pressed and let go on one spot is a choice.
+    plot.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; }, true);
+    addEventListener("pointerup", (event) => {
+      const still = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4;
+      pressed = null;
+      if (!shown || !flat() || !still) return;
+      const row = nearest(event);
+      if (row >= 0) app.change({ chosen: app.keyOf(row) });
+    }, true);
+
+    // In space the mark is a trace of its own, the last: it moves at most once a frame.
+    let marking = null;
+    function markInSpace(row) {
+      const waiting = marking !== null;
+      marking = row;
+      if (waiting) return;
+      requestAnimationFrame(() => {
+        const at = axes().map((column) => (marking >= 0 ? app.numbers(column)[marking] : NaN));
+        marking = null;
+        if (flat() || !plot.data?.length || plot.data.at(-1).name !== POINTED) return;
+        const values = Object.fromEntries(at.map((value, k) => [letters()[k], [Number.isNaN(value) ? [] : [value]]]));
+        Plotly.restyle(plot, values, [plot.data.length - 1]);
+      });
+    }
+
+    function hover(key) {
+      const row = key === null ? -1 : app.rowOf(key);
+      if (shown && !flat()) {
+        markInSpace(row);
+        return;
+      }
+      const at = row >= 0 && shown ? spot(row) : null;
+      ring.hidden = at === null;
+      if (at !== null) ring.style.transform = `translate(${at[0] - 9}px, ${at[1] - 9}px)`;
+    }
+
+    // ---- drawing
+
+    let listening = null;
+    function listen() {
+      if (listening === plot._ev) return;
+      listening = plot._ev;
+      paint(); // from now on with every drawing
+      plot.on("plotly_afterplot", paint);
+      plot.on("plotly_relayouting", paint);
+      plot.on("plotly_click", (event) => {
+        const row = event.points[0].customdata;
+        if (!flat() && row !== undefined) app.change({ chosen: app.keyOf(row) });
+      });
+      plot.on("plotly_hover", (event) => { if (!flat()) app.hover(app.keyOf(event.points[0].customdata)); });
+      plot.on("plotly_unhover", () => { if (!flat()) app.hover(null); });
+    }
+
+    let drawing;
+    function draw() {
+      if (!flat() && !hasWebGL) {
+        if (window.Plotly) Plotly.purge(plot);
+        plot.textContent = "The 3-D view needs WebGL, which this browser does not offer. The 2-D view works.";
+        return;
+      }
+      const mine = shown;
+      Figure.library().then(() => {
+        if (mine !== shown) return;
+        const look = app.style();
+        const space = String(!flat());
+        if (plot.dataset.space !== space) Plotly.purge(plot);
+        plot.dataset.space = space;
+        plot.dataset.view = drawnView();
+        plot.classList.remove("stale");
+        Plotly.react(plot, flat() ? planeTraces(look, false) : spaceTraces(look), layout(look), Figure.config).then(listen);
+      });
+    }
+
+    function describe() {
+      const { columns, objectives, budgeted, state } = shown;
+      const front = shown.joined(axes());
+      const said = axes().map((column) => columns[column].label);
+      const every = app.plural(objectives.length, "objective");
+      const words = front
+        ? `${flat() ? "Joined" : "Large"}: the front of ${said.slice(0, -1).join(", ")} and ${said.at(-1)} alone. ` +
+          `Solid: the front over all ${every}. Dim: dominated. Bars: one standard error, or the model's interval.`
+        : `Solid: the front over all ${every}. Dim: dominated.`;
+      const limited = budgeted.limits.length ? ` Grey: outside the budgets. Diamond: the ${budgeted.pick >= 0 ? "pick" : "nearest"}.` : "";
+      const cited = published().length ? " Crosses: published figures of other systems, on their own data." : "";
+      part("#caption").textContent = words + limited + cited;
+      const rows = (front ?? budgeted.front).filter((row) => state.task === BOTH || !columns.task || taskOf(row) === state.task);
+      const ranges = !rows.length ? ["nothing is within the budgets"] : axes().map((column) => {
+        const [low, high] = ends(rows.map((row) => app.numbers(column)[row]).filter((value) => !Number.isNaN(value)));
+        return `${title(column)} ${number(low)} to ${number(high)}`;
+      });
+      plot.setAttribute("aria-label", `${said.join(" against ")}: ${rows.length} points on the front, ${ranges.join(", ")}. The table below holds the numbers.`);
+    }
+
+    function fresh() {
+      const keys = new Set(shown.rows.map(app.keyOf));
+      const added = shown.rows.filter((row) => !known.has(app.keyOf(row)));
+      const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+      if (known.size && !still) born = { rows: new Set(added), at: added.length ? performance.now() : born.at };
+      known = keys;
+    }
+
+    function render(next) {
+      const isNew = shown?.page !== next.page;
+      shown = next;
+      if (isNew) fresh();
+      panels = flat() ? panelsOf() : [];
+      ring.hidden = tip.hidden = true;
+      pointed = -1;
+      clearTimeout(drawing);
+      // Axes that stay need no drawing at once.
+      const isMoving = next.moving && flat() && plot.dataset.view === drawnView();
+      plot.classList.toggle("stale", isMoving);
+      paint();
+      if (isMoving) drawing = setTimeout(draw, SETTLED_MS);
+      else draw();
+      describe();
+    }
+
+    // The figure as a picture, in the colours of print: a data address.
+    async function image(format) {
+      await Figure.library();
+      const look = Figure.print(shown.page.palette);
+      const figure = { data: flat() ? planeTraces(look, true) : spaceTraces(look), layout: { ...layout(look), paper_bgcolor: look.page } };
+      return Plotly.toImage(figure, { format, width: plot.clientWidth, height: plot.clientHeight, scale: format === "png" ? 2 : 1 });
+    }
+
+    return { render, hover, image };
+  }
+
+  return { view, hasWebGL };
+})();

@@ -1,0 +1,146 @@
+"use strict";
+// How the study goes, in a line; behind it how its front grew, and what is under way, failed or was pruned.
+const Progress = (() => {
+  const [WIDTH, HEIGHT] = [560, 240]; // of the figure, in px, at least
+  const FAR = "\u202f"; // between a number and its unit
+
+  function duration(seconds) {
+    if (seconds < 60) return `${Math.ceil(seconds)}${FAR}s`;
+    const minutes = Math.round(seconds / 60);
+    if (minutes < 60) return `${minutes}${FAR}min`;
+    const hours = Math.round(seconds / 360) / 10;
+    return hours < 10 ? `${hours}${FAR}h` : `${Math.round(seconds / 3600).toLocaleString("en").replace(/,/g, FAR)}${FAR}h`;
+  }
+
+  const grouped = (n) => n.toLocaleString("en").replace(/,/g, FAR);
+  const share = (done, total) => (total === null ? grouped(done) : `${grouped(done)}/${grouped(total)}`);
+
+  // A study that nobody serves may have been stopped: what it had begun is then not running.
+  function summary({ trials, runs, hours, time_left_s: left }, isLive) {
+    const repeated = runs.total === null ? runs.done > trials.done : runs.total > trials.total;
+    return [
+      `${share(trials.done, trials.total)} done`,
+      repeated ? `${share(runs.done, runs.total)} runs` : "",
+      trials.running ? `${grouped(trials.running)} ${isLive ? "running" : "begun"}` : "",
+      trials.failed ? `${grouped(trials.failed)} failed` : "",
+      trials.pruned ? `${grouped(trials.pruned)} pruned` : "",
+      hours ? `${duration(3600 * hours)} spent` : "",
+      left === null ? "" : `${duration(left)} left`,
+    ].filter(Boolean).join(" · ");
+  }
+
+  function view(root, app) {
+    const { element, clip, number, plural } = app;
+    const line = element("summary");
+    const plot = element("div", { className: "plot" });
+    plot.setAttribute("role", "img");
+    const said = element("p", { className: "said" });
+    const figure = element("div", { className: "growth" }, plot, said, element("span", { className: "save" }));
+    const lists = element("div", { className: "lists" });
+    const box = element("details", {}, line, element("div", { className: "body" }, figure, lists));
+    root.append(box);
+    let [shown, drawn, listed, isFirst] = [null, "", null, true];
+    box.addEventListener("toggle", () => draw());
+
+    const isChosen = ({ task, hardware }, { state }) =>
+      (!task || !shown.columns.task || state.task === "all" || state.task === task)
+      && (!hardware || !state.hardware || state.hardware === hardware);
+
+    // The curves of the task and the chip that the page shows.
+    function chosen() {
+      const { figure: whole } = shown.page.progress;
+      const traces = whole.data.filter(({ meta }) => isChosen(meta, shown));
+      const several = new Set(traces.map(({ name }) => name)).size > 1;
+      const data = traces.map((trace) => ({ ...trace, showlegend: several && trace.showlegend }));
+      return { data, layout: { ...whole.layout, margin: { ...whole.layout.margin, t: several ? 32 : 8 } } };
+    }
+
+    function words() {
+      const ends = shown.page.progress.hypervolume.filter((one) => isChosen(one, shown));
+      return ends.map(({ task, hardware, hypervolume, trials, hours }) =>
+        `${[task, hardware].filter(Boolean).map((text) => clip(text, 40)).join(" on ") || "all designs"}: hypervolume ` +
+        `${number(hypervolume, true)} after ${plural(trials, "trial")}${hours === null ? "" : ` and ${duration(3600 * hours)}`}`);
+    }
+
+    function draw() {
+      const { progress } = shown?.page ?? {};
+      const has = Boolean(progress?.figure) && chosen().data.length > 0;
+      figure.hidden = !has;
+      if (!has || !box.open) return;
+      const look = app.style();
+      const asked = JSON.stringify([progress.hypervolume, progress.trials.done, words(), look.dark]);
+      if (asked === drawn) return;
+      drawn = asked;
+      plot.setAttribute("aria-label", `How the front grew. ${words().join("; ")}.`);
+      said.textContent = `Hypervolume of the front, in steps: ${words().join("; ")}. ` +
+        "Normalised over all designs of a task and a chip, without budgets; 1 would be a design that is best in everything.";
+      Figure.draw(plot, chosen(), look);
+    }
+
+    const more = (n) => (n > 0 ? `, and ${grouped(n)} more` : "");
+
+    // Trials that ended alike, with their reasons; a list that was opened stays so.
+    function reasons(word, count, groups) {
+      if (!count) return [];
+      const told = groups.reduce((sum, group) => sum + group.count, 0);
+      const items = groups.map(({ reason, count: n, trials }) => element("li", {}, element("details", {},
+        element("summary", { title: reason }, element("b", { textContent: `${grouped(n)} × ` }), clip(reason, 120),
+          element("small", { textContent: ` trial ${trials[0]}${n > 1 ? " first" : ""}` })),
+        element("p", { textContent: `${n > 1 ? "trials" : "trial"} ${trials.join(", ")}${more(n - trials.length)}` }))));
+      if (told < count) items.push(element("li", { textContent: `${grouped(count - told)} more for other reasons` }));
+      return [element("h2", { textContent: `${grouped(count)} ${word}` }), element("ul", {}, ...items)];
+    }
+
+    const setting = (value) => (typeof value === "object" ? JSON.stringify(value) : number(value));
+
+    function running({ trials, running: begun }) {
+      if (!trials.running) return [];
+      const heading = Details.isServed(shown.page) ? "running, or waiting for a worker" : "begun and not finished";
+      const items = begun.map(({ trial, design }) => {
+        const text = Object.entries(design).map(([key, value]) => `${key} ${setting(value)}`).join(", ");
+        return element("li", { title: text }, element("b", { textContent: `trial ${trial} ` }), clip(text, 160));
+      });
+      const rest = trials.running - begun.length;
+      if (rest > 0) items.push(element("li", { textContent: `${grouped(rest)} more` }));
+      return [element("h2", { textContent: `${grouped(trials.running)} ${heading}` }), element("ul", {}, ...items)];
+    }
+
+    function list(progress) {
+      const open = new Set([...lists.querySelectorAll("details[open] > summary")].map((node) => node.title));
+      lists.replaceChildren(
+        ...reasons("failed", progress.trials.failed, progress.failed),
+        ...reasons("pruned", progress.trials.pruned, progress.pruned),
+        ...running(progress),
+        ...(progress.last ? [element("p", { className: "last", textContent: `A run last ended at ${progress.last.replace("T", " ").replace("+00:00", " UTC")}.` })] : []),
+      );
+      for (const node of lists.querySelectorAll("details > summary")) node.parentElement.open = open.has(node.title);
+    }
+
+    function render(now) {
+      shown = now;
+      const { progress, state } = shown.page;
+      root.hidden = !progress;
+      if (!progress || shown.moving) return;
+      if (isFirst) box.open = state !== null; // where nothing else is there to look at
+      isFirst = false;
+      line.textContent = summary(progress, Details.isServed(shown.page));
+      if (listed !== progress) list(progress);
+      listed = progress;
+      draw();
+    }
+
+    // The figure as a picture, in the colours of print: a data address.
+    async function image(format) {
+      await Figure.library();
+      const look = Figure.print(shown.page.palette);
+      const { data, layout } = chosen();
+      const size = { width: Math.max(WIDTH, plot.clientWidth), height: Math.max(HEIGHT, plot.clientHeight) };
+      const printed = { ...layout, font: { family: look.font, color: look.text }, paper_bgcolor: look.page, plot_bgcolor: look.page };
+      return Plotly.toImage({ data, layout: printed }, { format, ...size, scale: format === "png" ? 2 : 1 });
+    }
+
+    return { render, hover() {}, image };
+  }
+
+  return { view, duration, summary };
+})();

@@ -1,0 +1,196 @@
+"""What a page has and opens with, as YAML: a file of `dashboards/`, or one's own.
+
+Studies have different columns, so that one which a study lacks is no fault of the file: its page says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.values import INVALID, Report, dotted, echo, read
+from dse.config.yaml_lines import Document, in_file_order, read_document
+from dse.config.yaml_lines import Path as Keys
+from dse.dashboard.sources import sources
+from dse.registry import Rule, param, rule_of
+
+View = Literal["front", "parallel", "table", "design", "compare", "progress"]
+Tab = Literal["confusion", "surface", "raster", "energy", "cores", "learning", "bits"]
+DEFAULT = "study"
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class FrontView:
+    """The figure of the front. What is None, the page chooses from the objectives."""
+
+    x: str | None = param(None, doc="column drawn to the right", axis=False)
+    y: str | None = param(None, doc="column drawn upwards", axis=False)
+    z: str | None = param(None, doc="column drawn in depth, where there are three", axis=False)
+    dimensions: int = param(2, doc="of the figure as the page opens", choices=(2, 3), axis=False)
+    log: tuple[str, ...] = param(
+        (), doc="columns drawn in logarithms, beside those that span more than two decades", axis=False
+    )
+
+
+@dataclass(frozen=True)
+class Definition:
+    """The keys of a page definition. What is None, the page chooses."""
+
+    title: str = param("", doc="text beside the name of the study", axis=False)
+    views: tuple[View, ...] = param(typing.get_args(View), doc="parts of the page, in order", axis=False)
+    front: FrontView = field(
+        default_factory=FrontView,
+        metadata={"rule": Rule("figure of the front: x, y, z, dimensions, log", axis=False)},
+    )
+    parallel: tuple[str, ...] | None = param(
+        None,
+        doc="columns of the parallel coordinates, in order, null: objectives, budgets and axes that vary",
+        axis=False,
+    )
+    table: tuple[str, ...] | None = param(
+        None, doc="columns after the trial and task, null: objectives and axes that vary", axis=False
+    )
+    design: tuple[Tab, ...] = param(typing.get_args(Tab), doc="tabs of a design, in order", axis=False)
+    budgets: Mapping[str, float] = field(
+        default_factory=dict,
+        metadata={"rule": Rule("limits that the page opens with, by column", axis=False)},
+    )
+    sort: str | None = param(
+        None, doc="column that the table is sorted by, null: the first objective", axis=False
+    )
+
+
+def shipped_definitions() -> dict[str, Path]:
+    """Return the page definitions that come with the package (in a clone: `dashboards/`), by name."""
+    return {path.stem: path for path in sorted(sources().glob("*.yaml"))}
+
+
+def load(name: str | Path = DEFAULT) -> Definition:
+    """Read a page definition by the name of one that the package holds, or from a file.
+
+    Raises:
+        ConfigError: no such definition, or everything that is wrong with the file.
+    """
+    document = read_document(_found(str(name)), {})
+    faults = list(document.faults)
+    values = {} if faults else _values(document, faults)
+    if faults:
+        raise in_file_order(faults)
+    return Definition(**{**values, "front": FrontView(**values.get("front", {}))})
+
+
+def _found(name: str) -> Path:
+    shipped = shipped_definitions()
+    if name in shipped:
+        return shipped[name]
+    if not Path(name).is_file():
+        text = f"no such file, nor a page of this name; {known_names(Path(name).stem, shipped)}"
+        raise ConfigError([Fault(name, 0, text)])
+    return Path(name)
+
+
+def _values(document: Document, faults: list[Fault]) -> dict[str, Any]:
+    """Return the keys of the file that are right, each in its type."""
+
+    def report(path: Keys, message: str) -> None:
+        faults.append(document.fault(path, message))
+
+    if not isinstance(document.data, dict):
+        report((), f"a page definition must be a mapping of keys to values, got {echo(document.data)}")
+        return {}
+    known = {own.name: own for own in dataclasses.fields(Definition)}
+    hints = typing.get_type_hints(Definition)
+    found = {}
+    for key, given in document.data.items():
+        if key not in known:
+            report((key,), f"unknown key '{key}'; {known_names(key, known)}")
+            continue
+        value = read(given, hints[key], rule_of(known[key]), (key,), report)
+        if value is not INVALID:
+            found[key] = value
+    _no_twins(document.data, report)
+    if found.get("views") == ():
+        report(("views",), "views must name at least one part of the page, got []")
+    return found
+
+
+def _no_twins(data: Mapping[str, Any], report: Report) -> None:
+    """Report what a list names twice, and a column on two axes."""
+    front = data["front"] if isinstance(data.get("front"), dict) else {}
+    lists: dict[Keys, Any] = {(key,): data.get(key) for key in ("views", "parallel", "table", "design")}
+    lists["front", "log"] = front.get("log")
+    for path, names in lists.items():
+        for place, name in enumerate(names if isinstance(names, list) else ()):
+            if name in names[:place]:
+                report((*path, place), f"{dotted(path)} must name nothing twice, got {echo(name)} again")
+    axes = [axis for axis in _AXES if front.get(axis) is not None]
+    for place, axis in enumerate(axes):
+        same = [other for other in axes[:place] if front[other] == front[axis]]
+        if same:
+            must = f"front.{axis} must be another column than front.{same[0]}"
+            report(("front", axis), f"{must}, got {echo(front[axis])} twice")
+
+
+def definition_for(
+    definition: Definition, columns: Mapping[str, Mapping[str, Any]], budgets: Collection[str]
+) -> tuple[dict[str, Any], list[str]]:
+    """Return what a study's page can show of a definition, and sentences about the rest.
+
+    Args:
+        definition: of the page.
+        columns: those of the page with their `values`; none: nothing was measured yet, and nothing is said.
+        budgets: columns that have a budget.
+
+    Returns:
+        title: text, '' without one;
+        views, design: names of parts and of tabs, in order;
+        front: {x, y, z: column or None, dimensions: 2 or 3, log: columns};
+        parallel, table: columns in order, or None; sort: column or None;
+        budgets: {column: number}.
+        None is left to the page, as is an axis whose column has no numbers.
+    """
+    front = definition.front
+    axes = {axis: getattr(front, axis) for axis in _AXES}
+    numeric = {name for name, column in columns.items() if any(map(_is_number, column["values"]))}
+
+    def there(names: Sequence[str] | None) -> list[str] | None:
+        return [name for name in names or () if name in columns] or None
+
+    page = {
+        "title": definition.title,
+        "views": list(definition.views),
+        "front": {
+            **{axis: name if name in numeric else None for axis, name in axes.items()},
+            "dimensions": front.dimensions,
+            "log": [name for name in front.log if name in columns],
+        },
+        "parallel": there(definition.parallel),
+        "table": there(definition.table),
+        "design": list(definition.design),
+        "budgets": {name: limit for name, limit in definition.budgets.items() if name in budgets},
+        "sort": definition.sort if definition.sort in columns else None,
+    }
+    drawn = [name for name in axes.values() if name is not None]
+    named = [*drawn, *(definition.parallel or ()), *(definition.table or ()), *definition.budgets]
+    named += [] if definition.sort is None else [definition.sort]
+    told = {
+        "has no": [name for name in named if name not in columns],
+        "has no numbers to draw in": [name for name in drawn if name in columns and name not in numeric],
+        "has no budget of": [name for name in definition.budgets if name in columns and name not in budgets],
+    }
+    notes = [
+        f"This study {lacks} {', '.join(dict.fromkeys(names))}, which the page's definition names."
+        for lacks, names in told.items()
+        if names and columns
+    ]
+    return page, notes
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

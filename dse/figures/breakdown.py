@@ -1,0 +1,144 @@
+"""Where the energy of an inference goes on one hardware: dynamic energy by cause, and static energy."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse.figures.labels import OKABE_ITO_LIGHT, short
+from dse.hardware.cost import Cost
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+DYNAMIC, STATIC, TOTAL = OKABE_ITO_LIGHT[0], OKABE_ITO_LIGHT[4], OKABE_ITO_LIGHT[2]
+QUIET = "rgba(127, 135, 145, 0.9)"
+_BARS = 0.68  # share of the width that the longest bar takes; the rest is for its numbers
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """Energy per inference, computing flat out; means over the repeats of a design.
+
+    causes, dynamic_uj: what happens, dearest first, and what it costs, (cause,); causes that cost nothing
+        are left out.
+    static_uj: static energy while computing.
+    energy_uj: all of it, with the ends of its interval.
+
+    All but the ends are NaN, and there are no causes, where the profile gives intervals only.
+    """
+
+    causes: tuple[str, ...]
+    dynamic_uj: Array
+    static_uj: float
+    energy_uj: float
+    energy_uj_low: float
+    energy_uj_high: float
+
+
+def gather_breakdown(costs: Sequence[Cost]) -> Breakdown:
+    """Gather where the energy goes.
+
+    Args:
+        costs: of one inference each, by the runs of a design on one hardware.
+
+    Raises:
+        ValueError: there are no costs, or they are of several inferences.
+    """
+    if not costs or any(np.size(cost.energy_uj) != 1 for cost in costs):
+        raise ValueError("costs must be one or more, of one inference each")
+
+    def mean(name: str) -> float:
+        return float(np.mean([np.asarray(getattr(cost, name)).item() for cost in costs]))
+
+    by_cause = {
+        cause: float(np.mean([np.asarray(cost.breakdown[cause]).item() for cost in costs]))
+        for cause in costs[0].breakdown
+    }
+    paid = sorted(((cause, uj) for cause, uj in by_cause.items() if uj > 0), key=lambda pair: -pair[1])
+    return Breakdown(
+        causes=tuple(cause for cause, _ in paid),
+        dynamic_uj=np.array([uj for _, uj in paid]),
+        static_uj=mean("static_uj"),
+        energy_uj=mean("energy_uj"),
+        energy_uj_low=mean("energy_uj_low"),
+        energy_uj_high=mean("energy_uj_high"),
+    )
+
+
+def draw_breakdown(breakdown: Breakdown) -> plotly.graph_objects.Figure:
+    """Draw a bar for every cause, for static energy, and for all together, which has the interval."""
+    import plotly.graph_objects as go
+
+    rows = [
+        (cause.replace("_", " "), float(uj), DYNAMIC)
+        for cause, uj in zip(breakdown.causes, breakdown.dynamic_uj, strict=True)
+    ]
+    if breakdown.static_uj > 0:
+        rows.append(("static", breakdown.static_uj, STATIC))
+    low, high = breakdown.energy_uj_low, breakdown.energy_uj_high
+    known = bool(np.isfinite(breakdown.energy_uj))
+    # Without a value, the bar of the total lies between the ends of its interval.
+    total = breakdown.energy_uj if known else high - low
+    told = (
+        f"{short(breakdown.energy_uj)} ({short(low)}–{short(high)})"
+        if known
+        else f"{short(low)}–{short(high)}"
+    )
+    names = [html.escape(name, quote=False) for name, _, _ in rows] + ["total"]
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "y": list(range(len(names))),
+        "x": [uj for _, uj, _ in rows] + [total],
+        "base": [0.0] * len(rows) + [0.0 if known else low],
+        "marker": {"color": [colour for _, _, colour in rows] + [TOTAL]},
+        "error_x": {
+            "type": "data",
+            "symmetric": False,
+            "array": [0.0] * len(rows) + [high - breakdown.energy_uj if known else 0.0],
+            "arrayminus": [0.0] * len(rows) + [breakdown.energy_uj - low if known else 0.0],
+            "thickness": 1,
+            "width": 4,
+            "color": QUIET,
+        },
+        "customdata": [f"{name}: {short(uj)} µJ" for name, (_, uj, _) in zip(names, rows, strict=False)]
+        + [f"total: {told} µJ"],
+        "hovertemplate": "%{customdata}<extra></extra>",
+        "showlegend": False,
+    }
+    # Beside the bars, where nothing covers them: a total's interval is often longer than its bar.
+    ends = [*(uj for _, uj, _ in rows), max(high, total)]
+    largest = max(ends)
+    written = [
+        {
+            "text": text,
+            "x": end / largest * _BARS,
+            "xref": "paper",
+            "y": place,
+            "showarrow": False,
+            "xanchor": "left",
+            "xshift": 6,
+            "font": {"size": 10},
+        }
+        for place, (end, text) in enumerate(zip(ends, [*(short(uj) for _, uj, _ in rows), told], strict=True))
+    ]
+    layout = {
+        "xaxis": {"title": {"text": "energy of an inference (µJ)"}, "range": [0, largest / _BARS]},
+        "yaxis": {
+            "tickvals": list(range(len(names))),
+            "ticktext": names,
+            "autorange": "reversed",
+            "showgrid": False,
+        },
+        "annotations": written,
+        "bargap": 0.35,
+        "height": 60 + 26 * len(names),
+        "margin": {"l": 96, "r": 12, "t": 8, "b": 40},
+    }
+    return go.Figure([bars], layout)

@@ -1,0 +1,141 @@
+"""Which cores of a chip a network occupies: one cell per core, coloured by layer."""
+
+from __future__ import annotations
+
+import html
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.hardware.placement import neurons_per_core
+from dse.hardware.plan import NotApplicable
+from dse.hardware.profile import Profile
+from dse.records import Array, Workload
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+FREE = "rgba(127, 135, 145, 0.18)"
+_WIDER = 2.2  # times as many columns of cores as rows, about the shape of the figure
+_LETTERS = 48  # in a line of the narrow panel
+
+
+@dataclass(frozen=True)
+class CoreMap:
+    """Where the layers of a network go; cores are numbered layer by layer.
+
+    layers: names of the layers after the input; one name where they share a core.
+    neurons: of each layer, (core,) neurons on each of its cores.
+    n_cores, low, high: cores in use, and what practice may take.
+    on_chip: cores of the chip.
+    misfits: what does not fit, a sentence each.
+    """
+
+    layers: tuple[str, ...]
+    neurons: tuple[Array, ...]
+    n_cores: int
+    low: int
+    high: int
+    on_chip: int
+    misfits: tuple[str, ...]
+
+
+def gather_core_map(profile: Profile, load: Workload) -> CoreMap:
+    """Gather the cores of a network on a chip.
+
+    Raises:
+        NotApplicable: the chip cannot run such a classifier, or is not divided into cores.
+    """
+    placement = profile.plan(load, profile.ends).placement
+    if placement is None or "cores" not in profile.numbers():
+        raise NotApplicable(f"{profile.name} is not divided into cores")
+    sizes = load.sizes[1:]
+    if len(placement.cores) == len(sizes):
+        names = [f"layer {k}" for k in range(1, len(sizes))] + ["output"]
+    else:  # all layers share what cores there are
+        names, sizes = ["all layers"], (sum(sizes),)
+    return CoreMap(
+        layers=tuple(names),
+        neurons=tuple(neurons_per_core(n, cores) for n, cores in zip(sizes, placement.cores, strict=True)),
+        n_cores=placement.n_cores,
+        low=placement.low or placement.n_cores,
+        high=placement.high or placement.n_cores,
+        on_chip=int(profile.cores.value),  # type: ignore[attr-defined]
+        misfits=tuple(map(str, placement.misfits)),
+    )
+
+
+def draw_core_map(core_map: CoreMap) -> plotly.graph_objects.Figure:
+    """Draw every core of the chip, those in use coloured by layer; what does not fit stands below."""
+    import plotly.graph_objects as go
+
+    n = max(core_map.n_cores, core_map.on_chip)
+    n_columns = int(np.ceil(np.sqrt(n * _WIDER)))
+    n_rows = -(-n // n_columns)
+    traces, first = [], 0
+    for k, (name, neurons) in enumerate(zip(core_map.layers, core_map.neurons, strict=True)):
+        total = int(neurons.sum())
+        told = [
+            f"core {core}: {name}, {count} of {total} neurons ({count / total:.0%})"
+            for core, count in enumerate(neurons.tolist(), first)
+        ]
+        colour = OKABE_ITO_LIGHT[k % len(OKABE_ITO_LIGHT)]
+        traces.append(_cells((n_rows, n_columns), first, told, colour) | {"name": f"{name}: {len(told)}"})
+        first += len(told)
+    free = [f"core {core}: free" for core in range(first, n)]
+    if free:
+        traces.append(_cells((n_rows, n_columns), first, free, FREE) | {"name": "free", "showlegend": False})
+    lines = [_counted(core_map)]
+    for text in core_map.misfits:
+        lines += textwrap.wrap(f"Does not fit: {text}.", _LETTERS)
+    below = 16 + 15 * len(lines)
+    hidden = {"visible": False, "fixedrange": True, "constrain": "domain"}
+    layout = {
+        "annotations": [
+            {
+                "name": "cores",
+                "text": "<br>".join(html.escape(line, quote=False) for line in lines),
+                **{"x": 0, "xref": "paper", "xanchor": "left", "align": "left"},
+                **{"y": 0, "yref": "y domain", "yanchor": "top", "yshift": -4},
+                "showarrow": False,
+                "font": {"size": 11},
+            }
+        ],
+        "xaxis": {**hidden, "range": [-0.5, n_columns - 0.5], "constraintoward": "left"},
+        "yaxis": {**hidden, "range": [n_rows - 0.5, -0.5], "scaleanchor": "x", "constraintoward": "top"},
+        "height": 200 + below,
+        "margin": {"l": 8, "r": 8, "t": 32, "b": below},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+    }
+    return go.Figure(traces, layout)
+
+
+def _cells(shape: tuple[int, int], first: int, told: Sequence[str], colour: str) -> dict[str, Any]:
+    """Return the cells of consecutive cores of a grid (row, column), and what hovering says of each."""
+    cells = np.full(shape, np.nan, np.float32)
+    words = np.full(shape, "", object)
+    place = slice(first, first + len(told))
+    cells.flat[place], words.flat[place] = 1, told
+    return {
+        "type": "heatmap",
+        "z": cells,
+        "text": words.tolist(),
+        "colorscale": [[0, colour], [1, colour]],
+        "showscale": False,
+        "showlegend": True,
+        "xgap": 1,
+        "ygap": 1,
+        "hovertemplate": "%{text}<extra></extra>",
+        "hoverongaps": False,
+    }
+
+
+def _counted(core_map: CoreMap) -> str:
+    told = f"{core_map.n_cores} of {core_map.on_chip} cores"
+    if (core_map.low, core_map.high) != (core_map.n_cores, core_map.n_cores):
+        told += f"; {core_map.low} to {core_map.high} as compilers place it"
+    return told

@@ -1,0 +1,93 @@
+"""Learning curves: loss, training accuracy and gradient over the epochs, one line per repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+CURVES = {"loss": "loss", "accuracy_train": "training<br>accuracy", "gradient_norm": "gradient"}
+"""Curves of a history that are drawn where it holds them, and what their axes say."""
+
+_GAP = 0.06  # between panels, of the height
+_AXES: Mapping[str, Any] = {
+    "accuracy_train": {"range": [0, 1.02], "tickvals": [0, 0.5, 1]},
+    "gradient_norm": {"type": "log", "dtick": 1, "exponentformat": "power"},
+}
+
+
+@dataclass(frozen=True)
+class Learning:
+    """curves: name of a curve -> one (epoch,) array per repeat, empty where that repeat has none."""
+
+    curves: Mapping[str, tuple[Array, ...]]
+
+
+def gather_learning(histories: Sequence[Mapping[str, Array]]) -> Learning:
+    """Gather the curves of a design's repeats.
+
+    Args:
+        histories: of each repeat, name -> (epoch,) (`dse.records.Outcome.history`).
+
+    Raises:
+        ValueError: no repeat has a curve of two epochs or more.
+    """
+    known = [
+        {name: np.asarray(x, np.float64) for name, x in history.items() if np.ndim(x) == 1}
+        for history in histories
+    ]
+    curves = {
+        name: tuple(history.get(name, np.zeros(0)) for history in known)
+        for name in CURVES
+        if any(len(history.get(name, ())) > 1 for history in known)
+    }
+    if not curves:
+        raise ValueError(f"histories must have {', '.join(CURVES)} of two epochs or more, got none of them")
+    return Learning(curves)
+
+
+def draw_learning(learning: Learning) -> plotly.graph_objects.Figure:
+    """Draw each curve over the epochs in a panel of its own; a gradient spans decades."""
+    import plotly.graph_objects as go
+
+    n = len(learning.curves)
+    layout: dict[str, Any] = {
+        "height": 280,
+        "margin": {"l": 56, "r": 12, "t": 28, "b": 40},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+        "xaxis": {"title": {"text": "epoch"}, "anchor": f"y{n}" if n > 1 else "y"},
+    }
+    traces = []
+    for panel, (name, repeats) in enumerate(learning.curves.items()):
+        axis = f"y{panel + 1}" if panel else "y"
+        top = 1 - panel / n
+        layout[axis.replace("y", "yaxis")] = {
+            "title": {"text": CURVES[name]},
+            "domain": [top - 1 / n + (_GAP if panel < n - 1 else 0), top],
+            **_AXES.get(name, {"rangemode": "tozero", "nticks": 4}),
+        }
+        for repeat, curve in enumerate(repeats):
+            told = f"repeat {repeat}"
+            traces.append(
+                {
+                    "type": "scatter",
+                    "x": np.arange(1, len(curve) + 1, dtype=np.int32),
+                    "y": curve.astype(np.float32),
+                    "yaxis": axis,
+                    "mode": "lines",
+                    "line": {"color": OKABE_ITO_LIGHT[repeat % len(OKABE_ITO_LIGHT)], "width": 1.2},
+                    "name": told,
+                    "legendgroup": told,
+                    "showlegend": panel == 0 and len(repeats) > 1,
+                    "hovertemplate": f"{told}, epoch %{{x}}: %{{y:.3g}}<extra></extra>",
+                }
+            )
+    return go.Figure(traces, layout)

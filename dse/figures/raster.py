@@ -1,0 +1,250 @@
+"""One recording as a spiking network answered it: output spikes, running confidence, spikes of each layer."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.decision import decide
+from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.records import Array
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+TRUE, LEADING, DECISION = OKABE_ITO_LIGHT[0], OKABE_ITO_LIGHT[2], OKABE_ITO_LIGHT[1]
+QUIET = "rgba(127, 135, 145, 0.8)"
+_LONGEST_NAME = 12  # letters of a class beside the axis; hovering shows all of them
+_MOST_NAMES = 12  # beside the axis
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a network did on one recording; what happens in step t is known at (t + 1) step_ms.
+
+    classes: names of the outputs. true: the class that was meant, None where that is unknown.
+    spikes: (k, 2) step and class of every output spike, in order of steps.
+    confidence: (T,) share of the output spikes so far that the leading class has; NaN before the first.
+    leading: (T,) class with most output spikes so far, the lowest on ties.
+    layers: (T, layer) spikes of each layer and step, the input first.
+    phi, theta: the decision rule; None where the answer comes at the end of the recording.
+    said, decision_ms: the answer and when; decided: whether theta was reached.
+    """
+
+    classes: tuple[str, ...]
+    true: int | None
+    step_ms: float
+    spikes: Array
+    confidence: Array
+    leading: Array
+    layers: Array
+    phi: float | None
+    theta: float | None
+    said: int
+    decision_ms: float
+    decided: bool
+
+    @property
+    def time_ms(self) -> Array:
+        """Ends of the steps, (T,)."""
+        return (np.arange(len(self.confidence)) + 1) * self.step_ms
+
+
+def gather_recording(
+    output: Array,
+    layers: Array,
+    step_ms: float,
+    classes: Sequence[str],
+    true: int | None = None,
+    setting: tuple[float, float] | None = None,
+) -> Recording:
+    """Gather what a network did on one recording.
+
+    Args:
+        output: (T, class) uint8 output spikes.
+        layers: (T, layer) spikes of each layer and step, the input first.
+        step_ms: duration of a step.
+        classes: names of the outputs.
+        true: the class that was meant, None where that is unknown.
+        setting: phi and theta (`dse.decision`); None: the answer comes at the end.
+
+    Raises:
+        ValueError: shapes that do not belong together, no step, or a class or setting out of range.
+    """
+    output, layers = np.asarray(output), np.asarray(layers)
+    if output.ndim != 2 or output.shape[1] != len(classes) or not output.size:
+        raise ValueError(f"output must be (T, {len(classes)}) as classes, got {output.shape}")
+    if layers.ndim != 2 or len(layers) != len(output):
+        raise ValueError(f"layers must be ({len(output)}, layer) as output, got {layers.shape}")
+    if true is not None and not 0 <= true < len(classes):
+        raise ValueError(f"true must be in 0..{len(classes) - 1}, got {true}")
+    counts = output.cumsum(axis=0, dtype=np.int64)
+    total = counts.sum(axis=1)
+    said, step, decided = int(counts[-1].argmax()), len(output) - 1, False
+    if setting is not None:
+        found = decide(output[None], *setting)
+        said, step, decided = int(found.label[0]), int(found.step[0]), bool(found.decided[0])
+    return Recording(
+        classes=tuple(classes),
+        true=true,
+        step_ms=float(step_ms),
+        spikes=np.argwhere(output),
+        confidence=np.where(total > 0, counts.max(axis=1) / np.maximum(total, 1), np.nan),
+        leading=counts.argmax(axis=1),
+        layers=layers,
+        phi=None if setting is None else float(setting[0]),
+        theta=None if setting is None else float(setting[1]),
+        said=said,
+        decision_ms=(step + 1) * float(step_ms),
+        decided=decided,
+    )
+
+
+def draw_recording(recording: Recording) -> plotly.graph_objects.Figure:
+    """Draw output spikes by class, the confidence of the leading class, and spikes of each layer.
+
+    A line named 'decision' marks when the answer comes, one named 'theta' what confidence it takes.
+    """
+    import plotly.graph_objects as go
+
+    names = [_shortened(name) for name in recording.classes]
+    every = -(-len(names) // _MOST_NAMES)  # names of many classes would cover each other
+    # Laid out at once: a dozen of these make a panel, and changing a figure takes longer than drawing one.
+    layout = {
+        "height": 320,
+        "margin": {"l": 64, "r": 16, "t": 28, "b": 40},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+        "shapes": _marks(recording),
+        "annotations": [] if recording.theta is None else [_theta(recording.theta)],
+        "xaxis": {
+            "title": {"text": "time (ms)"},
+            "range": [0, float(recording.time_ms[-1])],
+            "anchor": "y3",
+        },
+        "yaxis": {
+            "domain": [0.56, 1.0],
+            "range": [len(names) - 0.4, -0.6],
+            "tickvals": list(range(0, len(names), every)),
+            "ticktext": names[::every],
+            "showgrid": False,
+        },
+        "yaxis2": {
+            "domain": [0.3, 0.5],
+            "range": [0, 1.05],
+            "tickvals": [0, 0.5, 1],
+            "title": {"text": "share"},
+        },
+        "yaxis3": {
+            "domain": [0.0, 0.24],
+            "tickvals": list(range(recording.layers.shape[1])),
+            "ticktext": _layer_names(recording),
+            "autorange": "reversed",
+            "showgrid": False,
+        },
+    }
+    return go.Figure([*_rasters(recording), _confidence(recording), _layers(recording)], layout)
+
+
+def _rasters(recording: Recording) -> list[dict[str, Any]]:
+    """Return the output spikes, those of the true class in a colour of their own."""
+    names = [html.escape(name, quote=False) for name in recording.classes]
+    steps, spiking = recording.spikes.T
+    if recording.true is None:
+        kinds = [("output spike", np.ones(len(spiking), bool), QUIET)]
+    else:
+        meant = spiking == recording.true
+        kinds = [("true class", meant, TRUE), ("another", ~meant, QUIET)]
+    size = min(max(3.0, 90.0 / len(names)), 10.0)
+    return [
+        {
+            "type": "scatter",
+            "x": recording.time_ms[steps[chosen]].astype(np.float32),
+            "y": spiking[chosen].astype(np.int32),
+            "text": [names[k] for k in spiking[chosen]],
+            "mode": "markers",
+            "marker": {"symbol": "line-ns-open", "size": size, "color": colour},
+            "name": kind,
+            "hovertemplate": "%{text}, %{x:.4g} ms<extra></extra>",
+        }
+        for kind, chosen, colour in kinds
+    ]
+
+
+def _confidence(recording: Recording) -> dict[str, Any]:
+    names = [html.escape(name, quote=False) for name in recording.classes]
+    return {
+        "type": "scatter",
+        "x0": recording.step_ms,
+        "dx": recording.step_ms,
+        "y": [None if np.isnan(x) else round(x, 3) for x in recording.confidence.tolist()],
+        "yaxis": "y2",
+        "text": [names[k] for k in recording.leading],
+        "mode": "lines",
+        "line": {"color": LEADING, "width": 1.5, "shape": "hv"},
+        "showlegend": False,
+        "name": "confidence",
+        "hovertemplate": "%{text} leads with %{y:.2f}, %{x:.4g} ms<extra></extra>",
+    }
+
+
+def _layers(recording: Recording) -> dict[str, Any]:
+    """Return spikes per layer and step, each by its layer's busiest step: inputs outnumber the others."""
+    counts = recording.layers.T
+    peaks = np.maximum(counts.max(axis=1, keepdims=True), 1)
+    return {
+        "type": "heatmap",
+        "x0": recording.step_ms / 2,
+        "dx": recording.step_ms,
+        "y": list(range(len(counts))),
+        "z": np.rint(100 * counts / peaks).astype(np.uint8),
+        "yaxis": "y3",
+        "customdata": counts.astype(np.min_scalar_type(int(peaks.max()))),
+        "colorscale": [[0, "rgba(127, 135, 145, 0)"], [1, TRUE]],
+        "zmin": 0,
+        "zmax": 100,
+        "showscale": False,
+        "hovertemplate": "%{customdata} spikes, %{x:.4g} ms<extra></extra>",
+        "name": "layers",
+    }
+
+
+def _layer_names(recording: Recording) -> list[str]:
+    """Return what stands beside each layer: its name, and the spikes of its busiest step."""
+    n_layers = recording.layers.shape[1]
+    names = ["input", *(f"layer {layer}" for layer in range(1, n_layers - 1)), "output"][-n_layers:]
+    return [f"{name} ≤ {peak}" for name, peak in zip(names, recording.layers.max(axis=0), strict=True)]
+
+
+def _marks(recording: Recording) -> list[dict[str, Any]]:
+    """Return the lines of the decision, through all panels, and of the confidence that it takes."""
+    at_ms, dash = recording.decision_ms, "solid" if recording.decided else "dot"
+    of_time = {"xref": "x", "yref": "paper", "x0": at_ms, "x1": at_ms, "y0": 0, "y1": 1}
+    lines = [
+        {"name": "decision", **of_time, "line": {"color": DECISION, "width": 1.5, "dash": dash}},
+    ]
+    if recording.theta is not None:
+        theta = recording.theta
+        of_share = {"xref": "paper", "yref": "y2", "x0": 0, "x1": 1, "y0": theta, "y1": theta}
+        lines.append({"name": "theta", **of_share, "line": {"color": DECISION, "width": 1, "dash": "dash"}})
+    return [{"type": "line", **line} for line in lines]
+
+
+def _theta(theta: float) -> dict[str, Any]:
+    """Return what stands beside the line of theta."""
+    place = {"x": 1, "xref": "paper", "xanchor": "left", "y": theta, "yref": "y2"}
+    return {
+        "name": "theta",
+        "text": "θ",
+        **place,
+        "showarrow": False,
+        "font": {"size": 10, "color": DECISION},
+    }
+
+
+def _shortened(name: str) -> str:
+    """Return a name as it stands beside the axis, safe as plotly text."""
+    return html.escape(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…", quote=False)

@@ -1,0 +1,43 @@
+"""Published designs as reference marks: what their papers print of them, by our columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dse.report.designs import Found
+from dse.report.rows import published
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A published design.
+
+    name: its system and which of its designs. task: ours that it stands beside.
+    values: the printed figures, by the column that holds the same of ours.
+    source: the paper, as in REFERENCES.md. says: a sentence that claims no more than that it was published.
+    """
+
+    name: str
+    task: str
+    values: Mapping[str, float]
+    source: str
+    says: str
+
+
+def mark(system: str, part: Found, which: str, values: Mapping[str, float], more: str = "") -> Mark:
+    """Return the mark of one design of a system.
+
+    Args:
+        system: letter of the system.
+        part: what it stands beside.
+        which: of the designs of the system; '' where there is one.
+        values: printed figures by column.
+        more: what else must be known of it.
+    """
+    paper = published()[system]
+    title = f"{paper['title']}{f', {which}' if which else ''}"
+    other = "of textures, not of movements" if part.of_movement and system != "E" else ""
+    told = "; ".join(filter(None, ["on recordings that are not public, not reproduced here", other, more]))
+    says = f"{title}: published ({paper['source']}), {told}"
+    return Mark(f"{system}, {which}" if which else system, part.task, values, paper["source"], says)

@@ -1,0 +1,204 @@
+"""Page definitions: what a file may say, every fault of one at once, and what a study's page makes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dse.config import ConfigError
+from dse.dashboard import gather_page
+from dse.dashboard.definition import Definition, FrontView, definition_for, load, shipped_definitions
+from tests.page_data import OBJECTIVES, failed, points
+
+COLUMNS: dict[str, Any] = {
+    "accuracy": {"values": [0.5, None]},
+    "energy_uj": {"values": [3.0, 4]},
+    "family": {"values": ["snn", "elm"]},
+    "fits": {"values": [True, False]},
+}
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def faults_of(path: Path | str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    return str(caught.value).splitlines()
+
+
+def test_the_default_page_leaves_every_choice_to_the_study() -> None:
+    assert load() == load("study") == Definition()
+    assert {"study", "paper", "deployment"} <= set(shipped_definitions())
+
+
+@pytest.mark.parametrize("name", sorted(shipped_definitions()))
+def test_what_is_shipped_is_right(name: str) -> None:
+    found = load(name)
+    assert set(found.views) == set(Definition().views), "no part of the page is lost"
+    assert set(found.design) == set(Definition().design)
+
+
+def test_a_file_of_ones_own(tmp_path: Path) -> None:
+    text = """
+title: mine
+views: [table, front]
+front: {x: n_weights, y: accuracy, z: energy_uj, dimensions: 3, log: [n_weights]}
+parallel: [accuracy, energy_uj]
+table: energy_uj
+design: []
+budgets: {energy_uj: 50, accuracy: 8e-1}
+sort: energy_uj
+"""
+    assert load(written(tmp_path / "mine.yaml", text)) == Definition(
+        title="mine",
+        views=("table", "front"),
+        front=FrontView("n_weights", "accuracy", "energy_uj", 3, ("n_weights",)),
+        parallel=("accuracy", "energy_uj"),
+        table=("energy_uj",),
+        design=(),
+        budgets={"energy_uj": 50.0, "accuracy": 0.8},
+        sort="energy_uj",
+    )
+    assert load(written(tmp_path / "empty.yaml", "# nothing said\n")) == Definition()
+
+
+def test_every_fault_at_once_with_its_line(tmp_path: Path) -> None:
+    text = """titel: mine
+views: [front, tabel, front]
+front:
+  x: accuracy
+  y: accuracy
+  dimensions: 4
+  colour: red
+design: energie
+budgets: {accuracy: high, n_weights: .nan, fits: true}
+parallel: [a, b, a]
+sort: 3
+"""
+    path = written(tmp_path / "bad.yaml", text)
+    assert faults_of(path) == [
+        f"{path}:{line}"
+        for line in (
+            "1: unknown key 'titel'; known: title, views, front, parallel, table, design, budgets, sort. "
+            "Did you mean 'title'?",
+            "2: unknown views[1] 'tabel'; known: front, parallel, table, design, compare, progress. "
+            "Did you mean 'table'?",
+            "2: views must name nothing twice, got 'front' again",
+            "5: front.y must be another column than front.x, got 'accuracy' twice",
+            "6: unknown front.dimensions 4; known: 2, 3",
+            "7: unknown key 'front.colour'; known: x, y, z, dimensions, log",
+            "8: unknown design[0] 'energie'; known: confusion, surface, raster, energy, cores, learning, "
+            "bits. Did you mean 'energy'?",
+            "9: budgets.accuracy must be a number, got 'high'",
+            "9: budgets.n_weights must be a finite number, got nan",
+            "9: budgets.fits must be a number, got true",
+            "10: parallel must name nothing twice, got 'a' again",
+            "11: sort must be text, got 3",
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("views: []", "views must name at least one part of the page, got []"),
+        ("- front", "a page definition must be a mapping of keys to values, got ['front']"),
+        ("title: [a", "not valid YAML"),
+        ("title: a\ntitle: b", "duplicate key 'title', first on line 1"),
+        ("front: [accuracy]", "front must be a mapping of keys to values, got ['accuracy']"),
+        ("budgets: [energy_uj]", "budgets must be a mapping, got ['energy_uj']"),
+    ],
+)
+def test_what_a_file_must_be(tmp_path: Path, text: str, fault: str) -> None:
+    [found] = faults_of(written(tmp_path / "bad.yaml", text))
+    assert fault in found
+
+
+def test_what_cannot_be_found_or_read(tmp_path: Path) -> None:
+    known = "known: deployment, paper, study"
+    missing = "no such file, nor a page of this name"
+    assert faults_of("papre") == [f"papre: {missing}; {known}. Did you mean 'paper'?"]
+    assert faults_of(tmp_path) == [f"{tmp_path}: {missing}; {known}"]
+    (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe")
+    assert faults_of(tmp_path / "bytes.yaml") == [
+        f"{tmp_path / 'bytes.yaml'}: cannot be read: not UTF-8 text"
+    ]
+
+
+_PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@settings(deadline=None, derandomize=True, max_examples=150)
+@given(content=st.dictionaries(st.sampled_from([*vars(Definition()), "x"]), _PLAIN, max_size=4))
+def test_whatever_a_file_holds_is_a_definition_or_its_faults(
+    content: dict[str, Any], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_text(yaml.safe_dump(content, allow_unicode=False), encoding="utf-8")
+    try:
+        found = load(path)
+    except ConfigError as error:
+        assert error.faults
+    else:
+        assert isinstance(definition_for(found, COLUMNS, ["accuracy"])[0], dict)
+
+
+def test_a_page_holds_what_its_study_has() -> None:
+    wanted = Definition(
+        title="mine",
+        front=FrontView(x="family", y="accuracy", z="n_cores", dimensions=3, log=("energy_uj", "n_weights")),
+        parallel=("family", "energy_uj", "latency_ms"),
+        table=("latency_ms",),
+        budgets={"accuracy": 0.5, "energy_uj": 5.0, "n_weights": 10.0},
+        sort="fits",
+    )
+    page, notes = definition_for(wanted, COLUMNS, ["accuracy"])
+    assert page == {
+        "title": "mine",
+        "views": list(Definition().views),
+        "front": {"x": None, "y": "accuracy", "z": None, "dimensions": 3, "log": ["energy_uj"]},
+        "parallel": ["family", "energy_uj"],
+        "table": None,
+        "design": list(Definition().design),
+        "budgets": {"accuracy": 0.5},
+        "sort": "fits",
+    }
+    assert notes == [
+        "This study has no n_cores, latency_ms, n_weights, which the page's definition names.",
+        "This study has no numbers to draw in family, which the page's definition names.",
+        "This study has no budget of energy_uj, which the page's definition names.",
+    ]
+    # What only says true or false is no number.
+    assert definition_for(Definition(front=FrontView(x="fits")), COLUMNS, [])[0]["front"]["x"] is None
+    # Before the first design nothing is missing.
+    page, notes = definition_for(wanted, {}, [])
+    assert (page["front"]["y"], page["budgets"], notes) == (None, {}, [])
+
+
+def test_a_gathered_page_has_its_definition_and_marks() -> None:
+    marks = [
+        {"name": "A", "task": "texture", "values": {"accuracy": 0.9}, "source": "s", "says": "published"}
+    ]
+    wanted = Definition(
+        title="</script>", front=FrontView(y="energy_uj", x="n_cores"), budgets={"accuracy": 0.7}
+    )
+    page = gather_page(points(), name="fabric", objectives=OBJECTIVES, definition=wanted, marks=marks)
+    assert page["definition"]["title"] == "</script>"
+    assert page["definition"]["front"] | {"y": "energy_uj", "x": None} == page["definition"]["front"]
+    assert page["definition"]["budgets"] == {"accuracy": 0.7}
+    assert "This study has no n_cores, which the page's definition names." in page["notes"]
+    assert page["marks"] == marks
+    plain = gather_page(failed(), name="fabric", objectives=OBJECTIVES)
+    assert (plain["definition"], plain["marks"]) == (definition_for(Definition(), {}, [])[0], [])

@@ -1,0 +1,301 @@
+"""The details of a design against the table of points and the artefacts that they come from."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse import store, study
+from dse.dashboard.details import MOST_EXAMPLES, gather_details, packed_details, shown_first
+from dse.store import StoreError
+from tests import tiny_study
+
+NAMES = ["felt", "silk", "wool"]
+FAKE = {"kind": "fake", "hidden": [8], "mood": {"choice": ["fine", "raise"]}}
+DAMAGED = "cannot be shown: a file of the study is damaged or incomplete."
+HARDWARE = ["loihi1_silicon", "mcu_m4"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder of a study of two repeats: a spiking network, one that fails, one without output spikes."""
+    path = tmp_path_factory.mktemp("details")
+    space = tiny_study.make_space(
+        path,
+        model={"choice": [FAKE, {"kind": "knn"}]},
+        hardware=HARDWARE,
+        search={"sampler": "grid", "repeats": 2},
+        execution={"jobs": 1},
+    )
+    yield study.run(space, path / "results", progress=False).folder
+    tiny_study.unregister()
+
+
+@pytest.fixture
+def found(folder):
+    return study.open(folder)
+
+
+def trial_of(found, family):
+    return int(found.points().query("family == @family")["trial"].iloc[0])
+
+
+def details(found, family="fake"):
+    document = gather_details(found, found.points(), trial_of(found, family))
+    json.dumps(document, allow_nan=False)
+    [task] = document["tasks"].values()
+    return document, task
+
+
+def arrays_of(found, name, trial):
+    return [store.load_arrays(store.run_folder(found.folder, trial, repeat) / name) for repeat in range(2)]
+
+
+def numbers(values):
+    """Return the numbers of a plotly array as JSON holds it."""
+    if isinstance(values, dict):
+        flat = np.frombuffer(base64.b64decode(values["bdata"]), np.dtype(values["dtype"]))
+        return flat.reshape([int(n) for n in str(values.get("shape", -1)).split(",")])
+    return np.array(values, float)
+
+
+def test_surfaces_are_rows_of_the_table(found):
+    document, task = details(found)
+    assert document["notes"] == []
+    [surface] = task["surfaces"]
+    assert (surface["phi"], surface["theta"]) == ([0, 4], [0.4, 0.7, 1])
+    assert (surface["weight_bits"], surface["pruned_after"]) == (8, 0)
+    assert list(surface["hardware"]) == HARDWARE
+    points = found.points()
+    for name, columns in surface["hardware"].items():
+        own = points[(points["trial"] == document["trial"]) & (points["hardware"] == name)].set_index("point")
+        assert {"accuracy", "accuracy_se", "decision_latency_ms", "undecided", "energy_uj"} <= set(columns)
+        assert {"n_weights", "latency_ms", "energy_uj_low", "energy_uj_high"} <= set(columns)
+        for i, phi in enumerate(surface["phi"]):
+            for j, theta in enumerate(surface["theta"]):
+                place = i * len(surface["theta"]) + j
+                row = own.loc[surface["first_point"] + place]
+                assert (row["phi"], row["theta"]) == (phi, theta)
+                for column in (
+                    "accuracy",
+                    "n_weights",
+                    "energy_uj",
+                    "latency_ms",
+                    "undecided",
+                    "energy_uj_high",
+                ):
+                    assert columns[column][place] == pytest.approx(row[column], rel=1e-5)
+
+
+def test_other_precisions_have_surfaces_and_a_figure(found):
+    points = found.points()
+    trial = trial_of(found, "fake")
+    own = points[points["trial"] == trial]
+    fewer = own.assign(weight_bits=4.0, accuracy=own["accuracy"] / 2, point=own["point"] + len(own) // 2)
+    document = gather_details(found, pd.concat([points, fewer], ignore_index=True), trial)
+    [task] = document["tasks"].values()
+    trained, rounded = task["surfaces"]
+    assert (trained["weight_bits"], rounded["weight_bits"]) == (8, 4)
+    assert rounded["first_point"] == trained["first_point"] + len(own) // 2
+    accuracy = np.array(trained["hardware"]["mcu_m4"]["accuracy"])
+    assert rounded["hardware"]["mcu_m4"]["accuracy"] == pytest.approx(accuracy / 2, rel=1e-5)
+    [line] = task["figures"]["bits"]["data"]
+    assert numbers(line["x"]).tolist() == [4, 8]
+    full = own[own["phi"].isna() & own["read_out_ms"].isna()]["accuracy"].iloc[0]
+    assert numbers(line["y"]).tolist() == [full / 2, full]
+
+
+def test_a_table_that_lacks_points_has_no_surface(found):
+    points, trial = found.points(), trial_of(found, "fake")
+    holed = points.drop(points.index[(points["trial"] == trial) & (points["phi"] == 4)][0])
+    document = gather_details(found, holed, trial)
+    [task] = document["tasks"].values()
+    assert task["surfaces"] == []
+    assert document["notes"] == [f"The decision surface {DAMAGED}"]
+
+
+def test_the_confusion_matrix_is_summed_over_repeats(found):
+    document, task = details(found)
+    [heat] = task["figures"]["confusion"]["data"]
+    matrices = [arrays["validation"] for arrays in arrays_of(found, "confusion.npz", document["trial"])]
+    assert numbers(heat["text"]).astype(int).tolist() == sum(matrices).tolist()
+    assert task["figures"]["confusion"]["layout"]["xaxis"]["ticktext"] == NAMES
+
+
+def test_the_learning_curve_has_a_line_per_repeat(found):
+    document, task = details(found)
+    lines = task["figures"]["learning"]["data"]
+    for line, arrays in zip(lines, arrays_of(found, "history.npz", document["trial"]), strict=True):
+        assert numbers(line["y"]).tolist() == pytest.approx(arrays["loss"].tolist())
+
+
+@pytest.mark.parametrize("family", ["fake", "knn"])
+def test_energy_is_that_of_the_full_read_out(found, family):
+    document, task = details(found, family)
+    points = found.points()
+    full = points[
+        (points["trial"] == document["trial"]) & points["read_out_ms"].isna() & points["phi"].isna()
+    ]
+    energies = task["figures"]["energy"]
+    assert list(energies) == (HARDWARE if family == "fake" else ["mcu_m4"])
+    for name, figure in energies.items():
+        row = full[full["hardware"] == name].iloc[0]
+        [bars] = figure["data"]
+        assert numbers(bars["x"])[-1] == pytest.approx(row["energy_uj"], rel=1e-12)
+        assert sum(numbers(bars["x"])[:-1]) == pytest.approx(row["energy_uj"], rel=1e-9)
+        ends = (numbers(bars["error_x"][end])[-1] for end in ("arrayminus", "array"))
+        assert list(ends) == pytest.approx(
+            [row["energy_uj"] - row["energy_uj_low"], row["energy_uj_high"] - row["energy_uj"]], rel=1e-9
+        )
+
+
+def test_only_what_was_recorded_is_there(found):
+    document, task = details(found, "knn")
+    assert document["notes"] == []
+    assert set(task) == {"figures", "surfaces"}
+    assert set(task["figures"]) == {"confusion", "energy"}
+    assert task["surfaces"] == []
+    _, spiking = details(found)
+    assert list(spiking["figures"]["cores"]) == ["loihi1_silicon"]
+    assert set(spiking["figures"]) == {"confusion", "learning", "energy", "cores"}
+
+
+def test_examples_are_what_the_first_repeat_answered(found):
+    document, task = details(found)
+    arrays = arrays_of(found, "response.npz", document["trial"])[0]
+    response, index = store.response_of(arrays), arrays["index"].tolist()
+    label = np.repeat(np.arange(3), tiny_study.N_PER_CLASS)
+    examples = task["examples"]
+    assert 3 <= len(examples) <= MOST_EXAMPLES
+    verdicts = []
+    for example in examples:
+        number = int(example["title"].split(":")[0].removeprefix("recording "))
+        output = response.output[index.index(number)]
+        true, said = NAMES[label[number]], NAMES[output.sum(axis=0).argmax()]
+        taken = "" if said == true else f", taken for {said}"
+        assert (example["true"], example["classes"]) == (true, NAMES)
+        assert example["title"] == f"recording {number}: {true}{taken}"
+        assert example["spikes"] == np.argwhere(output).tolist()
+        assert (example["step_ms"], example["n_steps"]) == (5.0, tiny_study.N_STEPS)
+        layers = next(trace for trace in example["figure"]["data"] if trace["type"] == "heatmap")
+        spikes = response.spikes[index.index(number)]
+        assert numbers(layers["customdata"]).tolist() == spikes.T.tolist()
+        verdicts.append(said == true)
+    assert verdicts == sorted(verdicts, reverse=True)
+    assert True in verdicts
+    right = [example["true"] for example, verdict in zip(examples, verdicts, strict=True) if verdict]
+    assert len(set(right)) == len(right)
+
+
+def test_examples_without_the_prepared_recordings(found, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path))
+    document, task = details(found)
+    [note] = document["notes"]
+    assert note.startswith("The prepared recordings are not on this machine any more")
+    assert {example["true"] for example in task["examples"]} == {None}
+    assert all(": taken for " in example["title"] for example in task["examples"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_trials_that_have_no_details(found):
+    points = found.points()
+    failed = int(found.trials.query("status == 'failed'")["trial"].iloc[0])
+    for trial in (failed, 999, -1):
+        with pytest.raises(StoreError, match=f"has no finished trial {trial}$"):
+            gather_details(found, points, trial)
+
+
+@pytest.fixture
+def copied(folder, tmp_path):
+    return study.open(shutil.copytree(folder, tmp_path / "copy"))
+
+
+@pytest.mark.parametrize(
+    ("file", "part", "what"),
+    [
+        ("confusion.npz", "confusion", "The confusion matrix"),
+        ("history.npz", "learning", "The learning curve"),
+        ("read_out.npz", "energy", "Energy by cause"),
+        ("response.npz", "examples", "An example"),
+    ],
+)
+def test_a_damaged_artefact_takes_no_more_than_its_figure(copied, file, part, what):
+    document, task = details(copied)
+    whole = {**task["figures"], **task}
+    path = store.run_folder(copied.folder, document["trial"], 0) / file
+    path.write_bytes(path.read_bytes()[:-40])
+    damaged, rest = details(copied)
+    assert damaged["notes"] == [f"{what} {DAMAGED}"]
+    left = {**rest["figures"], **rest}
+    lost = {part, *(["cores", "misfits"] if part == "energy" else [])}
+    assert set(whole) - set(left) == lost & set(whole)
+    assert all(left[name] == whole[name] for name in left if name != "figures")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"files": 3}', "null"])
+def test_a_damaged_record_takes_its_repeat(copied, text):
+    trial = trial_of(copied, "fake")
+    one = store.run_folder(copied.folder, trial, 1) / "record.json"
+    one.write_text(text)
+    document, task = details(copied)
+    assert document["notes"] == [
+        "The record of repeat 1 cannot be read: the figures are of the other repeats."
+    ]
+    assert len(task["figures"]["learning"]["data"]) == 1
+    (one.parent.parent / "repeat_0" / "record.json").write_text(text)
+    document, task = details(copied)
+    assert len(document["notes"]) == 2
+    assert task["figures"] == {}
+    assert len(task["surfaces"]) == 1
+
+
+def test_a_record_names_no_file_outside_the_cache(copied):
+    trial = trial_of(copied, "fake")
+    path = store.run_folder(copied.folder, trial, 0) / "record.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"data": "../../../etc"}))
+    _, task = details(copied)
+    assert {example["true"] for example in task["examples"]} == {None}
+
+
+def test_packing(found):
+    points = found.points()
+    order = [trial_of(found, "knn"), 999, trial_of(found, "fake")]
+    packed = packed_details(found, points, order, 10**7)
+    assert list(packed) == [str(order[0]), str(order[2])]
+    assert packed == packed_details(found, points, order, 10**7)
+    for trial, text in packed.items():
+        document = json.loads(gzip.decompress(base64.b64decode(text)))
+        assert document == json.loads(json.dumps(gather_details(found, points, int(trial))))
+    first = len(packed[str(order[0])])
+    assert list(packed_details(found, points, order, first)) == [str(order[0])]
+    assert packed_details(found, points, order, first - 1) == {}
+
+
+def test_a_page_on_disk_carries_surfaces_as_trained(found):
+    points, trial = found.points(), trial_of(found, "fake")
+    fewer = points.assign(weight_bits=4.0, point=points["point"] + 1000)
+    [text] = packed_details(found, pd.concat([points, fewer], ignore_index=True), [trial], 10**7).values()
+    [task] = json.loads(gzip.decompress(base64.b64decode(text)))["tasks"].values()
+    assert [surface["weight_bits"] for surface in task["surfaces"]] == [8]
+    assert "bits" in task["figures"]
+
+
+def test_nothing_is_written(found):
+    before = {path: path.stat().st_mtime_ns for path in found.folder.rglob("*")}
+    details(found)
+    assert {path: path.stat().st_mtime_ns for path in found.folder.rglob("*")} == before
+
+
+def test_trials_of_most_fronts_come_first():
+    page = {
+        "columns": {"trial": {"values": [3, 3, 1, 2, 0]}},
+        "fronts": {"all": [0, 1, 2], "a|b": [2], "a|c": [2, 3]},
+    }
+    assert shown_first(page) == [1, 2, 3, 0]
+    assert shown_first(page | {"columns": {}}) == []

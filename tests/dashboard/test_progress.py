@@ -1,0 +1,272 @@
+"""How a study goes, from folders made by hand with known times, and from one that was really run."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from datetime import UTC, datetime
+
+import pandas as pd
+import pytest
+import yaml
+
+from dse import study
+from dse.dashboard.progress import MAX_LISTED, gather_progress
+from dse.store import StoreError
+from tests import tiny_study
+
+START = 1_700_000_000.0
+OBJECTIVES = ["accuracy:max", "energy_uj:min"]
+
+
+def moment(seconds):
+    return datetime.fromtimestamp(START + seconds, UTC).isoformat()
+
+
+class Folder:
+    """A study's folder; times are in seconds after its start."""
+
+    def __init__(self, path, *, sessions=(0,), **search):
+        self.path, self.n = path, 0
+        path.mkdir(parents=True)
+        wanted = {"sampler": "random", "n_trials": 4, "batch": 2, "repeats": 1, "repeats_on_front": 1}
+        space = {"study": "made", "objectives": OBJECTIVES, "search": wanted | search}
+        (path / "search_space.yaml").write_text(yaml.safe_dump(space))
+        started = [{"started": moment(at)} for at in sessions]
+        (path / "environment.json").write_text(json.dumps(started))
+        self.write({"op_code": 0, "study_name": "dse", "directions": [2, 1]})
+
+    def write(self, entry, end="\n"):
+        with (self.path / "journal.log").open("a") as file:
+            file.write((entry if isinstance(entry, str) else json.dumps(entry)) + end)
+
+    def ask(self, batch, *trials, at):
+        for trial in trials:
+            assert trial == self.n
+            self.n += 1
+            said = {"batch": batch, "design": {"model.hidden": [8, trial], "rate": float("nan")}}
+            self.write({"op_code": 4, "datetime_start": moment(at), "state": 0, "user_attrs": said})
+
+    def tell(self, *trials, at, state=1):
+        for trial in trials:
+            self.write({"op_code": 6, "trial_id": trial, "state": state, "datetime_complete": moment(at)})
+
+    def end(self, trial, repeat=0, *, at, status="finished", reason=""):
+        path = self.path / "artefacts" / f"{trial:05d}" / f"repeat_{repeat}" / "record.json"
+        path.parent.mkdir(parents=True)
+        path.write_text(json.dumps({"trial": trial, "repeat": repeat, "status": status, "reason": reason}))
+        os.utime(path, (START + at, START + at))
+
+    def table(self, trials, points=()):
+        named = pd.DataFrame(trials, columns=["trial", "status", "reason", "repeats"])
+        named.to_parquet(self.path / "trials.parquet")
+        rows = pd.DataFrame(points, columns=["trial", "accuracy", "energy_uj"])
+        rows.assign(task="texture", family="snn").to_parquet(self.path / "points.parquet")
+
+
+def contents(path):
+    return {
+        file.relative_to(path): (file.stat().st_mtime_ns, file.read_bytes() if file.is_file() else b"")
+        for file in path.rglob("*")
+    }
+
+
+@pytest.fixture
+def half(tmp_path):
+    """A study of four trials: two finished, one failed, one under way."""
+    made = Folder(tmp_path / "made")
+    made.ask(0, 0, 1, at=60)
+    made.end(0, at=600)
+    made.end(1, at=900)
+    made.tell(0, 1, at=901)
+    made.ask(1, 2, 3, at=902)
+    made.end(2, at=1800, status="failed", reason="loss is not finite")
+    made.table(
+        [(0, "finished", "", 1), (1, "finished", "", 1)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (9, 1.0, 10.0)]
+    )
+    return made
+
+
+def test_a_study_half_way(half):
+    found = gather_progress(half.path)
+    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "pruned": 0}
+    assert found["runs"] == {"total": 4, "done": 3}
+    assert found["running"] == [{"trial": 3, "design": {"model.hidden": [8, 3], "rate": None}}]
+    assert found["failed"] == [{"reason": "loss is not finite", "count": 1, "trials": [2]}]
+    assert found["hours"] == 0.5
+    assert found["time_left_s"] == 600  # three runs in 1800 s, one is missing
+    assert found["last"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
+    (end,) = found["hypervolume"]
+    assert end == {"task": "texture", "hardware": "", "hypervolume": 0.25, "trials": 3, "hours": 0.5}
+    trials, hours = (trace["x"] for trace in found["figure"]["data"])
+    assert trials == [1, 2, 3]
+    assert hours == pytest.approx([1 / 6, 0.25, 0.5])
+    assert "template" not in found["figure"]["layout"]
+    json.dumps(found, allow_nan=False)
+
+
+def test_looking_changes_nothing_in_the_folder(half):
+    half.write('{"op_code": 4, "datetime_st', end="")
+    (half.path / "journal.log.lock").touch()
+    (half.path / ".lock").touch()
+    before = contents(half.path)
+    assert gather_progress(half.path)["trials"]["done"] == 3
+    assert contents(half.path) == before
+
+
+@pytest.mark.parametrize(
+    "rest", ['{"op_code": 6, "trial_id": 3, "sta', "{}", "[1]", '{"op_code": 6}', "\x00\xff"]
+)
+def test_half_written_journal(half, rest):
+    whole = gather_progress(half.path)
+    half.write(rest, end="")
+    assert gather_progress(half.path) == whole
+
+
+def test_before_the_tables_and_before_anything(half):
+    for name in ("trials", "points"):
+        (half.path / f"{name}.parquet").unlink()
+    found = gather_progress(half.path)
+    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "pruned": 0}
+    assert found["figure"] is None
+    assert found["hypervolume"] == []
+    shutil.rmtree(half.path / "artefacts")
+    (half.path / "journal.log").unlink()
+    (half.path / "environment.json").unlink()
+    found = gather_progress(half.path)
+    assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "pruned": 0}
+    assert (found["hours"], found["time_left_s"], found["last"]) == (0, None, None)
+
+
+def test_tables_that_are_being_written_are_as_if_missing(half):
+    for name in ("trials", "points"):
+        path = half.path / f"{name}.parquet"
+        path.write_bytes(path.read_bytes()[:-20])
+    assert gather_progress(half.path)["trials"]["done"] == 3
+
+
+def test_no_study_is_an_error(tmp_path):
+    with pytest.raises(StoreError, match=r"search_space\.yaml"):
+        gather_progress(tmp_path)
+
+
+def test_time_between_sessions_does_not_count(tmp_path):
+    made = Folder(tmp_path / "made", sessions=(0, 100_000))
+    made.ask(0, 0, 1, at=0)
+    made.end(0, at=3600)
+    made.end(1, at=101_000)
+    made.tell(0, 1, at=101_000)
+    made.ask(1, 2, 3, at=101_000)
+    made.end(2, at=101_800)
+    made.table([(k, "finished", "", 1) for k in range(3)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (2, 1.0, 10.0)])
+    found = gather_progress(made.path)
+    assert found["hours"] == pytest.approx(1.5)
+    assert found["time_left_s"] == 900  # two runs of the second session in 1800 s
+    assert found["figure"]["data"][1]["x"] == pytest.approx([1, 1 + 1000 / 3600, 1.5])
+
+
+def test_a_copied_folder_falls_back_on_the_journal(tmp_path):
+    made = Folder(tmp_path / "made", n_trials=2, repeats_on_front=2)
+    made.ask(0, 0, 1, at=0)
+    for trial, repeat in ((0, 0), (0, 1), (1, 0)):
+        made.end(trial, repeat, at=9_000_000)
+    made.tell(0, 1, at=1800)
+    found = gather_progress(made.path)
+    assert found["hours"] == 0.5
+    assert found["last"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
+
+
+def test_a_folder_without_its_artefacts_keeps_its_numbers(half):
+    half.end(3, at=1900)
+    half.tell(2, 3, at=1900)
+    half.table([(k, "finished", "", 1) for k in range(4)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (2, 1.0, 10.0)])
+    shutil.rmtree(half.path / "artefacts")
+    found = gather_progress(half.path)
+    assert found["trials"]["done"] == 4
+    assert found["runs"] == {"total": 4, "done": 4}
+    assert found["time_left_s"] is None
+    assert found["hypervolume"][0]["hours"] == pytest.approx(1900 / 3600)
+    for name in ("journal.log", "environment.json"):
+        (half.path / name).unlink()
+    (end,) = gather_progress(half.path)["hypervolume"]
+    assert (end["trials"], end["hours"]) == (4, None)
+
+
+def test_repeats_make_a_trial_done_and_the_front_needs_more(tmp_path):
+    made = Folder(tmp_path / "made", n_trials=3, batch=3, repeats=2, repeats_on_front=4)
+    made.ask(0, 0, 1, 2, at=0)
+    for trial, repeat in ((0, 0), (0, 1), (1, 0), (1, 1), (2, 0)):
+        made.end(trial, repeat, at=100 * (1 + trial) + repeat)
+    # Trial 1 beats trial 0; trial 2 lacks a run of its own.
+    made.table([(k, "finished", "", 2) for k in range(2)], [(0, 0.5, 5.0), (1, 0.6, 4.0)])
+    found = gather_progress(made.path)
+    assert found["trials"] == {"total": 3, "done": 2, "running": 1, "failed": 0, "pruned": 0}
+    assert found["runs"] == {"total": 5 + 1 + 2, "done": 5}
+    assert found["time_left_s"] == pytest.approx(300 / 5 * 3)
+
+
+def test_all_failed_and_reasons_by_their_number(tmp_path):
+    n = MAX_LISTED + 10
+    made = Folder(tmp_path / "made", n_trials=n, batch=n)
+    made.ask(0, *range(n), at=0)
+    for trial in range(n):
+        made.end(trial, at=10 + trial, status="failed", reason="rare" if trial == 3 else "<b>often</b>")
+    made.table([(k, "failed", "rare" if k == 3 else "<b>often</b>", 1) for k in range(n)])
+    found = gather_progress(made.path)
+    assert found["trials"] == {"total": n, "done": n, "running": 0, "failed": n, "pruned": 0}
+    often, rare = found["failed"]
+    assert (often["reason"], often["count"], often["trials"][:4]) == ("<b>often</b>", n - 1, [0, 1, 2, 4])
+    assert len(often["trials"]) == MAX_LISTED
+    assert rare == {"reason": "rare", "count": 1, "trials": [3]}
+    assert found["figure"] is None
+    assert found["time_left_s"] is None
+
+
+def test_pruned_trials_are_told_apart(half):
+    half.table([(0, "finished", "", 1), (1, "pruned", "behind the median", 1)])
+    found = gather_progress(half.path)
+    assert (found["trials"]["failed"], found["trials"]["pruned"]) == (1, 1)
+    assert found["pruned"] == [{"reason": "behind the median", "count": 1, "trials": [1]}]
+
+
+def test_a_sampler_that_has_no_other_designs_ends_the_search(tmp_path):
+    made = Folder(tmp_path / "made", n_trials=100, batch=3)
+    made.ask(0, 0, 1, 2, at=0)
+    made.tell(0, 1, 2, at=5)
+    assert gather_progress(made.path)["trials"]["total"] == 100
+    made.ask(1, 3, at=6)
+    assert gather_progress(made.path)["trials"]["total"] == 100
+    made.tell(3, at=7, state=3)
+    assert gather_progress(made.path)["trials"]["total"] == 4
+
+
+def test_more_trials_under_way_than_are_listed(tmp_path):
+    n = MAX_LISTED + 1
+    made = Folder(tmp_path / "made", n_trials=n, batch=n)
+    made.ask(0, *range(n), at=0)
+    found = gather_progress(made.path)
+    assert found["trials"]["running"] == n
+    assert [one["trial"] for one in found["running"]] == list(range(MAX_LISTED))
+
+
+def test_a_study_that_was_really_run(tmp_path):
+    tiny_study.register()
+    try:
+        moods = {"kind": "fake", "hidden": {"choice": [[4], [8]]}, "mood": {"choice": ["fine", "raise"]}}
+        space = tiny_study.make_space(tmp_path, model=moods, execution={"jobs": 1})
+        ran = study.run(space, tmp_path / "results", progress=False)
+        found = gather_progress(ran.folder)
+    finally:
+        tiny_study.unregister()
+    assert found["trials"] == {"total": 4, "done": 4, "running": 0, "failed": 2, "pruned": 0}
+    assert found["runs"] == {"total": 4, "done": 4}
+    (group,) = found["failed"]
+    assert group["count"] == 2
+    assert "hidden must be kind" in group["reason"]
+    assert found["time_left_s"] is None
+    assert 0 < found["hours"] < 1
+    (end,) = found["hypervolume"]
+    assert end["hardware"] == "loihi1_silicon"
+    assert end["trials"] == 4
+    assert 0 < end["hours"] <= found["hours"]

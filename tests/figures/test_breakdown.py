@@ -1,0 +1,70 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dse.figures.breakdown import draw_breakdown, gather_breakdown
+from dse.hardware.cost import cost
+from dse.hardware.profile import load
+from dse.records import Workload
+
+
+def workload(scale=1.0):
+    return Workload(
+        (16, 8, 3), (False, False), np.array(100.0), scale * np.array([200.0, 40.0, 10.0]), None, 5.0
+    )
+
+
+def test_parts_add_up_to_the_total():
+    priced = cost(load("loihi1_silicon"), workload())
+    found = gather_breakdown([priced])
+    assert found.energy_uj == pytest.approx(float(priced.energy_uj))
+    assert found.dynamic_uj.sum() == pytest.approx(float(priced.dynamic_uj))
+    assert found.dynamic_uj.sum() + found.static_uj == pytest.approx(found.energy_uj)
+    assert found.energy_uj_low < found.energy_uj < found.energy_uj_high
+    assert (np.diff(found.dynamic_uj) <= 0).all()
+    assert (found.dynamic_uj > 0).all()
+
+
+def test_repeats_are_averaged():
+    chip = load("loihi1_silicon")
+    once, thrice = (cost(chip, workload(scale)) for scale in (1.0, 3.0))
+    found = gather_breakdown([once, thrice])
+    assert found.energy_uj == pytest.approx((float(once.energy_uj) + float(thrice.energy_uj)) / 2)
+    assert found.dynamic_uj.sum() == pytest.approx((float(once.dynamic_uj) + float(thrice.dynamic_uj)) / 2)
+
+
+def test_drawing():
+    found = gather_breakdown([cost(load("loihi1_silicon"), workload())])
+    figure = draw_breakdown(found)
+    [bars] = figure.data
+    names = list(figure.layout.yaxis.ticktext)
+    assert names[-2:] == ["static", "total"]
+    assert "synaptic event" in names
+    assert list(bars.x) == [*found.dynamic_uj, found.static_uj, found.energy_uj]
+    assert bars.error_x.array[-1] == found.energy_uj_high - found.energy_uj
+    assert bars.error_x.arrayminus[-1] == found.energy_uj - found.energy_uj_low
+    assert not any(bars.error_x.array[:-1])
+    assert figure.layout.xaxis.title.text == "energy of an inference (µJ)"
+    # Numbers stand within the figure, right of what they are of.
+    assert all(0 <= note.x < 0.7 for note in figure.layout.annotations)
+
+
+def test_a_profile_of_intervals_has_a_total_without_a_value():
+    chip = replace(load("loihi1_silicon"), interval_only=True)
+    found = gather_breakdown([cost(chip, workload())])
+    assert np.isnan([found.energy_uj, found.static_uj]).all()
+    figure = draw_breakdown(found)
+    assert list(figure.layout.yaxis.ticktext) == ["total"]
+    [bars] = figure.data
+    assert (bars.base[0], bars.base[0] + bars.x[0]) == pytest.approx(
+        (found.energy_uj_low, found.energy_uj_high)
+    )
+    assert "nan" not in figure.to_json().lower()
+
+
+def test_one_inference_at_a_time():
+    grid = workload().mapped(lambda counts: np.stack([counts, counts]))
+    for costs in ([], [cost(load("loihi1_silicon"), grid)]):
+        with pytest.raises(ValueError, match="costs must be one or more, of one inference each"):
+            gather_breakdown(costs)

@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from dse.figures.core_map import draw_core_map, gather_core_map
+from dse.hardware.plan import NotApplicable
+from dse.hardware.profile import load, names
+from dse.records import Operations, Workload
+
+
+def workload(*sizes):
+    n = len(sizes)
+    return Workload(sizes, (False,) * (n - 1), np.array(10.0), np.ones(n), None, 5.0)
+
+
+def test_layers_are_spread_as_the_chip_places_them():
+    net, chip = workload(700, 1500, 10), load("loihi1_silicon")
+    found = gather_core_map(chip, net)
+    placement = chip.plan(net, chip.ends).placement
+    assert found.layers == ("layer 1", "output")
+    assert [len(cores) for cores in found.neurons] == list(placement.cores)
+    assert [int(cores.sum()) for cores in found.neurons] == [1500, 10]
+    assert len(found.neurons[0]) > 1
+    assert (found.n_cores, found.on_chip, found.misfits) == (placement.n_cores, 128, ())
+
+
+def test_drawing():
+    found = gather_core_map(load("loihi1_silicon"), workload(700, 1500, 10))
+    figure = draw_core_map(found)
+    cells = {trace.name: trace for trace in figure.data}
+    first, output, free = cells.values()
+    n_hidden = len(found.neurons[0])
+    assert list(cells) == [f"layer 1: {n_hidden}", "output: 1", "free"]
+    assert [int(np.isfinite(trace.z).sum()) for trace in figure.data] == [n_hidden, 1, 128 - found.n_cores]
+    words = [word for row in output.text for word in row if word]
+    assert words == [f"core {n_hidden}: output, 10 of 10 neurons (100%)"]
+    assert np.isfinite(first.z[0, :n_hidden]).all()
+    assert not free.showlegend
+    assert figure.layout.annotations[0].text.startswith(f"{found.n_cores} of 128 cores")
+
+
+def test_what_does_not_fit_is_drawn_as_if_the_chip_went_on():
+    found = gather_core_map(load("loihi1_silicon"), workload(3000, 100_000, 10))
+    assert found.n_cores > found.on_chip
+    figure = draw_core_map(found)
+    assert "free" not in [trace.name for trace in figure.data]
+    told = figure.layout.annotations[0].text
+    assert "Does not fit: " in told
+    assert max(map(len, told.split("<br>"))) <= 60
+    assert figure.layout.margin.b > 60
+
+
+def test_the_range_of_practice_is_told():
+    chip = next(chip for name in names() if (chip := load(name)) and _has_range(chip))
+    found = gather_core_map(chip, workload(700, 1500, 10))
+    assert found.high > found.n_cores
+    told = draw_core_map(found).layout.annotations[0].text
+    assert f"{found.low} to {found.high}" in told
+
+
+def _has_range(chip):
+    return "practice_weights_per_core" in chip.numbers() and chip.practice_weights_per_core.low > 0
+
+
+@pytest.mark.parametrize("name", ["mcu_m4", "op_4.6_0.9"])
+def test_hardware_without_cores(name):
+    with pytest.raises(NotApplicable):
+        gather_core_map(load(name), workload(20, 10, 3))
+
+
+def test_a_classifier_that_the_chip_cannot_run():
+    one = np.array(1.0)
+    with pytest.raises(NotApplicable):
+        gather_core_map(load("loihi1_silicon"), Operations(one, one, one, one, one))

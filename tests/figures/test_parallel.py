@@ -1,0 +1,122 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.figures import parallel
+from dse.figures.parallel import draw_parallel, gather_parallel
+from tests.page_data import ACCURACY, ENERGY, OBJECTIVES, ON_FRONT, points
+
+COLUMNS = ["model.hidden", "accuracy", "energy_uj"]
+
+
+def test_lines_are_the_points_and_the_front_is_over_all_objectives():
+    found = gather_parallel(points(), COLUMNS, OBJECTIVES)
+    assert found.columns == tuple(COLUMNS)
+    assert found.values[:, 1].tolist() == ACCURACY
+    assert found.values[:, 2].tolist() == ENERGY
+    assert found.on_front.tolist() == ON_FRONT
+    assert found.categories == (None, None, None)
+    assert (found.n_incomplete, found.n_left_out) == (0, 0)
+
+
+def test_tasks_and_chips_have_fronts_of_their_own_and_misfits_none():
+    frame = pd.concat(
+        [points(hardware="a"), points(hardware="b", accuracy=0.1), points(hardware="a", task="speed")],
+        ignore_index=True,
+    ).assign(fits=True)
+    frame.loc[0, "fits"] = False
+    found = gather_parallel(frame, COLUMNS, OBJECTIVES)
+    assert found.on_front.reshape(3, 5).tolist() == [
+        [False, True, True, True, False],
+        [False, False, True, True, False],
+        ON_FRONT,
+    ]
+
+
+def test_equal_points_are_on_the_front_together():
+    found = gather_parallel(points(accuracy=0.5, energy_uj=1.0, n_weights=3), COLUMNS, OBJECTIVES)
+    assert found.on_front.all()
+
+
+def test_words_are_categories_and_so_is_their_absence():
+    frame = points(
+        **{"model.kind": ["snn", None, "elm", "snn", "elm"], "fine": [True, False, True, True, True]}
+    )
+    found = gather_parallel(frame, ["model.kind", "fine"], OBJECTIVES)
+    assert found.categories == (("snn", "–", "elm"), ("yes", "no"))
+    assert found.values.tolist() == [[0, 0], [1, 1], [2, 0], [0, 0], [2, 0]]
+    claims = points(fine=pd.array([True, None, False, True, True], "boolean"))
+    assert gather_parallel(claims, ["fine", "accuracy"], OBJECTIVES).categories[0] == ("yes", "–", "no")
+
+
+def test_rows_without_a_number_are_counted():
+    found = gather_parallel(points(energy_uj=[50, np.nan, 21, np.inf, 30]), COLUMNS, OBJECTIVES)
+    assert found.n_incomplete + len(found.values) == 5
+    assert found.values[:, 1].tolist() == [0.95, 0.85, 0.88]
+    assert found.on_front.all()  # what beats the last row has no energy
+
+
+def test_the_front_is_whole_and_the_others_an_even_sample(monkeypatch):
+    monkeypatch.setattr(parallel, "MAX_LINES", 10)
+    n = 101
+    many = pd.DataFrame({"a": range(n), "accuracy": 0.1, "energy_uj": 9.0})
+    best = pd.DataFrame({"a": [500.0, 501.0], "accuracy": [0.9, 0.8], "energy_uj": [2.0, 1.0]})
+    found = gather_parallel(
+        pd.concat([many, best]), ["a", "accuracy"], {"accuracy": "max", "energy_uj": "min"}
+    )
+    assert found.on_front.tolist() == [False] * 8 + [True] * 2
+    assert found.values[:8, 0].tolist() == [round(k * 100 / 7) for k in range(8)]
+    assert found.n_left_out == n - 8
+    monkeypatch.setattr(parallel, "MAX_LINES", 1)
+    front = gather_parallel(
+        pd.concat([many, best]), ["a", "accuracy"], {"accuracy": "max", "energy_uj": "min"}
+    )
+    assert front.on_front.tolist() == [True, True]
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_empty_and_one_row(n):
+    found = gather_parallel(points().iloc[:n], COLUMNS, OBJECTIVES)
+    assert found.values.shape == (n, 3)
+    low, high = draw_parallel(found).data[0].dimensions[1].range
+    assert low < high
+
+
+@pytest.mark.parametrize(
+    ("columns", "objectives", "message"),
+    [
+        (["accuracy"], OBJECTIVES, "two or more different ones"),
+        (["accuracy", "accuracy"], OBJECTIVES, "two or more different ones"),
+        (["accuracy", "cost"], OBJECTIVES, r"must be in the table, got \['cost'\]"),
+        (COLUMNS, {"cost": "min"}, "must be a column of the table, got 'cost'"),
+    ],
+)
+def test_wrong_columns(columns, objectives, message):
+    with pytest.raises(ValueError, match=message):
+        gather_parallel(points().iloc[:0], columns, objectives)
+
+
+def test_drawing_colours_the_front_and_uses_logarithms_over_decades():
+    figure = draw_parallel(
+        gather_parallel(points(energy_uj=[1.0, 20.0, 300.0, 4000.0, 50.0]), COLUMNS, OBJECTIVES)
+    )
+    (lines,) = figure.data
+    assert list(lines.line.color) == [1, 1, 1, 0, 0]
+    hidden, accuracy, energy = lines.dimensions
+    assert list(accuracy.values) == ACCURACY
+    assert list(accuracy.range) == [0.6, 0.95]
+    np.testing.assert_allclose(energy.values, np.log10([1.0, 20.0, 300.0, 4000.0, 50.0]))
+    assert list(energy.tickvals) == [0, 1, 2, 3]
+    assert list(energy.ticktext) == ["1", "10", "100", "1\u202f000"]
+    assert energy.label == "energy (µJ)"
+    assert hidden.ticktext is None
+
+
+def test_hostile_names_are_escaped_where_plotly_reads_marks_and_short():
+    evil = "<img src=x onerror=alert(1)>"
+    frame = points(**{evil: [evil, "x" * 500, "%{x} 🦔", "", "y"]})
+    name, accuracy = draw_parallel(gather_parallel(frame, [evil, "accuracy"], OBJECTIVES)).data[0].dimensions
+    assert name.label == "&lt;img src=x onerror=aler…"
+    assert name.ticktext[0] == "<img src=x onerror=aler…"  # ticks are plain text
+    assert max(map(len, name.ticktext)) <= 24
+    assert accuracy.label == "accuracy"
