@@ -48,21 +48,18 @@ def many(n=1200, seed=0):
 
 
 @pytest.fixture
-def opened(chromium, tmp_path):
+def opened(new_tab, tmp_path):
     """Return a function that writes a page of a table and opens it."""
-    contexts, pages = [], []
+    pages = []
 
     def open_page(frame, *, fragment="", results="results/fabric", size=(1280, 720), name="fabric"):
         path = write_page(
             frame, tmp_path / f"page{len(pages)}.html", name=name, objectives=OBJECTIVES, results=results
         )
-        contexts.append(chromium.new_context(viewport={"width": size[0], "height": size[1]}))
-        pages.append(Page(contexts[-1].new_page(), path))
+        pages.append(Page(new_tab(size), path))
         return pages[-1].open(fragment)
 
     yield open_page
-    for context in contexts:
-        context.close()
     assert [fault for page in pages for fault in page.faults] == []
 
 

@@ -95,9 +95,9 @@ def details(trial=0, figures=None, **parts):
 
 
 @pytest.fixture
-def opened(chromium, tmp_path):
+def opened(new_tab, tmp_path):
     """Return a function that writes a page with details of trials and opens it."""
-    contexts, pages = [], []
+    pages = []
 
     def open_page(
         documents=None, fragment="", *, frame=None, name="fabric", scheme="light", size=(1280, 720)
@@ -109,15 +109,10 @@ def opened(chromium, tmp_path):
             for trial, document in documents.items()
         }
         path = write_filled("page", page | {"details": packed}, tmp_path / f"page{len(pages)}.html")
-        window = {"viewport": {"width": size[0], "height": size[1]}, "color_scheme": scheme}
-        contexts.append(chromium.new_context(**window))
-        contexts[-1].set_default_timeout(10_000)
-        pages.append(Page(contexts[-1].new_page(), path))
+        pages.append(Page(new_tab(size, scheme), path))
         return pages[-1].open(fragment)
 
     yield open_page
-    for context in contexts:
-        context.close()
     assert [fault for page in pages for fault in page.faults] == []
 
 

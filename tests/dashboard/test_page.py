@@ -89,19 +89,16 @@ class Page:
 
 
 @pytest.fixture
-def opened(chromium, tmp_path):
+def opened(new_tab, tmp_path):
     """Return a function that writes a page of a table and opens it."""
-    contexts, pages = [], []
+    pages = []
 
     def open_page(frame, *, name="fabric", fragment=""):
         path = write_page(frame, tmp_path / f"page{len(pages)}.html", name=name, objectives=OBJECTIVES)
-        contexts.append(chromium.new_context(viewport={"width": 1280, "height": 720}))
-        pages.append(Page(contexts[-1].new_page(), path))
+        pages.append(Page(new_tab(), path))
         return pages[-1].open(fragment)
 
     yield open_page
-    for context in contexts:
-        context.close()
     assert [fault for page in pages for fault in page.faults] == []
 
 

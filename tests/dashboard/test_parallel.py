@@ -130,20 +130,17 @@ def share(column, value):
 
 
 @pytest.fixture
-def opened(chromium, tmp_path):
+def opened(new_tab, tmp_path):
     """Return a function that writes a page of a table and opens its parallel coordinates."""
-    contexts, views = [], []
+    views = []
 
     def open_view(frame, *, fragment="", size=(1280, 720), name="fabric", definition=None):
         path = tmp_path / f"page{len(views)}.html"
         write_page(frame, path, name=name, objectives=OBJECTIVES, definition=definition)
-        contexts.append(chromium.new_context(viewport={"width": size[0], "height": size[1]}))
-        views.append(View(Page(contexts[-1].new_page(), path)))
+        views.append(View(Page(new_tab(size), path)))
         return views[-1].open(fragment)
 
     yield open_view
-    for context in contexts:
-        context.close()
     assert [fault for view in views for fault in view.page.faults] == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import pandas as pd
@@ -49,15 +50,14 @@ def told(frame, **more):
 
 
 @pytest.fixture
-def opened(chromium, tmp_path):
+def opened(new_tab, tmp_path):
     """Return a function that writes a page with some progress and opens it."""
-    contexts, faults = [], []
+    faults, n_opened = [], itertools.count()
 
     def open_page(frame, progress):
         page = gather_page(frame, name="fabric", objectives=OBJECTIVES)
-        path = write_filled("page", page | {"progress": progress}, tmp_path / f"page{len(contexts)}.html")
-        contexts.append(chromium.new_context(viewport={"width": 1280, "height": 720}))
-        tab = contexts[-1].new_page()
+        path = write_filled("page", page | {"progress": progress}, tmp_path / f"page{next(n_opened)}.html")
+        tab = new_tab()
         tab.on("pageerror", lambda error: faults.append(str(error)))
         tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)
         tab.on("request", lambda asked: faults.append(asked.url) if asked.url.startswith("http") else None)
@@ -68,8 +68,6 @@ def opened(chromium, tmp_path):
         return tab
 
     yield open_page
-    for context in contexts:
-        context.close()
     assert faults == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 from types import SimpleNamespace
 
@@ -69,14 +70,13 @@ def test_hostile_text_stays_data(tmp_path):
 
 
 @pytest.fixture
-def opened(chromium, tmp_path):
+def opened(new_tab, tmp_path):
     """Return a function that writes a page of a trial and opens it; no page may complain or fetch."""
-    faults, contexts = [], []
+    faults, n_opened = [], itertools.count()
 
     def open_page(view):
-        path = write_trial_page(view, tmp_path / f"page{len(contexts)}.html")
-        contexts.append(chromium.new_context(viewport={"width": 1280, "height": 720}))
-        tab = contexts[-1].new_page()
+        path = write_trial_page(view, tmp_path / f"page{next(n_opened)}.html")
+        tab = new_tab()
         tab.on("pageerror", lambda error: faults.append(str(error)))
         tab.on(
             "console", lambda line: faults.append(line.text) if line.type in ("error", "warning") else None
@@ -87,8 +87,6 @@ def opened(chromium, tmp_path):
         return tab
 
     yield open_page
-    for context in contexts:
-        context.close()
     assert [fault for fault in faults if not fault.startswith(("data:", "blob:"))] == []
 
 
