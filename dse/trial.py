@@ -210,22 +210,24 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
     }
     arrays = {
         "weights.npz": store.fitted_arrays(outcome.network),
-        "response.npz": _said(outcome.validation, data.validation),
+        "response.npz": _said(outcome.validation, data, data.validation),
         "history.npz": dict(outcome.history),
         **arrays_of(job, found, ""),
     }
     if outcome.test is not None:
-        arrays["response_test.npz"] = _said(outcome.test, data.test)
+        arrays["response_test.npz"] = _said(outcome.test, data, data.test)
     for name, head in found.heads.items():
         arrays |= arrays_of(job, head, f"_{name}")
     files = {name: _writer(content) for name, content in arrays.items()}
     store.save_run(job.folder, record, files)
 
 
-def _said(said: Response | Answers, index: Array) -> dict[str, Array]:
-    if isinstance(said, Answers):
-        return store.answers_arrays(said, index)
-    return store.response_arrays(said, index)
+def _said(said: Response | Answers, data: Dataset, index: Array) -> dict[str, Array]:
+    """Return what was said about some samples, with their numbers and their (joint) classes, `target`."""
+    kept = (
+        store.answers_arrays(said, index) if isinstance(said, Answers) else store.response_arrays(said, index)
+    )
+    return {**kept, "target": np.asarray(data.target[index])}
 
 
 def numbers(found: Measurement, leak: str) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import contextlib
 import functools
 import json
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import cache, dataset, decision, pricing, store
+from dse import decision, pricing, store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
 from dse.dashboard.write import packed
@@ -35,7 +34,6 @@ from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
 from dse.measure import read_out
 from dse.precision import AS_TRAINED
-from dse.recordings import RecordingError
 from dse.records import Array, Operations, Surface, Workload
 from dse.store import StoreError
 from dse.study import Study
@@ -49,7 +47,7 @@ _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
 _MOST_EPOCHS = 120  # that a line draws: more is finer than a pixel or two
 _DIGITS = 6  # as float32 has; a page shows three
 
-_NO_LABELS = "The prepared recordings are not on this machine any more: what the examples were is not known."
+_NO_LABELS = "This study is of an earlier version, which kept no labels: what the examples were is not known."
 
 # The panel of a design is about 400 px wide.
 _HEIGHT = 280
@@ -106,7 +104,7 @@ def gather_details(
         surfaces: for each precision, `phi`, `theta`, and per hardware ('' where the table names none) columns
         of the rows of the table, theta fastest; `first_point` is the value of `point` of the first.
         examples: recordings of the first repeat, some that the full read-out gets right and some that it does
-        not; `true` is None where the prepared recordings, which hold the labels, are not on this machine.
+        not; `true` is None in a study of an earlier version, which kept no labels.
         misfits: hardware -> what does not fit it, where something does not.
 
     Raises:
@@ -236,8 +234,7 @@ def _of_task(
         on = {name: attempted(f"Energy on {name}", _on, source.chip, name, loads) or {} for name in names}
         for part, where in (("energy", figures), ("cores", figures), ("misfits", found)):
             where[part] = {name: parts[part] for name, parts in on.items() if parts.get(part)}
-        true = functools.partial(_true, source.study.folder, runs[0].record)
-        examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces), true)
+        examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces))
         found["examples"] = examples
         if examples and examples[0]["true"] is None:
             notes.append(_NO_LABELS)
@@ -386,7 +383,6 @@ def _examples(
     head: str,
     classes: Sequence[str],
     setting: tuple[float, float] | None,
-    true_of: Callable[[Array], Array | None],
 ) -> list[dict[str, Any]]:
     """Return a few recordings as a run answered them; none of what has no output spikes."""
     arrays = run.arrays("response.npz")
@@ -399,7 +395,7 @@ def _examples(
         first = sum(len(run.record["heads"][name]["classes"]) for name in heads[: heads.index(head)])
     output = response.output[..., first : first + len(classes)]
     said = read_out(output)
-    true = true_of(index)
+    true = arrays.get("target")
     if true is None:
         chosen = _first_of_each(said, np.arange(len(said)), MOST_EXAMPLES)
     else:
@@ -439,22 +435,6 @@ def _first_of_each(label: Array, among: Array, most: int) -> list[int]:
     """Return the first sample of each class among some samples, at most so many, in the order of samples."""
     _, first = np.unique(label[among], return_index=True)
     return [int(sample) for sample in np.sort(among[first])[:most]]
-
-
-def _true(folder: Path, record: Record, index: Array) -> Array | None:
-    """Return the true (joint) classes of samples, None where their data set is not in the cache any more."""
-    key = str(record.get("data", ""))
-    if not re.fullmatch("[0-9a-f]{16,128}", key):
-        return None
-    roots = [folder / "cache"]
-    with contextlib.suppress(RuntimeError):  # a user without a home
-        roots.insert(0, cache.usual_root())
-    for root in roots:
-        with contextlib.suppress(RecordingError):
-            data = dataset.load(root / key)
-            if list(data.classes) == list(record["classes"]):
-                return np.asarray(data.target[index])
-    return None
 
 
 def _plain(figure: plotly.graph_objects.Figure) -> Any:
