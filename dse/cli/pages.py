@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from dse.dashboard.serve import Download, Server
     from dse.study import Study
 
-ROOM_BYTES = 1_200_000
-"""What the details of designs may take in a page: with the drawing library, of 4.6 MB, and the points of 1000
-trials it stays below 8 MB, which goes through most mail."""
+LARGEST_BYTES = 7_800_000
+"""Of a page in a file, which goes through most mail; the drawing library is 4.8 MB of it."""
+_ROOM_BYTES = 200_000, 1_500_000
+"""What the details of designs may take in it, at least and at most; what the points leave, in between."""
 
 _NO_TRIAL = "The study has no finished trial of this number."
 _NEEDED = ("search_space.yaml", "trials.parquet", "points.parquet")
@@ -51,13 +52,15 @@ def write_page(study: Study, path: Path | None = None, asked: Asked | None = Non
         StoreError: a table or an artefact is damaged, or figures are to be drawn where none are.
     """
     from dse.dashboard.details import packed_details, shown_first
-    from dse.dashboard.write import write_filled
+    from dse.dashboard.write import filled, write_filled
 
     asked = asked or Asked()
     _check(study, asked)
     points = study.points(asked.hardware)
     page = _gathered(study, _with_failures(study, points), asked) | _progress(study.folder)
-    details = packed_details(study, points, shown_first(page), ROOM_BYTES, asked.hardware)
+    least, most = _ROOM_BYTES
+    room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
+    details = packed_details(study, points, shown_first(page), room, asked.hardware)
     target = path or study.folder / "page.html"
     return write_filled("page", page | ({"details": details} if details else {}), target)
 
