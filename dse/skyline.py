@@ -448,19 +448,28 @@ def _honest(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]
 
 def fitting(rows: pd.DataFrame) -> NDArray[np.bool_]:
     """Return which rows fit their hardware; all of a hardware that nothing fits, as if it went on."""
-    if "fits" not in rows.columns:
-        return np.ones(len(rows), dtype=bool)
     fits = _fits(rows)
-    chips = _groups(rows, "hardware" if "hardware" in rows else None)
+    chips = _chips(rows)
     return np.asarray(fits | ~np.isin(chips, chips[fits]))
 
 
 def _fits(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return which rows fit; one without an answer where others of its hardware have one cannot run there."""
-    fits = rows["fits"].astype("boolean")
-    chips = _groups(rows, "hardware" if "hardware" in rows else None)
+    """Return which rows fit; one without an answer where others of its hardware have one cannot run there.
+
+    A column `fits` that holds anything but yes, no or nothing is not about hardware.
+    """
+    try:
+        fits = rows["fits"].astype("boolean")
+    except (KeyError, TypeError, ValueError):
+        return np.ones(len(rows), dtype=bool)
+    chips = _chips(rows)
     answered = np.isin(chips, chips[fits.notna().to_numpy()])
     return np.where(fits.isna(), ~answered, fits.fillna(False).to_numpy(dtype=bool))
+
+
+def _chips(rows: pd.DataFrame) -> NDArray[np.int64]:
+    """Return the number of each row's hardware; all are on one where the table does not say."""
+    return _groups(rows, "hardware" if "hardware" in rows else None)
 
 
 def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:

@@ -474,6 +474,24 @@ def test_costs_on_different_hardware_have_fronts_of_their_own() -> None:
     assert skyline(CHIPS, GOALS, by="hardware").rows.index.tolist() == found.rows.index.tolist()
 
 
+def test_what_has_no_answer_where_others_have_one_cannot_run_there() -> None:
+    other = CHIPS.assign(trial=[2, 3] * 3, fits=pd.array([None] * 6, dtype="boolean"), accuracy=0.99)
+    goals = [("accuracy", "max"), ("n_weights", "min")]
+    found = skyline(pd.concat([CHIPS, other], ignore_index=True), goals, by="hardware")
+    kept = [(row["hardware"], row["trial"]) for _, row in found.rows.iterrows()]
+    assert kept == [("x", 0), ("y", 1), ("z", 2)]  # nothing fits z: all of it is as if it went on
+    assert skyline(other, goals, by="hardware").rows["trial"].tolist() == [2, 2, 2]
+    assert pick(pd.concat([CHIPS, other]), ["hardware == 'x'"]).row["trial"] == 0
+
+
+@pytest.mark.parametrize("fits", [["yes", "no"], [0.93, 0.4], [2, 3], ["", None]])
+def test_a_users_column_of_that_name_is_not_about_hardware(fits):
+    frame = pd.DataFrame({"trial": [1, 2], "accuracy": [0.9, 0.8], "energy_uj": [3.0, 2.0], "fits": fits})
+    goals = [("accuracy", "max"), ("energy_uj", "min")]
+    assert skyline(frame, goals).rows["trial"].tolist() == [1, 2]
+    assert pick(frame, ["energy_uj <= 2"]).row["trial"] == 2
+
+
 def test_what_does_not_fit_is_there_when_it_is_named() -> None:
     named = skyline(CHIPS, GOALS, "fits == False")
     assert [(row["hardware"], row["trial"]) for _, row in named.rows.iterrows()] == [("y", 0), ("z", 0)]

@@ -144,20 +144,20 @@ class _Designs:
         if row is None:
             raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
         name = f"trial_{trial}_point_{point}"
-        with tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
-            folder = Path(temporary) / name
-            try:
+        try:
+            with tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
+                folder = Path(temporary) / name
                 bundles.export(self._study, row, folder)
                 return Download(f"{name}.zip", _zipped(folder))
-            except BundleError as error:
-                text = "This design cannot be deployed: its encoder reads the labels of the recordings."
-                raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
-            except ValueError as error:
-                text = "The study has changed since this point was evaluated; load the page again."
-                raise Refused(HTTPStatus.CONFLICT, text) from error
-            except (StoreError, OSError) as error:
-                text = "This design cannot be exported: an artefact is damaged, or the disk is full."
-                raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+        except BundleError as error:
+            text = "This design cannot be deployed: its encoder reads the labels of the recordings."
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+        except ValueError as error:
+            text = "The study has changed since this point was evaluated; load the page again."
+            raise Refused(HTTPStatus.CONFLICT, text) from error
+        except (StoreError, OSError) as error:
+            text = "This design cannot be exported: an artefact is damaged, or the disk is full."
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
 
     def _row(self, trial: int, point: int, hardware: str) -> Mapping[str, Any] | None:
         """Return a design point; None where there is none, or several."""

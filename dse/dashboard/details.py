@@ -198,13 +198,29 @@ def _runs(study: Study, trial: int, repeats: int, notes: list[str]) -> list[_Run
             record = store.read_json(folder / "record.json")
         except StoreError:
             record = None
-        if isinstance(record, dict) and isinstance(record.get("files"), dict) and "classes" in record:
+        if _is_record(record):
             found.append(_Run(folder, record))
         else:
             notes.append(
                 f"The record of repeat {repeat} cannot be read: the figures are of the other repeats."
             )
     return found
+
+
+def _is_record(record: Any) -> bool:
+    """Return whether this is the record of a run, as far as it is read here."""
+
+    def are_names(classes: Any) -> bool:
+        return isinstance(classes, list) and all(isinstance(name, str) for name in classes)
+
+    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
+        return False
+    heads = record.get("heads", {})
+    return (
+        are_names(record.get("classes"))
+        and isinstance(heads, dict)
+        and all(isinstance(head, dict) and are_names(head.get("classes")) for head in heads.values())
+    )
 
 
 def _of_task(
@@ -248,6 +264,8 @@ def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, 
         return []
     grid = rows[np.isfinite(numbers(rows, "phi")) & np.isfinite(numbers(rows, "theta"))]
     by = [name for name in (BITS, PRUNED) if name in grid]
+    if grid.empty:
+        return []
     precisions = grid.groupby(by, sort=False, dropna=False) if by else [((None, None), grid)]
     found = []
     for precision, own in precisions:

@@ -309,20 +309,23 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send_asked(self, path: str, query: str) -> None:
         """Send what there is of one design, or say why it cannot be sent."""
+        text, download = "", None
         try:
             if path == "/design.json":
                 text = self.server.document(_number(query, "trial"))
-                self._send(HTTPStatus.OK, "application/json", text)
             else:
                 trial, point = _number(query, "trial"), _number(query, "point")
-                self._send_file(self.server.bundle(trial, point, _once(query, "hardware")))
+                download = self.server.bundle(trial, point, _once(query, "hardware"))
         except Refused as refused:
             self._answer(refused.status, str(refused))
-        except OSError:
-            raise  # the reader went away
         except Exception as error:  # a damaged study raises nearly anything, and the server goes on
             print(str(error) or type(error).__name__, file=sys.stderr)
             self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
+        else:
+            if download is None:
+                self._send(HTTPStatus.OK, "application/json", text)
+            else:
+                self._send_file(download)
 
     def _send_file(self, download: Download) -> None:
         self.send_response(HTTPStatus.OK)

@@ -124,6 +124,24 @@ def test_run_compares_costs_on_one_chip(tmp_path: Path, capsys: Captured) -> Non
     assert [note for note in found["notes"] if note.startswith("costs are those on loihi1_silicon")]
 
 
+def test_a_page_that_cannot_be_written_fails_no_run(
+    tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise KeyError("hardware")
+
+    monkeypatch.setattr("dse.cli.commands.run.write_page", broken)
+    arguments = ["run", str(write_space(tmp_path)), "--results", str(tmp_path / "r"), "--json", "--quiet"]
+    assert main(arguments) == 0
+    found = document(capsys.readouterr().out)
+    assert found["rows"]
+    [note] = [note for note in found["notes"] if "page" in note]
+    assert note == (
+        "the page could not be written: 'hardware'; "
+        f"dse dashboard {tmp_path / 'r' / 'tiny'} --html FILE tries again"
+    )
+
+
 def test_run_again_trains_nothing_and_prints_the_same(results: Path, capsys: Captured) -> None:
     space = results.parent.parent / "tiny.yaml"
     arguments = ["run", str(space), "--results", str(results.parent), "--jobs", "2", "--json", "--quiet"]

@@ -167,6 +167,16 @@ def test_a_full_disk_leaves_nothing_behind(
     assert list(temporary.iterdir()) == []
 
 
+def test_nowhere_to_make_a_bundle_is_said(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    with serving(folder) as server:
+        status, _, body = ask(server, query())
+    assert status == 422
+    assert body == b"This design cannot be exported: an artefact is damaged, or the disk is full.\n"
+
+
 def test_the_document_of_a_trial(folder: Path) -> None:
     found = study.open(folder)
     with serving(folder) as server:

@@ -294,3 +294,37 @@ def test_trials_of_most_fronts_come_first():
     }
     assert shown_first(page) == [1, 2, 3, 0]
     assert shown_first(page | {"columns": {}}) == []
+
+
+def test_a_design_without_a_decision_in_a_study_of_an_earlier_version(found):
+    points = found.points().drop(columns=["weight_bits", "pruned_after"])
+    document = gather_details(found, points, trial_of(found, "knn"))
+    [task] = document["tasks"].values()
+    assert task["surfaces"] == []
+    assert task["figures"]["confusion"]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"heads": 3},
+        {"heads": {"touch": 3}},
+        {"heads": {"touch": {"classes": 3}}},
+        {"classes": [["felt"]]},
+        {"classes": 3},
+        {"files": []},
+    ],
+)
+def test_a_record_that_is_none_is_left_out(found, tmp_path, part):
+    points, trial = found.points(), trial_of(found, "fake")
+    copy = study.open(shutil.copytree(found.folder, tmp_path / "copy"))
+    for repeat in range(2):
+        path = store.run_folder(copy.folder, trial, repeat) / "record.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), **part}))
+    document = gather_details(copy, points, trial)
+    [task] = document["tasks"].values()
+    assert list(task["figures"]) == []
+    assert len(task["surfaces"]) == 1
+    assert [note.split(":")[0] for note in document["notes"]] == [
+        f"The record of repeat {repeat} cannot be read" for repeat in range(2)
+    ]

@@ -400,6 +400,8 @@ class Designs:
         self.asked.append(trial)
         if trial == 66:
             raise KeyError("/etc/passwd")
+        if trial == 67:
+            raise PermissionError(13, "Permission denied", "/etc/passwd")
         if trial > 99:
             raise Refused(HTTPStatus.NOT_FOUND, "There is no such trial.")
         return {"trial": trial, "name": HOSTILE[1]}
@@ -511,8 +513,9 @@ def test_what_cannot_be_downloaded(serving, query, status, said, capsys):
     capsys.readouterr()
 
 
-def test_a_fault_names_nothing(serving, capsys):
-    status, _, body = ask(serving, "/design.json?trial=66")
+@pytest.mark.parametrize("trial", [66, 67])
+def test_a_fault_names_nothing(serving, capsys, trial):
+    status, _, body = ask(serving, f"/design.json?trial={trial}")
     assert (status, body) == (500, b"500 Internal Server Error\n")
     assert "passwd" in capsys.readouterr().err
     assert ask(serving, "/design.json?trial=100")[::2] == (404, b"There is no such trial.\n")

@@ -79,6 +79,13 @@ def test_sweeping_removes_only_what_was_never_finished(tmp_path: Path) -> None:
     assert sorted(x.name for x in tmp_path.rglob("*") if x.is_file()) == ["record.json"]
 
 
+def test_json_that_is_nested_without_end_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "record.json"
+    path.write_text("[" * 100_000)
+    with pytest.raises(store.StoreError, match="cannot be read"):
+        store.read_json(path)
+
+
 def test_json_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
     store.write_json(tmp_path / "x.json", {"a": np.arange(2), "b": (1, 2)})
     assert json.loads((tmp_path / "x.json").read_text()) == {"a": [0, 1], "b": [1, 2]}

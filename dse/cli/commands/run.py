@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import front
 from dse.cli.numbers import positive
 from dse.cli.pages import write_page
 from dse.cli.spaces import add_space, load
+
+if TYPE_CHECKING:
+    from dse.study import Study
 
 HELP = "train the designs of a search space; run it again to go on where it was stopped"
 _NOTHING_TRAINED = 1
@@ -34,7 +38,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse import study
 
     done = study.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
-    notes = [*done.warnings, f"page: {write_page(done)}"]
+    notes = [*done.warnings, _page(done)]
     failed = done.trials[done.trials["status"] == "failed"]
     if len(failed):
         notes.append(
@@ -50,3 +54,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
     several = points["task"].nunique() > 1  # accuracies of different tasks do not compare
     result = front(points, done.objectives, by="task" if several else None)
     return dataclasses.replace(result, notes=[*result.notes, *notes])
+
+
+def _page(done: Study) -> str:
+    """Write the page of a study and return a note about it: without one, the study is as finished."""
+    try:
+        return f"page: {write_page(done)}"
+    except Exception as error:  # tables and figures of whatever a study holds may fail in any way
+        why = str(error) or type(error).__name__
+        return f"the page could not be written: {why}; dse dashboard {done.folder} --html FILE tries again"
