@@ -437,13 +437,31 @@ def sure_pick(
 
 def _honest(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
     """Leave out rows whose classifier saw the labels that it answers, unless the condition names them."""
-    if "transductive" not in rows.columns or "transductive" in condition:
+    if "transductive" in condition:
         return rows, []
-    leaky = rows["transductive"].fillna(False).astype(bool).to_numpy()
-    if not leaky.any():
+    keep = honest(rows)
+    n = int((~keep).sum())
+    if not n:
         return rows, []
-    noun = "row" if leaky.sum() == 1 else "rows"
-    return rows[~leaky], [f"{leaky.sum()} transductive {noun} left out: what answers has seen the labels"]
+    noun = "row" if n == 1 else "rows"
+    return rows[keep], [f"{n} transductive {noun} left out: what answers has seen the labels"]
+
+
+def honest(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which rows are of classifiers that have not seen the labels that they answer."""
+    try:
+        leaky = rows["transductive"].astype("boolean")
+    except (KeyError, TypeError, ValueError):  # a column of that name that says something else
+        return np.ones(len(rows), dtype=bool)
+    return ~leaky.fillna(False).to_numpy(dtype=bool)
+
+
+def admissible(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which rows a front compares: the honest ones that fit their hardware, where any does."""
+    keep = honest(rows)
+    of_hardware = [name for name in ("fits", "hardware") if name in rows.columns]
+    keep[keep] = fitting(rows.loc[keep, of_hardware])
+    return keep
 
 
 def fitting(rows: pd.DataFrame) -> NDArray[np.bool_]:

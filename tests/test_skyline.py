@@ -490,6 +490,8 @@ def test_a_users_column_of_that_name_is_not_about_hardware(fits):
     goals = [("accuracy", "max"), ("energy_uj", "min")]
     assert skyline(frame, goals).rows["trial"].tolist() == [1, 2]
     assert pick(frame, ["energy_uj <= 2"]).row["trial"] == 2
+    named = frame.assign(transductive=fits)
+    assert skyline(named, goals).rows["trial"].tolist() == [1, 2]
 
 
 def test_what_does_not_fit_is_there_when_it_is_named() -> None:

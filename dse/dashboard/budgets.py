@@ -11,6 +11,7 @@ from dse.constraints import ExpressionError, split_budgets
 from dse.figures.front import numbers
 from dse.pareto import non_dominated
 from dse.records import Array
+from dse.skyline import honest
 
 if TYPE_CHECKING:
     import pandas
@@ -111,13 +112,11 @@ def _alike(costs: Array) -> Array:
 
 def _ranges(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[str, Any]]:
     """Return the range of each column, for each combination of the filters' values."""
-    honest = np.ones(len(points), bool)
-    if "transductive" in points.columns:
-        honest = ~np.asarray(points["transductive"].astype("boolean").fillna(False), bool)
+    keep = honest(points)
     values = {name: numbers(points, name) for name in columns}
     found = []
     for group in groups_of(points, _FILTERS) if len(points) else ():
-        rows = group[honest[group]]
+        rows = group[keep[group]]
         finite = {name: x[rows][np.isfinite(x[rows])] for name, x in values.items()}
         found.append(
             {name: str(points[name].iloc[group[0]]) for name in _FILTERS if name in points.columns}

@@ -15,7 +15,7 @@ from dse.dashboard.definition import Definition, definition_for, load
 from dse.figures.front import design_columns, front_mask, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
-from dse.skyline import fitting
+from dse.skyline import admissible, honest
 
 if TYPE_CHECKING:
     import pandas
@@ -123,12 +123,13 @@ def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str
         groups = list(points.groupby(by, sort=False, dropna=False).indices.values())
     else:
         groups = [np.arange(len(points))]
-    fits = np.flatnonzero(fitting(points))
-    groups = [np.intersect1d(group, fits) for group in groups]
+    usable = admissible(points)
+    groups = [group[usable[group]] for group in map(np.asarray, groups)]
+    compared = points[list(objectives)]  # taking rows of all columns is slow
 
     def rows(columns: Sequence[str]) -> Array:
         chosen = {column: objectives[column] for column in columns}
-        found = [group[front_mask(points.iloc[group], chosen)] for group in groups if len(group)]
+        found = [group[front_mask(compared.iloc[group], chosen)] for group in groups if len(group)]
         return np.sort(np.concatenate(found)) if found else np.zeros(0, np.int64)
 
     if not objectives:
@@ -142,7 +143,7 @@ def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
     if n <= MAX_POINTS:
         return np.arange(n)
     best = np.unique(np.concatenate(list(fronts.values())))
-    rest = np.setdiff1d(np.arange(n), best)
+    rest = np.delete(np.arange(n), best)
     # However many are on fronts, there is a sample: the number of feasible points rests on it.
     room = min(len(rest), max(MAX_POINTS - len(best), MAX_POINTS // 4))
     return np.sort(np.concatenate([best, rest[np.linspace(0, len(rest) - 1, room).astype(int)]]))
@@ -251,6 +252,11 @@ def _remarks(
             remarks.append(
                 f"{column} is {short(float(np.nanmin(values)))} everywhere: it tells no design apart."
             )
+    if n_leaky := int((~honest(points)).sum()):
+        remarks.append(
+            f"{n_leaky} of {len(points)} points are transductive and on no front: what answers has seen the "
+            "labels."
+        )
     if len(points) == 1:
         remarks.append("One design point so far, so it is the front.")
     if n_kept < len(points):

@@ -12,7 +12,7 @@ import numpy as np
 from dse.figures.front import front_mask, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
-from dse.skyline import fitting
+from dse.skyline import admissible
 
 if TYPE_CHECKING:
     import pandas
@@ -113,17 +113,17 @@ def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
 
 
 def _fronts(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
-    """Return which rows no other row of the same task and chip beats, of those that fit their chip."""
+    """Return which rows no other of the same task and chip beats, of those that `dse.skyline` compares."""
     by = [name for name in ("task", "hardware") if name in frame.columns]
     whole = np.arange(len(frame))
     groups: Iterable[Array] = (
         map(np.asarray, frame.groupby(by, sort=False, dropna=False).indices.values()) if by else [whole]
     )
-    fits = np.asarray(fitting(frame))
+    usable = admissible(frame)
     mask = np.zeros(len(frame), bool)
     front_mask(frame.head(0), objectives)  # wrong objectives are told of an empty table too
     for group in groups:
-        rows = group[fits[group]]
+        rows = group[usable[group]]
         mask[rows] = front_mask(frame.take(rows), objectives)
     return mask
 

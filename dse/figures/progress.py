@@ -13,7 +13,7 @@ from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.pareto import hypervolume, non_dominated
 from dse.records import Array
-from dse.skyline import fitting
+from dse.skyline import fitting, honest
 
 if TYPE_CHECKING:
     import pandas
@@ -175,8 +175,7 @@ def _normalised(
     Returns:
         (point, objective), (point,)
     """
-    if "transductive" in group.columns:
-        group = group[~np.asarray(group["transductive"].astype("boolean").fillna(False), bool)]
+    group = group[honest(group)]
     usable = np.asarray(fitting(group))
     columns = []
     for name, way in objectives.items():

@@ -40,6 +40,15 @@ def test_tasks_and_hardware_have_a_front_each(column):
     assert [row for row in front if row >= 5] == [7, 8]
 
 
+def test_what_has_seen_the_labels_is_on_no_front_and_is_told():
+    leaky = pd.array([None, True, False, False, None], dtype="boolean")
+    page = gather(points(transductive=leaky))
+    assert page["fronts"]["accuracy|energy_uj"] == [0, 2, 3, 4]
+    [told] = [note for note in page["notes"] if "transductive" in note]
+    assert told.startswith("1 of 5 points are transductive and on no front")
+    assert gather(points(transductive="no"))["fronts"] == gather(points())["fronts"]
+
+
 def test_failed_trials_are_listed_not_drawn():
     page = gather(pd.concat([points(), failed()], ignore_index=True))
     assert page["counts"] == {"finished": 5, "failed": 1}

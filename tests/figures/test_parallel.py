@@ -96,6 +96,11 @@ def test_wrong_columns(columns, objectives, message):
         gather_parallel(points().iloc[:0], columns, objectives)
 
 
+def test_what_has_seen_the_labels_is_not_on_the_front():
+    seen = points(transductive=[False, True, False, False, False])
+    assert gather_parallel(seen, COLUMNS, OBJECTIVES).on_front.tolist() == [True, False, True, True, True]
+
+
 def test_drawing_colours_the_front_and_uses_logarithms_over_decades():
     figure = draw_parallel(
         gather_parallel(points(energy_uj=[1.0, 20.0, 300.0, 4000.0, 50.0]), COLUMNS, OBJECTIVES)
