@@ -274,8 +274,7 @@ const Budgets = (() => {
 
   // Returns what shows a result of `evaluate`. Inputs last as long as the columns with a budget do, so that a drag
   // or the focus survives new points.
-  function panel(root, { element, clip, number, withInterval, change, keyOf }) {
-    const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
+  function panel(root, { element, clip, number, many, withInterval, change, keyOf }) {
     let [inputs, built] = [[], ""];
     const build = ({ columns, budgets }) => Object.entries(budgets.columns).map(([column, way], k) => {
       const { label, unit } = columns[column];
@@ -298,6 +297,10 @@ const Budgets = (() => {
     });
     const part = (name) => root.querySelector(name);
     part("#clear").addEventListener("click", () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""]))));
+    part("#pick > div").addEventListener("click", (event) => {
+      const key = event.target.closest("button")?.dataset.key;
+      if (key !== undefined) change({ chosen: key });
+    });
     part("#copy").addEventListener("click", () => copy(part("#command"), part("#copied")));
     let turn = 0;
     let summed = {}; // what the hypervolume is of: it stays while a design is chosen
@@ -305,7 +308,7 @@ const Budgets = (() => {
     function design({ columns, objectives }, row, missed = []) {
       const named = columns.trial ? `Trial ${number(columns.trial.values[row])}` : `Point ${row}`;
       const button = element("button", { type: "button", textContent: clip(named, 40) });
-      button.addEventListener("click", () => change({ chosen: keyOf(row) }));
+      button.dataset.key = keyOf(row);
       const shown = Object.keys(objectives).map((c) =>
         `${clip(columns[c].label, 40)} ${withInterval(c, row)}\u00a0${columns[c].unit}`.trim()).join(" · ");
       return element("p", {}, button, ` ${shown}`, ...missed.map(({ column, by }) =>
@@ -335,8 +338,8 @@ const Budgets = (() => {
         cost.textContent = !range ? "no numbers" : slider.disabled ? "all the same"
           : limit === "" ? "no limit" : `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`;
       }
-      part("#feasible").textContent = `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} feasible`;
-      part("#n-front").textContent = `${many(result.front.length)} on the front`;
+      write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} feasible`);
+      write("#n-front", `${many(result.front.length)} on the front`);
       sum(result);
       part("#clear").disabled = result.limits.length === 0;
       const [heading, ...said] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so none can be picked." })]
@@ -344,12 +347,23 @@ const Budgets = (() => {
           ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
           : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
             : ["Nothing is feasible", element("p", { textContent: "No design here has the numbers that the budgets ask for." })];
-      part("#pick h2").textContent = heading;
-      const focused = [...part("#pick > div").querySelectorAll("button")].indexOf(document.activeElement);
-      part("#pick > div").replaceChildren(...said);
-      part("#pick > div").querySelectorAll("button")[focused]?.focus();
+      write("#pick h2", heading);
+      tell(said);
       part("#export").hidden = result.pick < 0;
       part("#command").textContent = result.command;
+    }
+
+    // What is read aloud when it changes is not written again as it was.
+    function write(name, text) {
+      if (part(name).textContent !== text) part(name).textContent = text;
+    }
+
+    function tell(said) {
+      const place = part("#pick > div");
+      if (place.innerHTML === said.map((node) => node.outerHTML).join("")) return;
+      const focused = [...place.querySelectorAll("button")].indexOf(document.activeElement);
+      place.replaceChildren(...said);
+      place.querySelectorAll("button")[focused]?.focus();
     }
 
     // The hypervolume of a large front takes longer than a slider may: it is summed between other work.

@@ -20,7 +20,10 @@ const Compare = (() => {
   function difference(value, first, way, number) {
     if (typeof value !== "number" || typeof first !== "number") return "";
     if (value === first) return "same";
-    if (way === "min" && value > 0 && first > 0) return `×${number(value / first)}`;
+    if (way === "min" && value > 0 && first > 0) {
+      const factor = number(value / first);
+      return factor === "1" ? "about the same" : `×${factor}`;
+    }
     return `${value > first ? "+" : "−"}${number(Math.abs(value - first))}`;
   }
 
@@ -212,7 +215,7 @@ const Compare = (() => {
         const node = element("div", { className: "plot" });
         if (!found[k]) {
           const text = details[k] === undefined ? "…" 
-            : details[k] === null && !Details.isServed(shown.page) ? "This file does not carry its details."
+            : details[k] === null ? Details.absent(shown.page, trialOf(at))
               : ["energy", "cores"].includes(select.value) ? "No numbers on this hardware." : "Nothing was recorded.";
           return element("figure", {}, caption, element("p", { className: "quiet", textContent: text }));
         }
@@ -221,7 +224,7 @@ const Compare = (() => {
         node.setAttribute("aria-label", `${k + 1}, ${nameAt(at)}. ${Design.words[select.value](found[k], number)}`);
         return element("figure", {}, caption, node);
       });
-      figures.replaceChildren(...nodes);
+      Figure.replace(figures, ...nodes);
       figures.querySelectorAll(".plot").forEach((node, k) =>
         Figure.draw(node, wide[k], app.style(), () => ({ autosize: true, height: undefined, width: undefined })));
     }

@@ -9,9 +9,25 @@ const Data = (() => {
     return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
   }
 
+  // What is wrong, in place of a page that cannot be shown.
+  function say(text) {
+    const line = document.createElement("p");
+    line.className = "note";
+    line.setAttribute("role", "alert");
+    line.textContent = text;
+    document.querySelector("main").replaceChildren(line);
+  }
+
   async function read() {
     const { type, textContent } = document.getElementById("data");
-    return type === "application/json" ? JSON.parse(textContent) : unpacked(textContent);
+    try {
+      return type === "application/json" ? JSON.parse(textContent) : await unpacked(textContent);
+    } catch (error) {
+      say(typeof DecompressionStream === "undefined"
+        ? "This browser cannot unpack the page: it needs one of 2023 or later (Chrome or Edge 80, Firefox 113, Safari 16.4)."
+        : "The data of this page cannot be read: the file may have been cut short. Write it again, or copy it again.");
+      throw error;
+    }
   }
 
   return { read, unpacked };

@@ -242,10 +242,11 @@ const Design = (() => {
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
-      list(objectives, aims.filter(has));
+      const measured = [...new Set([...aims, ...Object.keys(page.budgets.columns)])];
+      list(objectives, measured.filter(has));
       const said = ["trial", "task", "hardware"];
       list(parameters, page.design.filter((column) => !said.includes(column) && has(column)));
-      list(others, Object.keys(columns).filter((column) => ![...aims, ...page.design, ...said].includes(column) && has(column)));
+      list(others, Object.keys(columns).filter((column) => ![...measured, ...page.design, ...said].includes(column) && has(column)));
       const [, point] = named(shown, chosen.key);
       const deployable = point !== null && chosen.value("transductive") !== true;
       bundle.hidden = !deployable || !Details.isServed(page);
@@ -285,7 +286,7 @@ const Design = (() => {
     function say(text) {
       drawn = null;
       save.hidden = true;
-      pane.replaceChildren(element("p", { className: "quiet", textContent: text }));
+      Figure.replace(pane, element("p", { className: "quiet", textContent: text }));
     }
 
     function renderParts() {
@@ -310,7 +311,7 @@ const Design = (() => {
       const kept = new Map([...pane.querySelectorAll("select")].map((select) => [select.dataset.name, select.value]));
       const built = { surface: surfacePane, raster: rasterPane }[open] ?? figurePane;
       drawn = { said, details, ...built(part, surface, open) };
-      pane.replaceChildren(...drawn.nodes);
+      Figure.replace(pane, ...drawn.nodes);
       for (const select of pane.querySelectorAll("select")) {
         if ([...select.options].some(({ value }) => value === kept.get(select.dataset.name))) select.value = kept.get(select.dataset.name);
       }
@@ -321,9 +322,10 @@ const Design = (() => {
     }
 
     function absent(page) {
-      if (Details.isServed(page)) return "Nothing was recorded.";
-      const carried = app.plural(Object.keys(page.details ?? {}).length, "design");
-      return `This file carries the details of ${carried}; dse dashboard ${page.budgets.results} shows all.`;
+      if (Details.isServed(page) || page.details?.[loaded.trial]) return Details.absent(page, loaded.trial);
+      const n = Object.keys(page.details ?? {}).length;
+      const carried = n ? `the details of ${app.plural(n, "design")}` : "no details of designs";
+      return `This file carries ${carried}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;
     }
 
     function renderTabs(names, open) {

@@ -2,6 +2,7 @@
 // What a page knows of one trial beyond its points: carried by the page, or asked of its server.
 const Details = (() => {
   const kept = new Map();
+  const lost = new Set(); // trials that were asked for in vain
   let version; // of the page that they belong to
 
   // The token of a server on the network is part of the page's address.
@@ -25,13 +26,21 @@ const Details = (() => {
     const key = String(trial);
     if (!kept.has(key)) {
       const carried = page.details?.[key];
+      lost.delete(key);
       kept.set(key, (isServed(page) ? asked(key) : carried ? Data.unpacked(carried) : Promise.resolve(null)).catch(() => {
         kept.delete(key); // a lost connection may come back
+        lost.add(key);
         return null;
       }));
     }
     return kept.get(key);
   }
 
-  return { of, isServed, address };
+  // Why a trial has no document, in a sentence.
+  function absent(page, trial) {
+    if (lost.has(String(trial))) return isServed(page) ? "The connection was lost before its details came." : "Its details cannot be read.";
+    return isServed(page) ? "Nothing was recorded." : "This file does not carry its details.";
+  }
+
+  return { of, absent, isServed, address };
 })();

@@ -44,7 +44,11 @@ const Figure = (() => {
     return index < 0 ? value : look.palette[index];
   }
 
-  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+  // Nothing of a study leaves its page: plotly would offer to upload it.
+  const config = {
+    responsive: true, displaylogo: false, plotlyServerURL: "",
+    modeBarButtonsToRemove: ["sendChartToCloud", "lasso2d", "select2d", "autoScale2d"],
+  };
 
   // What every figure of a page has in common.
   const face = (look, narrow) => ({
@@ -73,5 +77,11 @@ const Figure = (() => {
     return Plotly.react(node, recoloured(figure.data, look), layout, config);
   }
 
-  return { library, style, print, recoloured, config, face, draw };
+  // Puts nodes where others were: plotly listens to the window for each plot until it is told that one has gone.
+  function replace(place, ...nodes) {
+    for (const plot of place.querySelectorAll(".js-plotly-plot")) Plotly.purge(plot);
+    place.replaceChildren(...nodes);
+  }
+
+  return { library, style, print, recoloured, config, face, draw, replace };
 })();

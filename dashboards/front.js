@@ -8,6 +8,7 @@ const Front = (() => {
   const SETTLED_MS = 150; // after a budget's last step: until then the canvas draws what plotly is too slow for
   const FADE_MS = 1200; // of points that a running study adds
   const HOVER_CHARACTERS = 60;
+  const CHARACTER_PX = 8; // about the width of one
   const BOTH = "all";
   const POINTED = "pointed";
   const [OUTSIDE, DIM, BEST, JOINED] = [0, 1, 2, 3]; // points: beyond a budget, dominated, on the front, on the joined one
@@ -19,6 +20,9 @@ const Front = (() => {
       return false;
     }
   })();
+
+  // Plotly's own picture would lack the canvas.
+  const config = { ...Figure.config, modeBarButtonsToRemove: [...Figure.config.modeBarButtonsToRemove, "toImage"] };
 
   const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 
@@ -256,11 +260,13 @@ const Front = (() => {
       }
       panels.forEach(({ suffix, tasks }, k) => {
         const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
+        const room = Math.max(4, Math.floor(plot.clientWidth / panels.length / CHARACTER_PX));
         found[`xaxis${suffix}`] = { ...axis("x", look), domain: [low, high], anchor: `y${suffix}` };
+        if (k && clip(title(state.x), 48).length > room) found[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
         found[`yaxis${suffix}`] = { ...axis("y", look), anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
         if (panels.length > 1) {
           (found.annotations ??= []).push({
-            text: escaped(clip(tasks[0], 40)), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
+            text: escaped(clip(tasks[0], Math.min(40, room))), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
             showarrow: false, font: { color: colourOf(tasks[0], look) },
           });
         }
@@ -511,7 +517,7 @@ const Front = (() => {
         plot.dataset.space = space;
         plot.dataset.view = drawnView();
         plot.classList.remove("stale");
-        Plotly.react(plot, flat() ? planeTraces(look, false) : spaceTraces(look), layout(look), Figure.config).then(listen);
+        Plotly.react(plot, flat() ? planeTraces(look, false) : spaceTraces(look), layout(look), config).then(listen);
       });
     }
 

@@ -43,10 +43,11 @@
       if (answer.status === 200) {
         const { version, change, page: whole } = await answer.json();
         page = { ...(whole ?? changed(page, change)), version };
-        dispatchEvent(new CustomEvent("live", { detail: page }));
       } else if (answer.status !== 204) {
         throw new Error(`the server answered ${answer.status}`);
       }
+      // Once a connection is back, what was asked for meanwhile can be asked for again.
+      if (answer.status === 200 || line.className === "note") dispatchEvent(new CustomEvent("live", { detail: page }));
       heard = new Date();
       say("live", "");
     } catch {

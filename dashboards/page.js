@@ -26,7 +26,8 @@
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
   const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
-  const plural = (n, word) => `${n.toLocaleString("en")} ${word}${n === 1 ? "" : "s"}`;
+  const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
+  const plural = (n, word) => `${many(n)} ${word}${n === 1 ? "" : "s"}`;
 
   const digits = new Intl.NumberFormat("en", { maximumSignificantDigits: 3 });
 
@@ -218,7 +219,7 @@
   };
 
   const app = {
-    element, clip, number, withInterval, escaped, title, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, tell,
+    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, tell,
     toggleCompared, download, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
@@ -240,7 +241,7 @@
   function renderHeader(shown) {
     const counts = Object.entries(page.counts).map(([status, n]) => `${number(n)} ${status}`);
     const best = shown.rows.filter((row) => shown.onFront.has(row)).length;
-    if (nRows) counts.push(`${plural(shown.rows.length, "point")}, ${best.toLocaleString("en")} on the front`);
+    if (nRows) counts.push(`${plural(shown.rows.length, "point")}, ${many(best)} on the front`);
     byId("counts").textContent = counts.join(" · ");
     byId("title").textContent = page.definition.title;
     const open = byId("notes").querySelector("details")?.open ?? false;
@@ -273,7 +274,7 @@
     byId("task-label").hidden = tasks.length < 2;
     byId("hardware-label").hidden = hardware.length < 2;
     byId("view-s").hidden = tasks.length < 2;
-    for (const node of document.querySelectorAll(".third")) node.hidden = state.view !== "3";
+    byId("third").hidden = state.view !== "3";
     for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
   }
 

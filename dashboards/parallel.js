@@ -104,8 +104,7 @@ const Parallel = (() => {
   const inXML = (text) => text.replace(/[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\u{10000}-\u{10ffff}]/gu, "\ufffd");
 
   function view(root, app) {
-    const { element, number, clip, title, plural } = app;
-    const many = (n) => n.toLocaleString("en").replace(/,/g, "\u202f");
+    const { element, number, clip, title, many, plural } = app;
     const count = element("small");
     const [lines, marks] = [element("canvas", { className: "lines" }), element("canvas", { className: "marks" })];
     const frame = element("div", { className: "axes" });
@@ -269,7 +268,8 @@ const Parallel = (() => {
         const { value } = nodes.get(column);
         value.hidden = heights === null;
         if (value.hidden) return;
-        value.textContent = clip(number(shown.columns[column].values[row]), 40);
+        const known = shown.columns[column].values[row];
+        value.textContent = isKnown(known) ? clip(number(known), 40) : "none";
         value.style.top = `${heights[k]}px`;
       });
     }

@@ -25,7 +25,7 @@ const Progress = (() => {
       trials.failed ? `${grouped(trials.failed)} failed` : "",
       trials.pruned ? `${grouped(trials.pruned)} pruned` : "",
       hours ? `${duration(3600 * hours)} spent` : "",
-      left === null ? "" : `${duration(left)} left`,
+      left === null || !isLive ? "" : `${duration(left)} left`,
     ].filter(Boolean).join(" · ");
   }
 

@@ -12,7 +12,7 @@ const Table = (() => {
     function columnsShown() {
       const { page, columns, objectives } = shown;
       const asked = page.definition.table ?? [];
-      const parameters = page.design.filter((column) => column === "trial" || app.varies(column));
+      const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && app.varies(column)));
       const several = columns.task && app.distinct("task").length > 1 ? ["task"] : [];
       const first = parameters.filter((column) => column === "trial");
       return [...new Set([...first, ...several, ...(asked.length ? asked : [...objectives, ...parameters])])];
@@ -70,7 +70,7 @@ const Table = (() => {
       again?.focus({ preventScroll: true });
       part("#front-count").textContent = `${app.plural(front.length, "design")} that nothing beats over ${objectives.map((c) => columns[c].label).join(", ")}`;
       part("#more").hidden = visible.length === front.length;
-      part("#more").textContent = `Show all ${front.length.toLocaleString("en")}`;
+      part("#more").textContent = `Show all ${app.many(front.length)}`;
     }
 
     const lineOf = (key) => [...table.tBodies[0].rows].find((line) => line.dataset.key === key);

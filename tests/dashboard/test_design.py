@@ -414,6 +414,43 @@ def test_news_of_a_running_study_leave_the_panel_as_it_is(opened):
     assert ring(page) == (LATENCY_MS[5], ACCURACY[5])
 
 
+def test_a_figure_that_gave_way_holds_nothing(opened):
+    page = opened(fragment="chosen=0.0&tab=confusion&compare=0.0")
+    drawn(page, "confusion")
+    page.tab.wait_for_function("document.querySelector('#compare .plot')?.data")
+    page.tab.evaluate("window.gone = [...document.querySelectorAll('#design-pane .plot, #compare .plot')]")
+    page.tab.click("#tab-learning")
+    page.tab.select_option("#compare select", "learning")
+    drawn(page, "learning")
+    assert page.tab.evaluate("gone.map((node) => node._fullLayout === undefined)") == [True, True]
+
+
+def test_the_panel_lists_what_has_a_budget(opened):
+    page = opened(fragment="chosen=0.0")
+    assert list(listed(page))[:4] == ["accuracy", "energy", "weights", "decision latency"]
+
+
+def test_details_that_a_lost_connection_kept_come_when_it_is_back(opened):
+    page = opened({})
+    page.tab.evaluate(
+        """async () => {
+          const page = {...await Data.read(), version: "1"};
+          window.fetch = () => Promise.reject(new TypeError("lost"));
+          window.arrive = () => dispatchEvent(new CustomEvent("live", {detail: page}));
+          window.arrive();
+        }"""
+    )
+    page.tab.click("#front tbody tr:first-child")
+    page.tab.wait_for_function(
+        "document.querySelector('#design-pane').textContent.startsWith('The connection was lost')"
+    )
+    page.tab.evaluate(
+        "(text) => { window.fetch = async () => new Response(text); window.arrive(); }",
+        json.dumps(details(2)),
+    )
+    drawn(page, "confusion")
+
+
 def test_an_open_figure_is_saved_in_the_colours_of_print(opened):
     page = opened(fragment="chosen=0.6&tab=surface", scheme="dark")
     wait_for_ring(page, LATENCY_MS[5], ACCURACY[5])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from xml.etree import ElementTree
 
 import pandas as pd
@@ -208,6 +209,63 @@ def test_a_picture_has_every_point(opened):
     assert saved.value.path().read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_buttons_of_a_figure_neither_send_it_away_nor_save_half_of_it(opened):
+    page = opened(points())
+    named = "buttons => buttons.map((button) => button.dataset.title)"
+    offered = page.tab.eval_on_selector_all("#plot .modebar-btn", named)
+    assert offered == ["Zoom", "Pan", "Zoom in", "Zoom out", "Reset axes"]
+    assert "sendChartToCloud" in page.tab.evaluate("Figure.config.modeBarButtonsToRemove")
+    assert page.tab.evaluate("Figure.config.plotlyServerURL") == ""
+
+
+def test_failed_trials_are_listed_after_the_views(opened):
+    page = opened(pd.concat([points(), failed()], ignore_index=True), fragment="chosen=1")
+    places = "ids => ids.map((id) => document.getElementById(id).getBoundingClientRect())"
+    budgets, design, views, failures = page.tab.evaluate(places, ["budgets", "design", "views", "failures"])
+    assert design["top"] == budgets["top"]
+    assert failures["top"] > views["bottom"]
+    page.tab.set_viewport_size({"width": 390, "height": 844})
+    last, failures = page.tab.evaluate(places, ["front", "failures"])
+    assert failures["top"] > last["bottom"]
+
+
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        ("delete window.DecompressionStream", "This browser cannot unpack the page"),
+        ("const read = atob; window.atob = (text) => read(text).slice(0, -9)", "may have been cut short"),
+    ],
+)
+def test_a_page_that_cannot_be_read_says_so(new_tab, tmp_path, before, said):
+    path = write_page(points(), tmp_path / "page.html", name="fabric", objectives=OBJECTIVES)
+    new_tab()
+    tab = new_tab()
+    tab.add_init_script(before)
+    tab.goto(path.as_uri())
+    tab.wait_for_selector("main [role=alert]")
+    assert said in tab.inner_text("main")
+    assert tab.locator("main section").count() == 0
+
+
+def test_a_pick_that_stays_is_not_read_aloud_again(opened):
+    page = opened(points())
+    page.tab.evaluate(
+        """() => {
+          window.heard = 0;
+          const ears = new MutationObserver((records) => { window.heard += records.length; });
+          for (const id of ["pick", "tally"]) {
+            ears.observe(document.getElementById(id), {childList: true, subtree: true, characterData: true});
+          }
+        }"""
+    )
+    page.tab.click("#front tbody tr:nth-child(2)")
+    assert page.tab.evaluate("new Promise((next) => setTimeout(() => next(window.heard)))") == 0
+    page.tab.fill("#budget-1", "30")
+    assert page.tab.evaluate("new Promise((next) => setTimeout(() => next(window.heard)))") > 0
+    page.tab.click("#pick button >> nth=0")
+    assert page.tab.inner_text("#design h2") == "Trial 1"
+
+
 def test_tasks_stand_side_by_side_when_asked(opened):
     both = pd.concat([points(), points(task="velocity", trial=range(5, 10))], ignore_index=True)
     page = opened(both)
@@ -219,6 +277,21 @@ def test_tasks_stand_side_by_side_when_asked(opened):
     assert notes == ["texture", "velocity"]
     page.tab.click("#view-2")
     page.tab.wait_for_function("!document.getElementById('plot').layout.xaxis2")
+
+
+def test_many_tasks_side_by_side_have_room_on_a_phone(opened):
+    tasks = [
+        points(task=f"a task with a long name, the {k}th", trial=range(5 * k, 5 * k + 5)) for k in range(5)
+    ]
+    page = opened(pd.concat(tasks, ignore_index=True))
+    page.tab.set_viewport_size({"width": 390, "height": 844})
+    page.tab.click("#view-s")
+    page.tab.wait_for_selector("#plot .annotation >> nth=4")
+    boxes = page.tab.eval_on_selector_all(
+        "#plot .annotation-text", "texts => texts.map((text) => text.getBoundingClientRect())"
+    )
+    assert all(left["right"] <= right["left"] for left, right in itertools.pairwise(boxes))
+    assert page.tab.locator("#plot .xtitle, #plot .x2title").count() == 1, "the first says it for all"
 
 
 def test_keys_are_listed_and_work(opened):

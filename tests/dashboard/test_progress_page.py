@@ -79,7 +79,7 @@ def unfold(tab):
 def test_a_line_says_how_it_goes_and_unfolds(opened):
     frame = points(hardware="a")
     tab = opened(frame, told(frame))
-    line = "8/12 done · 3 begun · 2 failed · 1 pruned · 30\u202fmin spent · 12\u202fmin left"
+    line = "8/12 done · 3 begun · 2 failed · 1 pruned · 30\u202fmin spent"
     assert tab.inner_text("#progress > details > summary") == line
     assert not tab.is_visible("#progress .plot")
     unfold(tab)
