@@ -151,7 +151,8 @@ def comparable(
 ) -> Skyline:
     """Return the rows that a front is sought among: those that meet a condition and have every objective.
 
-    Rows that do not fit their hardware are left out where others do, unless the condition names `fits`. Where
+    Rows that do not fit their hardware are left out where others do, whatever limits the condition sets beside,
+    unless it names `fits`. Where
     no objective depends on hardware and the table holds the same points on several, the first serves.
 
     Args:
@@ -164,11 +165,15 @@ def comparable(
         ExpressionError: as of `skyline`.
     """
     _check(objectives)
-    rows = frame if where is None else frame[matches(where, frame)]
+    rows = frame
+    for condition in split_budgets([where])[1] if where else ():
+        rows = rows[matches(condition, rows)]
     names = [name for name, _ in objectives]
     rows, once = _once(rows, [*names, *([by] if isinstance(by, str) else by or [])], where or "")
     rows, leaky = _honest(rows, where or "")
     rows, misfits = _fitting(rows, where or "")
+    if where:  # as of a pick, what fits does not depend on limits
+        rows = rows[matches(where, rows)]
     rows, notes = _comparable(rows, names)
     return Skyline(rows, once + leaky + misfits + notes)
 

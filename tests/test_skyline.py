@@ -494,6 +494,14 @@ def test_a_users_column_of_that_name_is_not_about_hardware(fits):
     assert skyline(named, goals).rows["trial"].tolist() == [1, 2]
 
 
+def test_what_fits_does_not_depend_on_limits() -> None:
+    best = CHIPS[CHIPS["hardware"] == "y"]["accuracy"].max()
+    limits = f"hardware == 'y' and accuracy >= {best}"
+    found = skyline(CHIPS, GOALS, limits)
+    assert found.rows.empty and found.notes[:1] == ["1 row left out: it does not fit y"]
+    assert pick(CHIPS, [limits]).row is None
+
+
 def test_what_does_not_fit_is_there_when_it_is_named() -> None:
     named = skyline(CHIPS, GOALS, "fits == False")
     assert [(row["hardware"], row["trial"]) for _, row in named.rows.iterrows()] == [("y", 0), ("z", 0)]

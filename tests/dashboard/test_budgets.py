@@ -111,12 +111,9 @@ def expected(frame, state):
         if f"b.{name}" in state
     ]
     picked = skyline.pick(frame, [*conditions, *limits], "accuracy", TIES)
-    # A pick weighs what fits before it looks at limits, so the front is of that.
-    where = " and ".join(conditions)
-    selected = skyline.comparable(frame, [("accuracy", "max")], where).rows
-    where = " and ".join([*conditions, *limits, "fits in [True, False]"])
-    within = skyline.comparable(selected, [("accuracy", "max")], where).rows
-    front = skyline.skyline(selected, list(OBJECTIVES.items()), where, "task").rows
+    where = " and ".join([*conditions, *limits]) or None
+    within = skyline.comparable(frame, [("accuracy", "max")], where).rows
+    front = skyline.skyline(frame, list(OBJECTIVES.items()), where, "task").rows
     return within, front, picked
 
 
