@@ -151,9 +151,9 @@ def comparable(
 ) -> Skyline:
     """Return the rows that a front is sought among: those that meet a condition and have every objective.
 
-    Rows that do not fit their hardware are left out where others do, whatever limits the condition sets beside,
-    unless it names `fits`. Where
-    no objective depends on hardware and the table holds the same points on several, the first serves.
+    Rows that do not fit their hardware are left out where others do, whatever limits the condition sets,
+    unless it names `fits`. Where no objective depends on hardware and the table holds the same points on
+    several, the first serves.
 
     Args:
         frame: design points.
