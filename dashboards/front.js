@@ -27,7 +27,7 @@ const Front = (() => {
   const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 
   function view(root, app) {
-    const { element, number, escaped, clip, title } = app;
+    const { element, number, escaped, clip, title, taskOf, colourOf } = app;
     const part = (name) => root.querySelector(name);
     const [plot, canvas, ring, tip] = ["#plot", "#cloud", "#ring", "#tip"].map(part);
     let shown = null;
@@ -42,7 +42,6 @@ const Front = (() => {
     const axes = () => (flat() ? ["x", "y"] : ["x", "y", "z"]).map((axis) => shown.state[axis]);
     // In space the vertical is plotly's z; the column chosen as y points up in both views.
     const letters = () => (flat() ? "xy" : "xzy");
-    const taskOf = (row) => (shown.columns.task ? String(shown.columns.task.values[row]) : "");
     const namesShown = () => (!shown.columns.task ? [""] : shown.state.task === BOTH ? app.distinct("task") : [shown.state.task]);
     const drawable = () => shown.rows.filter((row) => axes().every((column) => !Number.isNaN(app.numbers(column)[row])));
 
@@ -77,8 +76,6 @@ const Front = (() => {
       return [...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
         .map((line) => clip(line, HOVER_CHARACTERS));
     }
-
-    const colourOf = (name, look) => look.palette[Math.max(0, app.distinct("task").indexOf(name)) % look.palette.length];
 
     const isOnFront = (row) => shown.onFront.has(row);
 

@@ -4,7 +4,7 @@
 // Text from the study only ever enters the page through textContent or escaped() below.
 (async () => {
   const byId = (id) => document.getElementById(id);
-  let page, columns, objectives, nRows, rows, axes, tasks, hardware, families, allowed, engine, byKey; // set by take()
+  let page, columns, objectives, nRows, rows, axes, tasks, hardware, families, allowed, engine, byKey, plain; // set by take()
   const BOTH = "all";
   const COMPARED = 4; // designs side by side, at most
   const NOTES = 2; // that are open to begin with
@@ -52,6 +52,9 @@
     return `${text} (${number(value - ends.low[row])}–${number(value + ends.high[row])})`;
   }
 
+  const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
+  const colourOf = (task, { palette }) => palette[Math.max(0, tasks.indexOf(task)) % palette.length];
+
   // ---- state
 
   // A point's name in a link: its trial and its number there, so that it stays when trials are added; a table
@@ -90,6 +93,7 @@
       sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
       family: [BOTH, ...families], ...Budgets.allowed(page),
     };
+    plain = initialState();
   }
 
   const varies = (column) => distinct(column).length > 1;
@@ -119,7 +123,7 @@
   }
 
   function readState() {
-    const found = initialState();
+    const found = { ...plain };
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
       if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) found[key] = value;
     }
@@ -141,7 +145,6 @@
   }
 
   function writeState(later = false) {
-    const plain = initialState();
     const moved = Object.entries(state).filter(([key, value]) => value !== plain[key]);
     clearTimeout(writing);
     const write = () => history.replaceState(null, "", "#" + new URLSearchParams(moved));
@@ -153,12 +156,12 @@
   // ---- new data of a served page (live.js)
 
   function show(data) {
-    const before = { state, plain: initialState(), empty: page.state !== null };
+    const before = { state, plain, empty: page.state !== null };
     take(data);
     // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
     const kept = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
       !(key === "task" && value === before.plain.task));
-    state = before.empty ? readState() : { ...initialState(), ...Object.fromEntries(kept) };
+    state = before.empty ? readState() : { ...plain, ...Object.fromEntries(kept) };
     if (page.state === null) writeState();
     render();
   }
@@ -219,7 +222,7 @@
   };
 
   const app = {
-    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, tell,
+    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, taskOf, colourOf, tell,
     toggleCompared, download, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };

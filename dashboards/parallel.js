@@ -104,7 +104,7 @@ const Parallel = (() => {
   const inXML = (text) => text.replace(/[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\u{10000}-\u{10ffff}]/gu, "\ufffd");
 
   function view(root, app) {
-    const { element, number, clip, title, many, plural } = app;
+    const { element, number, clip, title, many, plural, taskOf, colourOf } = app;
     const count = element("small");
     const [lines, marks] = [element("canvas", { className: "lines" }), element("canvas", { className: "marks" })];
     const frame = element("div", { className: "axes" });
@@ -130,8 +130,6 @@ const Parallel = (() => {
 
     const directionOf = (column) => shown.page.objectives[column] ?? shown.page.budgets.columns[column];
     const named = (column) => `${{ max: "↑ ", min: "↓ " }[directionOf(column)] ?? ""}${title(column)}`;
-    const colourOf = (task, { palette } = look) => palette[Math.max(0, app.distinct("task").indexOf(task)) % palette.length];
-    const taskOf = (row) => (shown.columns.task ? String(shown.columns.task.values[row]) : "");
     const across = (k) => LEFT + k * gap;
 
     function columnsShown() {
@@ -263,7 +261,7 @@ const Parallel = (() => {
       }
       const row = key === null ? -1 : app.rowOf(key);
       const heights = row < 0 ? null : heightsOf(pointAt(row));
-      if (heights) trace(brush, heights, colourOf(taskOf(row)), 2.5, []);
+      if (heights) trace(brush, heights, colourOf(taskOf(row), look), 2.5, []);
       made.axes.forEach(({ column }, k) => {
         const { value } = nodes.get(column);
         value.hidden = heights === null;

@@ -8,6 +8,7 @@ const Table = (() => {
     const part = (name) => root.querySelector(name);
     const table = part("table");
     let shown = null;
+    let made = { page: null, said: "", lines: new Map() }; // lines of rows: a slider at work shows most of them again
 
     function columnsShown() {
       const { page, columns, objectives } = shown;
@@ -43,6 +44,15 @@ const Table = (() => {
       return cell;
     }
 
+    function lineFor(row, named) {
+      const line = element("tr", { tabIndex: 0 }, ...named.map((column) => element("td", {
+        textContent: withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
+        title: String(shown.columns[column].values[row] ?? "not measured"),
+      })));
+      line.dataset.key = app.keyOf(row);
+      return line;
+    }
+
     function render(next) {
       shown = next;
       const { state, columns, budgeted, objectives } = shown;
@@ -51,13 +61,12 @@ const Table = (() => {
       if (columns[state.sort]) front.sort(order(state.sort, state.order));
       const visible = state.rows === "all" ? front : front.slice(0, ROWS);
       const chosen = shown.chosen?.row;
+      const said = JSON.stringify(named);
+      if (made.page !== shown.page || made.said !== said) made = { page: shown.page, said, lines: new Map() };
       const body = visible.map((row) => {
-        const line = element("tr", { tabIndex: 0 }, ...named.map((column) => element("td", {
-          textContent: withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
-          title: String(columns[column].values[row] ?? "not measured"),
-        })));
-        line.dataset.row = row;
-        line.dataset.key = app.keyOf(row);
+        if (!made.lines.has(row)) made.lines.set(row, lineFor(row, named));
+        const line = made.lines.get(row);
+        line.classList.remove("pointed");
         line.setAttribute("aria-selected", String(row === chosen));
         return line;
       });
