@@ -431,7 +431,7 @@ const Front = (() => {
       tip.style.top = `${Math.max(0, Math.min(at[1] - 16, plot.clientHeight - tip.offsetHeight))}px`;
     }
 
-    let [pressed, pointed] = [null, -1];
+    let [pressed, pointed] = [null, -1]; // where a button went down, on which row; the row under the pointer
     plot.addEventListener("pointermove", (event) => {
       if (!shown || !flat() || event.buttons) return;
       const row = nearest(event);
@@ -446,14 +446,21 @@ const Front = (() => {
       app.hover(null);
     });
     // Plotly covers the page while a button is held: what is pressed and let go on one spot is a choice.
-    plot.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; }, true);
+    plot.addEventListener("pointerdown", (event) => { pressed = { x: event.clientX, y: event.clientY, row: pointed }; }, true);
     addEventListener("pointerup", (event) => {
-      const still = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4;
+      const { x, y, row: before } = pressed ?? {};
+      const still = pressed && Math.hypot(event.clientX - x, event.clientY - y) < 4;
       pressed = null;
-      if (!shown || !flat() || !still) return;
-      const row = nearest(event);
+      if (!shown || !still) return;
+      const row = flat() ? nearest(event) : before; // in space a button that goes down already turns the scene
       if (row >= 0) app.change({ chosen: app.keyOf(row) });
     }, true);
+
+    function pointInSpace(row) {
+      if (flat() || row === pointed) return;
+      pointed = row;
+      app.hover(row < 0 ? null : app.keyOf(row));
+    }
 
     // In space the mark is a trace of its own, the last: it moves at most once a frame.
     let marking = null;
@@ -473,7 +480,7 @@ const Front = (() => {
     function hover(key) {
       const row = key === null ? -1 : app.rowOf(key);
       if (shown && !flat()) {
-        markInSpace(row);
+        if (row !== pointed) markInSpace(row); // what the pointer is on says so itself
         return;
       }
       const at = row >= 0 && shown ? spot(row) : null;
@@ -490,12 +497,8 @@ const Front = (() => {
       paint(); // from now on with every drawing
       plot.on("plotly_afterplot", paint);
       plot.on("plotly_relayouting", paint);
-      plot.on("plotly_click", (event) => {
-        const row = event.points[0].customdata;
-        if (!flat() && row !== undefined) app.change({ chosen: app.keyOf(row) });
-      });
-      plot.on("plotly_hover", (event) => { if (!flat()) app.hover(app.keyOf(event.points[0].customdata)); });
-      plot.on("plotly_unhover", () => { if (!flat()) app.hover(null); });
+      plot.on("plotly_hover", (event) => pointInSpace(event.points[0].customdata));
+      plot.on("plotly_unhover", () => pointInSpace(-1));
     }
 
     let drawing;

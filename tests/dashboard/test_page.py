@@ -37,6 +37,20 @@ CLOUD = """([x, y]) => {
 }"""
 
 
+# Where a point lies in space is plotly's to say; what follows from pointing at it and pressing is ours.
+PRESSED_IN_SPACE = """(row) => {
+  const plot = document.getElementById("plot");
+  plot.emit("plotly_hover", { points: [{ customdata: row }] });
+  const pointed = document.querySelector("#front tr.pointed td").textContent;
+  const { x, y } = plot.getBoundingClientRect();
+  const at = { clientX: x + 50, clientY: y + 50, bubbles: true };
+  plot.dispatchEvent(new PointerEvent("pointerdown", at));
+  plot.emit("plotly_unhover", {});
+  plot.dispatchEvent(new PointerEvent("pointerup", at));
+  return pointed;
+}"""
+
+
 class Page:
     """A page opened from disk, and every complaint of the browser about it."""
 
@@ -181,6 +195,8 @@ def test_space_is_drawn(opened):
     page.tab.hover("#front tbody tr:nth-child(4)")
     page.tab.wait_for_function("document.getElementById('plot').data.at(-1).x.length === 1")
     assert page.traces()[-1]["x"] == [5], "pointed at in the table, marked in space"
+    assert page.tab.evaluate(PRESSED_IN_SPACE, 2) == "2"
+    assert page.tab.inner_text("#design h2") == "Trial 2"
     page.tab.click("#view-2")
     assert not page.tab.is_visible("#z")
 
