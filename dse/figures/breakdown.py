@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DYNAMIC, STATIC, TOTAL = OKABE_ITO_LIGHT[0], OKABE_ITO_LIGHT[4], OKABE_ITO_LIGHT[2]
 QUIET = "rgba(127, 135, 145, 0.9)"
-_BARS = 0.68  # share of the width that the longest bar takes; the rest is for its numbers
+_BARS = 0.58  # share of the width that the longest bar takes; the rest is for its numbers
 
 
 @dataclass(frozen=True)
