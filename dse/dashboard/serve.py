@@ -41,6 +41,7 @@ MOST_READERS = 64
 """Connections at a time; more are closed unheard, so that nobody can fill the memory."""
 _PATIENCE_S = 60.0
 _WORTH_PACKING = 1024
+_NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # what an answer that is no page may do
 _MOST_DOCUMENTS = 16
 """Trials whose documents are kept, a few 100 kB each."""
 
@@ -329,7 +330,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send_file(self, download: Download) -> None:
         self.send_response(HTTPStatus.OK)
-        self._guard("default-src 'none'")
+        self._guard(_NOTHING)
         name = re.sub(r"[^A-Za-z0-9._-]", "_", download.name)
         self.send_header("Content-Type", "application/zip")
         self.send_header("Content-Disposition", f'attachment; filename="{name}"')
@@ -367,9 +368,7 @@ class _Handler(BaseHTTPRequestHandler):
             body["page"] = shown.page
         self._send(HTTPStatus.OK, "application/json", as_json(body))
 
-    def _send(
-        self, status: HTTPStatus, kind: str = "", text: str = "", policy: str = "default-src 'none'"
-    ) -> None:
+    def _send(self, status: HTTPStatus, kind: str = "", text: str = "", policy: str = _NOTHING) -> None:
         body = text.encode()
         packed = len(body) > _WORTH_PACKING and "gzip" in self.headers.get("Accept-Encoding", "")
         if packed:
@@ -389,7 +388,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _guard(self, policy: str) -> None:
         self.send_header(
             "Content-Security-Policy",
-            f"{policy}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+            f"{policy}; frame-ancestors 'none'",
         )
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("X-Frame-Options", "DENY")
@@ -407,7 +406,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer with one line of text."""
         body = f"{text}\n".encode()
         self.send_response(known)
-        self._guard("default-src 'none'")
+        self._guard(_NOTHING)
         if known is HTTPStatus.METHOD_NOT_ALLOWED:
             self.send_header("Allow", "GET, HEAD")
         self.send_header("Content-Type", "text/plain; charset=utf-8")

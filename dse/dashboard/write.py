@@ -131,7 +131,8 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
     )
     policy = (
         f"default-src 'none'; script-src {hashes} 'unsafe-eval'; "
-        "style-src 'unsafe-inline'; img-src data: blob:" + ("; connect-src 'self'" if live else "")
+        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        + ("; connect-src 'self'" if live else "")
     )
     slots = {
         "plotly": plotly,

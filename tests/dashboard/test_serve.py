@@ -121,7 +121,8 @@ def test_only_its_own_scripts_may_run_and_nobody_may_frame_it(server):
     _, headers, body = ask(server)
     stated = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', body.decode())[1]
     policy = headers["Content-Security-Policy"]
-    assert policy == f"{stated}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    assert policy == f"{stated}; frame-ancestors 'none'"
+    assert "base-uri 'none'; form-action 'none'" in stated
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "connect-src 'self'" in policy
     assert "script-src 'unsafe-inline'" not in policy
@@ -658,8 +659,9 @@ def test_nothing_is_drawn_again_while_nothing_changes(tab, folder):
         deadline = time.monotonic() + 15
         while len(answers) < 3 and time.monotonic() < deadline:
             tab.wait_for_timeout(100)
-        assert [status for status, url in answers] == [200, 204, 204][: len(answers)]
-        assert len(answers) >= 3
+        statuses = [status for status, url in answers]
+        assert len(statuses) >= 3
+        assert statuses == [200, *[204] * (len(statuses) - 1)]
         assert tab.evaluate("window.drawn") is None
 
 
