@@ -67,8 +67,8 @@
       byKey = new Map();
       for (const row of rows) byKey.set(keyOf(row), [...(byKey.get(keyOf(row)) ?? []), row]);
     }
-    const found = byKey.get(key) ?? [];
-    return found.find((row) => !columns.hardware || String(columns.hardware.values[row]) === state.hardware) ?? found[0] ?? -1;
+    const onChip = (row) => !columns.hardware || String(columns.hardware.values[row]) === state.hardware;
+    return (byKey.get(key) ?? []).find(onChip) ?? -1; // costs on another chip would mislead
   }
 
   const isKey = { includes: (text) => text === "" || /^-?\d+(\.\d+)?$/.test(text) };

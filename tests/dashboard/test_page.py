@@ -428,3 +428,17 @@ def test_hostile_study_never_runs(opened, fragment):
     assert page.tab.locator("img, main a[href], main svg[onload]").count() == 0
     assert page.tab.locator("h1").text_content() == "".join(HOSTILE)
     assert page.overflow() <= 0
+
+
+def test_costs_on_another_chip_are_not_those_of_the_chosen_design(opened):
+    chips = [
+        points(hardware="small", point=0),
+        points(hardware="large", point=0, energy_uj=[500.0, 200.0, 210.0, 50.0, 300.0]).iloc[1:],
+    ]
+    page = opened(pd.concat(chips, ignore_index=True), fragment="chosen=1.0")
+    assert "20 (16–30)" in page.tab.inner_text("#design")
+    page.tab.select_option("#hardware", "large")
+    assert "200" in page.tab.inner_text("#design")
+    page.open("chosen=0.0&hardware=large")
+    assert "50" not in page.tab.inner_text("#design"), "this design has no row there"
+    assert page.marked("circle-open") == []
