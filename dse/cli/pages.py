@@ -240,9 +240,14 @@ def _front_share(study: Study, table: pandas.DataFrame, asked: Asked) -> pandas.
 
 
 def _progress(folder: Path) -> dict[str, Any]:
+    """Return how a study goes; None, which a page does not show, where its folder does not say."""
     from dse.dashboard.progress import gather_progress
+    from dse.store import StoreError
 
-    return {"progress": gather_progress(folder)}
+    try:
+        return {"progress": gather_progress(folder)}
+    except StoreError:
+        return {"progress": None}
 
 
 def _marks(study: Study) -> tuple[list[dict[str, Any]], list[str]]:

@@ -98,12 +98,16 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         figure: `dse.figures.progress.draw_progress` as JSON, None where it has no curve.
 
     Raises:
-        StoreError: there is no search space in the folder.
+        StoreError: there is no search space in the folder, or not as a study writes it.
     """
     study = Study(Path(folder))
     space = study.space
     objectives = dict(text.split(":") for text in space["objectives"])
-    search = space["search"]
+    search = space.get("search") or {}
+    lacking = [name for name in ("n_trials", "batch", "repeats", "repeats_on_front") if name not in search]
+    if lacking:
+        text = f"has no search.{lacking[0]}, which a study writes with every default"
+        raise StoreError(f"{study.folder / 'search_space.yaml'}: {text}")
     repeats = int(search["repeats"])
     asked = _journal(study.folder / "journal.log")
     found = _found(study.folder)
