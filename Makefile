@@ -15,7 +15,7 @@ quickstart: $(READY)
 
 test: lint
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 setup: $(READY)
 
