@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
-import threading
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +15,7 @@ import pytest
 from dse import study
 from dse.cli import main
 from dse.cli.pages import page_server
+from tests.dashboard.test_serve import served
 from tests.spaces import write_space
 
 Captured = pytest.CaptureFixture[str]
@@ -44,22 +45,16 @@ def opened(
     tab.is_served = request.param == "server"
     tab.on("pageerror", lambda error: faults.append(str(error)))
     tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)
-    if tab.is_served:
-        server = page_server(results, "127.0.0.1", 0)
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        tab.goto(server.url)
-    else:
-        path = tmp_path / "page.html"
-        assert main(["dashboard", str(results), "--html", str(path)]) == 0
-        tab.goto(path.as_uri())
-    tab.wait_for_function("document.querySelector('#plot')?.data?.length > 0")
-    yield tab
-    tab.goto("about:blank")
-    if tab.is_served:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+    path = tmp_path / "page.html"
+    with contextlib.ExitStack() as held:
+        if tab.is_served:
+            tab.goto(held.enter_context(served(page_server(results, "127.0.0.1", 0))).url)
+        else:
+            assert main(["dashboard", str(results), "--html", str(path)]) == 0
+            tab.goto(path.as_uri())
+        tab.wait_for_function("document.querySelector('#plot')?.data?.length > 0")
+        yield tab
+        tab.goto("about:blank")
     assert faults == []
 
 

@@ -6,11 +6,10 @@ import io
 import json
 import shutil
 import tempfile
-import threading
 import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from dse.cli.pages import page_server, write_page
 from dse.dashboard.details import gather_details
 from dse.deploy import bundle
 from tests import tiny_study
-from tests.dashboard.test_serve import ask
+from tests.dashboard.test_serve import ask, served
 from tests.page_data import held
 
 
@@ -46,16 +45,8 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-@contextmanager
-def serving(folder: Path) -> Iterator[Any]:
-    with page_server(folder, "127.0.0.1", 0) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            yield server
-        finally:
-            server.shutdown()
-            thread.join()
+def serving(folder: Path) -> AbstractContextManager[Any]:
+    return served(page_server(folder, "127.0.0.1", 0))
 
 
 def query(trial: int = 0, point: int = 3, hardware: str = "loihi1_silicon") -> str:

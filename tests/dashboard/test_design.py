@@ -25,6 +25,7 @@ from dse.figures.learning import draw_learning, gather_learning
 from dse.figures.raster import draw_recording, gather_recording
 from tests import tiny_study
 from tests.dashboard.test_page import HOSTILE, Page
+from tests.test_bundles import SPACE
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
 PHI, THETA = (0, 2, 4), (0.5, 0.8)
@@ -524,20 +525,3 @@ def test_beside_its_study_the_line_that_exports_a_design_runs(opened, tmp_path):
     )
     told = bundle.read(tmp_path / "bundle").record
     assert (told["trial"], told["point"]) == (0, 3)
-
-
-SPACE = """
-study: real
-seed: 3
-data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}, class_names: {fabric: names}}
-task: {target: fabric}
-window: {n_steps: 16, at: middle}
-split: {stratified: {validation: 0.5}}
-model: {kind: snn, hidden: [12], input_delays: [0, 2]}
-training: {epochs: 2, batch_size: 9, learning_rate: 0.02}
-decision: {phi: [0, 2], theta: [0.4, 0.6]}
-hardware: [loihi1_silicon]
-objectives: [accuracy:max, energy_uj:min]
-search: {sampler: grid, repeats: 1}
-execution: {jobs: 1}
-"""

@@ -63,9 +63,13 @@ def nothing_known(trial):
     return {"trial": trial, "notes": [], "tasks": {}}
 
 
-@contextmanager
 def running(live, host="127.0.0.1", port=0, design=nothing_known, **more):
-    server = Server(live, host, port, design, **more)
+    return served(Server(live, host, port, design, **more))
+
+
+@contextmanager
+def served(server):
+    """Let a server answer in a thread of its own."""
     thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     try:
