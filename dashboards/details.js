@@ -3,7 +3,7 @@
 const Details = (() => {
   const kept = new Map();
   const lost = new Set(); // trials that were asked for in vain
-  let version; // of the page that they belong to
+  let columns; // of the page that they belong to: live.js keeps the same object while no point changes
 
   // The token of a server on the network is part of the page's address.
   function address(route, fields) {
@@ -21,8 +21,8 @@ const Details = (() => {
 
   // Resolves to the document of a trial, or to null where there is none.
   function of(page, trial) {
-    if (page.version !== version) kept.clear();
-    version = page.version;
+    if (page.columns !== columns) kept.clear();
+    columns = page.columns;
     const key = String(trial);
     if (!kept.has(key)) {
       const carried = page.details?.[key];

@@ -202,7 +202,7 @@ class Server(ThreadingHTTPServer):
             host: name or address to listen at. Any but this machine's own (loopback) makes a token needed.
             port: 0 takes a free one.
             design: number of a trial -> what the page shows of it; may raise Refused. Called once for each
-                version of the page.
+                version of the page's points.
             bundle: trial, point and hardware -> a file; may raise Refused. Never called twice at a time.
 
         Raises:
@@ -241,7 +241,7 @@ class Server(ThreadingHTTPServer):
             Refused: there is nothing to show.
         """
         shown, _ = self.live.shown()
-        key = shown.version, trial
+        key = shown.digests["columns"], trial  # progress changes all the time, and no document
         with self._gathering:
             if key not in self._documents:
                 self._documents[key] = as_json(self._design(trial))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import http.client
+import itertools
 import json
 import re
 import socket
@@ -445,7 +446,21 @@ def test_the_document_of_a_trial(serving, folder, designs):
     assert designs.asked == [7]
     folder.write(points(accuracy=0.5))
     assert ask(serving, "/design.json?trial=7")[2] == body
-    assert designs.asked == [7, 7]  # of another version of the page
+    assert designs.asked == [7, 7]  # other points
+
+
+def test_a_document_outlasts_progress(folder, designs):
+    page, trials_done = folder.gather(points()), itertools.count()
+    folder.write(points())
+    live = Live(lambda: {**page, "progress": next(trials_done)}, [folder.table], [], dict)
+    with running(live, design=designs.design) as server:
+        first = ask(server, "/design.json?trial=7")[2]
+        versions = {json.loads(ask(server, "/data.json")[2])["version"]}
+        folder.write(points())
+        versions.add(json.loads(ask(server, "/data.json")[2])["version"])
+        assert ask(server, "/design.json?trial=7")[2] == first
+    assert len(versions) == 2
+    assert designs.asked == [7]
 
 
 def test_only_so_many_documents_are_kept(serving, designs):
