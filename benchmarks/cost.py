@@ -46,10 +46,10 @@ from benchmarks.worker import NotInstalled, Worker, pythons
 from dse import dataset, seeds
 from dse.hardware.cost import cost, cost_of_steps
 from dse.hardware.profile import Profile, load
-from dse.measure import read_out
-from dse.models.quantisation import rounded
-from dse.models.response import respond
-from dse.models.snn import SNN
+from dse.measure.run import read_out
+from dse.models.snn.family import SNN
+from dse.models.snn.quantise import rounded
+from dse.models.snn.respond import respond
 from dse.models.training import Training
 from dse.neurons.cuba_lif import quantise
 from dse.records import Array, Dataset, Network, Response, Workload

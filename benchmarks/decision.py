@@ -18,7 +18,7 @@ import time
 
 import numpy as np
 
-from dse.decision import decide, early, surface, t_p
+from dse.measure.decision import decide, early, surface, t_p
 
 N_STEPS, N_CLASSES = 1000, 12
 

@@ -34,8 +34,8 @@ from dse import dataset, seeds
 from dse.config.sections import settings_class
 from dse.engine.events import gather
 from dse.engine.network import gradients
-from dse.models.initialisation import deployed, initialise, populations_of
-from dse.models.snn import SNN
+from dse.models.snn.family import SNN
+from dse.models.snn.initialise import deployed, initialise, populations_of
 from dse.models.training import Training
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential

@@ -19,8 +19,8 @@ from dse import dataset, seeds
 from dse.config import SearchSpace
 from dse.dataset.sections import component, section
 from dse.engine.events import dense, gather
-from dse.models.cohort import PROBE_SAMPLES, train
-from dse.models.initialisation import initialise, populations_of
+from dse.models.snn.initialise import initialise, populations_of
+from dse.models.snn.train import PROBE_SAMPLES, train
 from dse.models.training import Design, Generators, Training
 from dse.neurons.surrogate import exponential
 from dse.recordings import RecordingError

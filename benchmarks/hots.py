@@ -27,8 +27,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dse.models.prototypes import clustered, drawn_surfaces
-from dse.models.time_surfaces import Field, Memory, Stream, nearest, prepared, surface
+from dse.models.surfaces.prototypes import clustered, drawn_surfaces
+from dse.models.surfaces.time_surfaces import Field, Memory, Stream, nearest, prepared, surface
 from dse.recordings.event_files import EventFiles
 from dse.recordings.events import EventFile
 from dse.records import Array, Block

@@ -44,15 +44,16 @@ from rich.table import Table
 
 import dse
 from benchmarks import hots
-from dse import dataset, decision, seeds
+from dse import dataset, seeds
 from dse.encoders.receptors import Receptors, parameters
 from dse.engine.events import Rows, dense, gather
 from dse.engine.layers import Weights, forward, prepare, weights
-from dse.models.elm import reduced, ridge_solutions, single_threaded
-from dse.models.initialisation import initialise, populations_of
-from dse.models.rate_windows import window_counts, window_edges
-from dse.models.snn import SNN
-from dse.models.time_surfaces import NEVER, Field, Memory, Stream
+from dse.measure import decision
+from dse.models.counts.elm import reduced, ridge_solutions, single_threaded
+from dse.models.counts.rate_windows import window_counts, window_edges
+from dse.models.snn.family import SNN
+from dse.models.snn.initialise import initialise, populations_of
+from dse.models.surfaces.time_surfaces import NEVER, Field, Memory, Stream
 from dse.models.training import Training
 from dse.native.compiled import compiled
 from dse.neurons import cuba_lif, izhikevich

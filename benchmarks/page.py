@@ -21,7 +21,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from dse.dashboard import write_page
+from dse.dashboard.write import write_page
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min", "latency_ms": "min"}
 SLIDER_STEPS = tuple(range(150, 60, -10))

@@ -16,7 +16,7 @@ from collections.abc import Callable
 import moocore
 import numpy as np
 
-from dse.pareto import non_dominated
+from dse.skyline.pareto import non_dominated
 
 
 def points(kind: str, n: int, d: int, rng: np.random.Generator) -> np.ndarray:

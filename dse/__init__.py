@@ -15,24 +15,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dse import figures as figures
-    from dse.bundles import evaluate as evaluate
-    from dse.bundles import export as export
     from dse.config import ConfigError as ConfigError
     from dse.config import load_space as load_space
-    from dse.study import Study as Study
-    from dse.study import open as open
-    from dse.study import run as run
+    from dse.deploy.evaluate import evaluate as evaluate
+    from dse.deploy.evaluate import export as export
+    from dse.study.explore import run as run
+    from dse.study.results import Study as Study
+    from dse.study.results import open as open
 
 __version__ = "0.1.0"
 
 _home = {
     "ConfigError": "dse.config",
-    "Study": "dse.study",
-    "evaluate": "dse.bundles",
-    "export": "dse.bundles",
+    "Study": "dse.study.results",
+    "evaluate": "dse.deploy.evaluate",
+    "export": "dse.deploy.evaluate",
     "load_space": "dse.config",
-    "open": "dse.study",
-    "run": "dse.study",
+    "open": "dse.study.results",
+    "run": "dse.study.explore",
 }
 
 __all__ = [

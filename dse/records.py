@@ -14,8 +14,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-Array = np.ndarray
+Array = NDArray[Any]
+"""An array of any dtype; where the dtype is fixed, one of the following says so."""
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
+Bools = NDArray[np.bool_]
 
 Arithmetic = Literal["integer", "float32", "ideal"]
 """integer: 8-bit weights and integer states, as deployed; float32; ideal: real numbers in float64."""

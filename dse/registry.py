@@ -64,6 +64,6 @@ def register(section: str, name: str) -> Callable[[type[T]], type[T]]:
 def known(section: str) -> dict[str, type]:
     """Return the components of a section by name, importing every module of its package `dse.<section>`."""
     package = importlib.import_module(f"dse.{section}")
-    for module in pkgutil.iter_modules(package.__path__):
-        importlib.import_module(f"dse.{section}.{module.name}")
+    for module in pkgutil.walk_packages(package.__path__, f"dse.{section}."):
+        importlib.import_module(module.name)
     return dict(sorted(_components.get(section, {}).items()))

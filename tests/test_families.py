@@ -9,10 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import skyline, study, tables
 from dse.config import SearchSpace
 from dse.dashboard.gather import gather_page
 from dse.figures.front import draw_front, gather_front
+from dse.skyline import front
+from dse.study import explore
+from dse.study import trials as tables
+from dse.study.results import Study
 from tests import tiny_study
 
 MODEL = {
@@ -32,11 +35,11 @@ def space(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SearchSpace]:
 
 
 @pytest.fixture(scope="module")
-def done(space: SearchSpace) -> study.Study:
-    return study.run(space, space.source.parent / "results", progress=False)
+def done(space: SearchSpace) -> Study:
+    return explore.run(space, space.source.parent / "results", progress=False)
 
 
-def test_every_kind_is_trained_and_failures_are_rows(done: study.Study) -> None:
+def test_every_kind_is_trained_and_failures_are_rows(done: Study) -> None:
     trials = done.trials
     assert trials["model.kind"].tolist() == ["fake"] * 4 + ["together"] * 2
     assert trials["status"].tolist() == ["finished", "failed"] * 2 + ["finished"] * 2
@@ -45,7 +48,7 @@ def test_every_kind_is_trained_and_failures_are_rows(done: study.Study) -> None:
 
 
 @pytest.mark.parametrize("name", ["trials", "points"])
-def test_an_axis_of_another_kind_is_missing(done: study.Study, name: str) -> None:
+def test_an_axis_of_another_kind_is_missing(done: Study, name: str) -> None:
     frame = done.trials if name == "trials" else done.points()
     fake = frame["model.kind"] == "fake"
     for column in OWN:
@@ -56,24 +59,24 @@ def test_an_axis_of_another_kind_is_missing(done: study.Study, name: str) -> Non
     assert set(frame["model.together.true_rate"].dropna()) == {0.2, 0.8}
 
 
-def test_a_front_goes_across_kinds(done: study.Study) -> None:
+def test_a_front_goes_across_kinds(done: Study) -> None:
     found = done.skyline([("accuracy", "max"), ("n_weights", "min")])
     assert len(found.rows)
     only = done.skyline(where="model.kind == 'together'")
     assert set(only.rows["model.kind"]) == {"together"}
-    few = skyline.skyline(done.points(), [("accuracy", "max")], "model.together.true_rate < 0.5")
+    few = front.skyline(done.points(), [("accuracy", "max")], "model.together.true_rate < 0.5")
     assert set(few.rows["model.together.true_rate"]) == {0.2}
 
 
 def test_the_best_of_every_kind_is_repeated(tmp_path: Path) -> None:
     search = {"sampler": "grid", "repeats_on_front": 2}
     space = tiny_study.make_space(tmp_path, model=MODEL, execution={"jobs": 1}, search=search)
-    found = study.run(space, tmp_path / "results", progress=False)
+    found = explore.run(space, tmp_path / "results", progress=False)
     fine = found.trials[found.trials["status"] == "finished"]
     assert fine.groupby("family")["repeats"].max().to_dict() == {"fake": 2, "together": 2}
 
 
-def test_the_page_and_the_figure_take_missing_cells(done: study.Study) -> None:
+def test_the_page_and_the_figure_take_missing_cells(done: Study) -> None:
     frame = pd.concat([done.points(), done.trials[done.trials["status"] == "failed"]], ignore_index=True)
     page = gather_page(frame, name="families", objectives=done.objectives)
     assert [column for column in page["design"] if column in OWN] == OWN
@@ -85,8 +88,8 @@ def test_the_page_and_the_figure_take_missing_cells(done: study.Study) -> None:
     draw_front(front)
 
 
-def test_the_same_command_finds_everything_done(space: SearchSpace, done: study.Study) -> None:
-    again = study.run(space, done.folder.parent, progress=False)
+def test_the_same_command_finds_everything_done(space: SearchSpace, done: Study) -> None:
+    again = explore.run(space, done.folder.parent, progress=False)
     pd.testing.assert_frame_equal(again.trials, done.trials)
 
 

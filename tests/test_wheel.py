@@ -52,7 +52,7 @@ def test_it_works_without_the_clone(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
     code = (
-        "import dse, pandas; from dse.dashboard import write_page;"
+        "import dse, pandas; from dse.dashboard.write import write_page;"
         "assert 'installed' in dse.__file__, dse.__file__;"
         "print(dse.load_space('fabric_texture', {}).study);"
         "frame = pandas.DataFrame({'accuracy': [0.5]});"

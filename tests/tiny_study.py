@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dse import registry, study
+from dse import registry
 from dse.config import SearchSpace, load_space
 from dse.models.training import Design, Generators, TrainingDiverged
 from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
 from dse.store import StoreError
+from dse.study import explore
 
 N_CHANNELS, N_STEPS, N_PER_CLASS = 4, 20, 12
 
@@ -205,7 +206,7 @@ def run_folder(folder: str) -> int:
     """Run the study of a folder as the command line does; return the exit code."""
     register()
     try:
-        study.run(load_space(Path(folder) / "tiny.yaml"), Path(folder) / "results", progress=False)
+        explore.run(load_space(Path(folder) / "tiny.yaml"), Path(folder) / "results", progress=False)
     except KeyboardInterrupt:
         return 130
     except StoreError as error:

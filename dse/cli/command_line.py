@@ -48,10 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _users_mistakes() -> tuple[type[Exception], ...]:
     """Return the errors whose text is written for users; imported only once something went wrong."""
-    from dse.constraints import ExpressionError
     from dse.deploy.bundle import BundleError
     from dse.recordings import RecordingError
-    from dse.skyline import TableError
+    from dse.skyline.constraints import ExpressionError
+    from dse.skyline.front import TableError
     from dse.store import StoreError
 
     return ExpressionError, BundleError, RecordingError, TableError, StoreError

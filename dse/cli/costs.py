@@ -205,7 +205,7 @@ def _energies(plan: Plan, inference: Inference, found: Cost) -> Row:
 
 def _times(inference: Inference, found: Cost, pipeline_steps: int) -> Row:
     """Return times, each with its interval."""
-    from dse.metrics.latency import latency_ms
+    from dse.measure.objectives.latency import latency_ms
 
     row: Row = {"pipeline_ms": found.pipeline_ms}
     for end in _ENDS:
@@ -222,7 +222,7 @@ def _times(inference: Inference, found: Cost, pipeline_steps: int) -> Row:
 def _quantiles(profile: Profile, inference: Inference, n_draws: int) -> Row:
     """Return quantiles of the energies under draws of the profile's numbers."""
     from dse.hardware.cost import drawn
-    from dse.pricing import figures
+    from dse.study.pricing import figures
 
     load, chip = inference.on(profile), figures(profile, n_draws)
     at_once = max(1, _DRAWN_AT_ONCE // (inference.n_steps if inference.per_step else 1))

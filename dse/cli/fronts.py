@@ -19,8 +19,8 @@ _ABOUT = ("phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardwar
 def front(
     points: pandas.DataFrame, objectives: Sequence[Objective], where: str | None = None, by: str | None = None
 ) -> Answer:
-    """Return the non-dominated rows of a table of points (`dse.skyline.skyline`)."""
-    from dse.skyline import skyline
+    """Return the non-dominated rows of a table of points (`dse.skyline.front.skyline`)."""
+    from dse.skyline.front import skyline
 
     found = skyline(points, objectives, where, by)
     return Answer(records(found.rows), found.notes, columns(found.rows, objectives))

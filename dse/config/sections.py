@@ -165,7 +165,7 @@ def components(section: str) -> dict[str, type]:
 
 def known_objectives() -> Mapping[str, Any]:
     """Return the objectives by name; each has a `direction`, 'max' or 'min'."""
-    return typing.cast(Mapping[str, Any], importlib.import_module("dse.metrics").known())
+    return typing.cast(Mapping[str, Any], importlib.import_module("dse.measure.objectives").known())
 
 
 def front_end(recordings: type[Any]) -> str | None:

@@ -8,9 +8,3 @@ beyond its points, `progress` how the study goes; `definition` reads which parts
 design come from `dse.figures`; a view over all points is a module of `dashboards/`.
 `trial` writes two figures of `dse.figures`, and what its script needs to move the first one through time.
 """
-
-from dse.dashboard.gather import gather_page
-from dse.dashboard.trial import write_trial_page
-from dse.dashboard.write import write_page
-
-__all__ = ["gather_page", "write_page", "write_trial_page"]

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.constraints import ExpressionError, split_budgets
 from dse.figures.front import numbers
-from dse.pareto import non_dominated
 from dse.records import Array
-from dse.skyline import honest
+from dse.skyline.constraints import ExpressionError, split_budgets
+from dse.skyline.front import honest
+from dse.skyline.pareto import non_dominated
 
 if TYPE_CHECKING:
     import pandas

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import decision, pricing, store
+from dse import store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
 from dse.dashboard.write import packed
@@ -32,11 +32,13 @@ from dse.figures.precision import BITS, PRUNED, draw_precision, gather_precision
 from dse.figures.raster import draw_recording, gather_recording
 from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
-from dse.measure import read_out
-from dse.precision import AS_TRAINED
+from dse.measure import decision
+from dse.measure.run import read_out
 from dse.records import Array, Operations, Surface, Workload
 from dse.store import StoreError
-from dse.study import Study
+from dse.study import pricing
+from dse.study.precision import AS_TRAINED
+from dse.study.results import Study
 
 if TYPE_CHECKING:
     import pandas

@@ -15,7 +15,7 @@ from dse.dashboard.definition import Definition, definition_for, load
 from dse.figures.front import design_columns, front_mask, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
-from dse.skyline import admissible, honest
+from dse.skyline.front import admissible, honest
 
 if TYPE_CHECKING:
     import pandas

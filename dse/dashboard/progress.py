@@ -19,11 +19,11 @@ import numpy as np
 from dse.config import ConfigError, load_space
 from dse.figures.progress import draw_progress
 from dse.figures.progress import gather_progress as gather_curves
-from dse.precision import as_trained
 from dse.records import Array
-from dse.skyline import skyline
+from dse.skyline.front import skyline
 from dse.store import StoreError, read_json, run_folder
-from dse.study import Study
+from dse.study.precision import as_trained
+from dse.study.results import Study
 
 if TYPE_CHECKING:
     import pandas
@@ -157,8 +157,8 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
 def _journal(path: Path) -> dict[int, _Asked]:
     """Return trial -> what the journal says, in the order of asking.
 
-    Read as text and not through `dse.ledger.Ledger`, which cuts off a half-written line and removes lock
-    files: the run that writes them may be alive. What is not a whole line yet is left out.
+    Read as text and not through `dse.study.ledger.Ledger`, which cuts off a half-written line and
+    removes lock files: the run that writes them may be alive. What is not a whole line yet is left out.
     """
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -1,7 +1,7 @@
 """The data set of a resolved design: recordings, windows, split and spikes, made once and kept in a cache.
 
 It joins the packages that turn data into spikes; models see a `Dataset` and nothing of where it came from.
-Spikes are kept apart from targets: tasks that differ in labels alone share them (`dse.cache`).
+Spikes are kept apart from targets: tasks that differ in labels alone share them (`dse.dataset.cache`).
 """
 
 from dse.dataset.assemble import as_prepared, build, build_for, hold, prepare, transductive, warnings

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dse import cache
-from dse.dataset import encoding
+from dse.dataset import cache, encoding
 from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key
 from dse.dataset.parts import Part, Result, Telling, count, cropped, place_signals, placed, seen_by_encoder

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
-from dse.pareto import non_dominated
 from dse.records import Array
+from dse.skyline.pareto import non_dominated
 
 if TYPE_CHECKING:
     import pandas

@@ -12,7 +12,7 @@ import numpy as np
 from dse.figures.front import front_mask, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
-from dse.skyline import admissible
+from dse.skyline.front import admissible
 
 if TYPE_CHECKING:
     import pandas
@@ -113,7 +113,7 @@ def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
 
 
 def _fronts(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
-    """Return which rows no other of the same task and chip beats, of those that `dse.skyline` compares."""
+    """Return which rows no other of the same task and chip beats, of those that a skyline compares."""
     by = [name for name in ("task", "hardware") if name in frame.columns]
     whole = np.arange(len(frame))
     groups: Iterable[Array] = (

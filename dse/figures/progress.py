@@ -11,9 +11,9 @@ import numpy as np
 
 from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.pareto import hypervolume, non_dominated
 from dse.records import Array
-from dse.skyline import fitting, honest
+from dse.skyline.front import fitting, honest
+from dse.skyline.pareto import hypervolume, non_dominated
 
 if TYPE_CHECKING:
     import pandas

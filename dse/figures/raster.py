@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.decision import decide
 from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.measure.decision import decide
 from dse.records import Array
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def gather_recording(
         step_ms: duration of a step.
         classes: names of the outputs.
         true: the class that was meant, None where that is unknown.
-        setting: phi and theta (`dse.decision`); None: the answer comes at the end.
+        setting: phi and theta (`dse.measure.decision`); None: the answer comes at the end.
 
     Raises:
         ValueError: shapes that do not belong together, no step, or a class or setting out of range.

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse import decision
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
+from dse.measure import decision
 from dse.records import Array
 
 if TYPE_CHECKING:

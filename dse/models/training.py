@@ -11,7 +11,7 @@ import numpy as np
 from dse.registry import param
 
 if TYPE_CHECKING:
-    from dse.models.snn import SNN
+    from dse.models.snn.family import SNN
 
 Generators = Callable[..., np.random.Generator]
 """`rngs(purpose, *index)`: the generator of one purpose of one design."""

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dse import pricing
-from dse.metrics.accuracy import wilson_se
-from dse.pareto import non_dominated
+from dse.measure.objectives.accuracy import wilson_se
 from dse.records import Array
 from dse.report.designs import Found, best, full_read_outs
 from dse.report.rows import number
+from dse.skyline.pareto import non_dominated
+from dse.study import pricing
 
 if TYPE_CHECKING:
     import pandas

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import precision, store
+from dse import store
 from dse.records import Array
-from dse.study import Study
+from dse.study import precision
+from dse.study.results import Study
 
 if TYPE_CHECKING:
     import pandas

@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dse import pricing
 from dse.report.designs import Found, found, record
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
 from dse.report.marks import Mark
 from dse.report.rows import FAMILIES, Row, published
-from dse.study import Study
+from dse.study import pricing
+from dse.study.results import Study
 
 _HOW = (
     "designs are chosen on validation: the most accurate, or one with more runs that is as accurate within "

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.correlation import spearman
+from dse.measure.correlation import spearman
 from dse.report.chips import (
     AT_PERIOD,
     FLAT_OUT,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from dse.metrics.accuracy import wilson_se
+from dse.measure.objectives.accuracy import wilson_se
 from dse.report.designs import Found, described
 
 if TYPE_CHECKING:

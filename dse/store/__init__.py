@@ -2,7 +2,7 @@
 
     results/<study>/
         search_space.yaml   what is explored, fully resolved       environment.json   where it ran
-        journal.log         the ledger (dse.ledger)                trials.parquet, points.parquet, page.html
+        journal.log         the ledger (dse.study.ledger)   trials.parquet, points.parquet, page.html
         warnings.json       what is suspicious about the recordings
         artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
             and precision_*.npz, what it measured at other precisions

@@ -5,8 +5,3 @@ with seeds that belong to a design and a repeat, this makes results independent 
 of interruptions: the same command on the same folder goes on, and ends with the same tables (but for the
 seconds that training took).
 """
-
-from dse.study.exploration import run
-from dse.study.results import Study, open
-
-__all__ = ["Study", "open", "run"]

@@ -8,12 +8,13 @@ from typing import Any
 
 import yaml
 
-from dse import environment, store
+from dse import store
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.recordings import PLACES
+from dse.study import environment
 from dse.study.results import plain_space
 
-# What lies there counts, and is compared run by run (dse.runs).
+# What lies there counts, and is compared run by run (dse.study.runs).
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from dse import pricing, store
-from dse.runs import Record
+from dse import store
+from dse.study import pricing
+from dse.study.runs import Record
 
 if TYPE_CHECKING:
     import pandas
 
-    from dse.skyline import Pick, Skyline
+    from dse.skyline.front import Pick, Skyline
 
 Objective = tuple[str, str]
 
@@ -39,11 +40,11 @@ class Study:
 
     @property
     def trials(self) -> pandas.DataFrame:
-        """One row per trial (`dse.tables`)."""
+        """One row per trial (`dse.study.trials`)."""
         return _table(self.folder / "trials.parquet")
 
     def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
-        """Return one row per design point: a trial, when it answers, and on which hardware (`dse.points`).
+        """Return one row per design point: a trial, when it answers, and on which hardware.
 
         Args:
             hardware: names or files of profiles to price the points on; none: those of the study.
@@ -67,14 +68,14 @@ class Study:
     def skyline(
         self, objectives: Sequence[Objective] | None = None, where: str | None = None, by: str | None = None
     ) -> Skyline:
-        """Return the non-dominated points (`dse.skyline`); objectives: the search space's where None."""
-        from dse.skyline import skyline
+        """Return the non-dominated points ; objectives: the search space's where None."""
+        from dse.skyline.front import skyline
 
         return skyline(self.points(), objectives or self.objectives, where, by)
 
     def pick(self, budgets: Sequence[str], maximise: str = "accuracy") -> Pick:
-        """Return the best point within the budgets, or the nearest ones (`dse.skyline.pick`)."""
-        from dse.skyline import pick
+        """Return the best point within the budgets, or the nearest ones (`dse.skyline.front.pick`)."""
+        from dse.skyline.front import pick
 
         points = self.points()
         ties = [(name, way) for name, way in self.objectives if name != maximise and name in points]

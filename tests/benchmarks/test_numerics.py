@@ -10,7 +10,7 @@ import pytest
 from benchmarks import hots, numerics
 from benchmarks.numerics import Match, Row, match
 from dse.engine.layers import forward, weights
-from dse.models.time_surfaces import Memory, Stream, nearest
+from dse.models.surfaces.time_surfaces import Memory, Stream, nearest
 from dse.neurons import lif
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import grid
 from benchmarks.sweep import Result, mean_and_error
-from dse.models.cohort import train
+from dse.models.snn.train import train
 from dse.records import Outcome
 from dse.search.space import design_at, n_designs
 

@@ -11,10 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import study
 from dse.cli import main
 from dse.cli.command_line import COMMANDS
 from dse.config.sections import SECTIONS
+from dse.study import explore
+from dse.study.results import Study
+from dse.study.results import open as open_study
 from tests.spaces import write_space
 
 Captured = pytest.CaptureFixture[str]
@@ -110,7 +112,7 @@ def test_set_replaces_a_value(tmp_path: Path, capsys: Captured) -> None:
 
 
 def test_run_leaves_a_study_and_its_page(results: Path) -> None:
-    assert len(study.open(results).trials) == 2
+    assert len(open_study(results).trials) == 2
     page = (results / "page.html").read_text(encoding="utf-8")
     assert page.startswith("<!doctype html>") or page.startswith("<!DOCTYPE html>")
     assert "tiny" in page
@@ -164,7 +166,7 @@ def test_run_reports_when_nothing_could_be_trained(
     (tmp_path / "tiny" / "search_space.yaml").write_text("study: tiny\nobjectives: ['accuracy:max']\n")
     failed.to_parquet(tmp_path / "tiny" / "trials.parquet")
     pd.DataFrame().to_parquet(tmp_path / "tiny" / "points.parquet")
-    monkeypatch.setattr(study, "run", lambda *_, **__: study.Study(tmp_path / "tiny"))
+    monkeypatch.setattr(explore, "run", lambda *_, **__: Study(tmp_path / "tiny"))
     assert main(["run", str(write_space(tmp_path)), "--json"]) == 1
     found = document(capsys.readouterr().out)
     assert found["rows"] == []
@@ -175,7 +177,7 @@ def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.Mon
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(study, "run", interrupted)
+    monkeypatch.setattr(explore, "run", interrupted)
     assert main(["run", str(write_space(tmp_path))]) == 130
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -186,7 +188,7 @@ def test_a_bug_is_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     def broken(*_: Any, **__: Any) -> None:
         raise ValueError("ours")
 
-    monkeypatch.setattr(study, "run", broken)
+    monkeypatch.setattr(explore, "run", broken)
     with pytest.raises(ValueError, match="ours"):
         main(["run", str(write_space(tmp_path))])
 

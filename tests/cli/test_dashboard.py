@@ -17,10 +17,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from dse import study
 from dse.cli import main
-from dse.cli.pages import write_page
+from dse.dashboard.study import write_page
 from dse.report import gather_marks
+from dse.study import results
 from tests import tiny_study
 from tests.page_data import held
 from tests.report.made import write
@@ -29,9 +29,9 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 # Tables are written at most once a minute; here after each run.
 RUN = """
 import sys
-from dse.study import exploration
+from dse.study import explore
 from tests.tiny_study import run_folder
-exploration._REFRESH_S, exploration._REFRESH_SHARE = 0.0, float("inf")
+explore._REFRESH_S, explore._REFRESH_SHARE = 0.0, float("inf")
 sys.exit(run_folder(sys.argv[1]))
 """
 
@@ -46,7 +46,7 @@ def fake_model() -> Iterator[None]:
 @contextmanager
 def shown(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Run `dse dashboard`, and yield its process and the address that it printed."""
-    command = [sys.executable, "-m", "dse.cli", "dashboard", *arguments]
+    command = [sys.executable, "-m", "dse", "dashboard", *arguments]
     with subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -113,7 +113,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(
             tab.close()
     assert (process.returncode, rest, errors) == (0, "ended\n", "")
     assert faults == []
-    written = held(write_page(study.open(folder), tmp_path / "page.html"))
+    written = held(write_page(results.open(folder), tmp_path / "page.html"))
     assert sorted(written.pop("details")) == ["0", "1", "2"]  # which a server sends when they are asked for
     # The server does not know the family of these tests, and so not how many designs there are.
     assert [one.pop("progress")["runs"]["done"] for one in (page, written)] == [3, 3]

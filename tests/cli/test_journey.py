@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from dse import study
 from dse.cli import main
-from dse.cli.pages import page_server
+from dse.dashboard.study import page_server
+from dse.study.results import open as open_study
 from tests.dashboard.test_serve import served
 from tests.spaces import write_space
 
@@ -111,7 +111,7 @@ def test_a_reader_leaves_with_the_design_that_the_commands_name(
     line.click()
     trial, point = line.get_attribute("data-key").split(".")
     assert tab.inner_text("#design h2") == f"Trial {trial}"
-    points = study.open(results).points()
+    points = open_study(results).points()
     chosen = points[
         (points["trial"] == int(trial)) & (points["point"] == int(point)) & (points["hardware"] == "mcu_m4")
     ].iloc[0]

@@ -9,9 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import pricing, store, study
+from dse import store
 from dse.cli import main
 from dse.config import load_space
+from dse.study import explore, pricing
+from dse.study.results import open as open_study
 from tests.report.made import write
 from tests.spaces import write_space
 
@@ -111,7 +113,7 @@ def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
         ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"),
         ("model: {kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}", f"model: {choice}"),
     )
-    found = study.run(load_space(space), tmp_path / "results", progress=False)
+    found = explore.run(load_space(space), tmp_path / "results", progress=False)
     assert main(["report", str(found.folder), "--json"]) == 0
     rows = {row["figure"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
     for figure, family in (("accuracy, knn", "knn"), ("best accuracy: accuracy", "snn")):
@@ -160,7 +162,7 @@ def test_chips_are_named_twice_or_more_and_exist(results: Path, capsys: Captured
         == "--hardware must be said of two profiles or more, got 'loihi1_silicon' alone\n"
     )
     folder = results / "nets"
-    study.open(folder).points().assign(point=0).to_parquet(folder / "points.parquet")
+    open_study(folder).points().assign(point=0).to_parquet(folder / "points.parquet")
     assert main(["report", str(folder), "--hardware", "loihi1_silicon", "--hardware", "lohi"]) == 2
     told = capsys.readouterr()
     assert told.out == "" and "lohi" in told.err and told.err.count("\n") == 1

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import yaml
 
-from dse import dashboard
 from dse.cli import main
+from dse.dashboard import trial as dashboard
 from dse.recordings.events import EventFile
 from dse.recordings.scene import COLUMNS, Trials
 from dse.scene import simulate

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import torch
 
-from dse import study
 from dse.config import ConfigError, device, load_space
+from dse.study import explore
 from tests.spaces import write_space
 
 
@@ -57,7 +57,7 @@ def test_a_device_that_is_too_old(no_gpu: None, path: Path, monkeypatch: pytest.
 def test_a_study_does_not_begin_without_its_device(no_gpu: None, path: Path, tmp_path: Path) -> None:
     space = load_space(path)  # reading a search space elsewhere than where it runs is no fault
     with pytest.raises(ConfigError, match=r"execution\.device cuda needs a CUDA device"):
-        study.run(space, tmp_path / "results", progress=False)
+        explore.run(space, tmp_path / "results", progress=False)
     assert not (tmp_path / "results").exists()
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from dse.dashboard import gather as gather_module
-from dse.dashboard import gather_page
 from dse.dashboard.bins import N_BINS, gather_bins
+from dse.dashboard.gather import gather_page
 from tests.page_data import OBJECTIVES, points
 
 

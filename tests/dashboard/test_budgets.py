@@ -1,4 +1,4 @@
-"""Budgets on the page, in a real browser: the numbers of `dse.skyline`, and everything that moves them."""
+"""Budgets on the page, in a real browser: the numbers of the skyline, and everything that moves them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import skyline
 from dse.dashboard import gather as gather_module
-from dse.dashboard import write_page
 from dse.dashboard.budgets import budget_columns, contenders
-from dse.pareto import hypervolume
+from dse.dashboard.write import write_page
+from dse.skyline import front as skyline
+from dse.skyline.pareto import hypervolume
 from tests.dashboard.test_page import HOSTILE, Page
 from tests.page_data import OBJECTIVES, points
 
@@ -101,7 +101,7 @@ def random_budgets(frame, n=20, seed=1):
 
 
 def expected(frame, state):
-    """Return (rows within the budgets, front, pick) as `dse.skyline` has them."""
+    """Return (rows within the budgets, front, pick) as `dse.skyline.front` has them."""
     conditions = [
         f"{name} == '{state[name]}'" for name in ("task", "family", "hardware") if state[name] != "all"
     ]

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dse.config import ConfigError
-from dse.dashboard import gather_page
 from dse.dashboard.definition import Definition, FrontView, definition_for, load, shipped_definitions
+from dse.dashboard.gather import gather_page
 from tests.page_data import OBJECTIVES, failed, points
 
 COLUMNS: dict[str, Any] = {

@@ -14,18 +14,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import study
 from dse.config import load_space
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
-from dse.decision import decide
 from dse.deploy import bundle
 from dse.figures import draw_confusion, gather_confusion
 from dse.figures.learning import draw_learning, gather_learning
 from dse.figures.raster import draw_recording, gather_recording
+from dse.measure.decision import decide
+from dse.study import explore
 from tests import tiny_study
 from tests.dashboard.test_page import HOSTILE, Page
-from tests.test_bundles import SPACE
+from tests.deploy.test_evaluate import SPACE
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
 PHI, THETA = (0, 2, 4), (0.5, 0.8)
@@ -511,7 +511,7 @@ def test_every_figure_fits_its_panel(opened):
 def test_beside_its_study_the_line_that_exports_a_design_runs(opened, tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     (tmp_path / "real.yaml").write_text(SPACE)
-    found = study.run(load_space(tmp_path / "real.yaml"), tmp_path / "its results", progress=False)
+    found = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "its results", progress=False)
     results = str(found.folder.relative_to(tmp_path))
     page = gather_page(found.points(), name="real", objectives=found.objectives, results=results)
     path = write_filled("page", page, tmp_path / "page.html")

@@ -11,9 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import store, study
+from dse import store
 from dse.dashboard.details import MOST_EXAMPLES, gather_details, packed_details, shown_first
 from dse.store import StoreError
+from dse.study import explore, results
 from tests import tiny_study
 
 NAMES = ["felt", "silk", "wool"]
@@ -33,13 +34,13 @@ def folder(tmp_path_factory):
         search={"sampler": "grid", "repeats": 2},
         execution={"jobs": 1},
     )
-    yield study.run(space, path / "results", progress=False).folder
+    yield explore.run(space, path / "results", progress=False).folder
     tiny_study.unregister()
 
 
 @pytest.fixture
 def found(folder):
-    return study.open(folder)
+    return results.open(folder)
 
 
 def trial_of(found, family):
@@ -216,7 +217,7 @@ def test_trials_that_have_no_details(found):
 
 @pytest.fixture
 def copied(folder, tmp_path):
-    return study.open(shutil.copytree(folder, tmp_path / "copy"))
+    return results.open(shutil.copytree(folder, tmp_path / "copy"))
 
 
 @pytest.mark.parametrize(
@@ -317,7 +318,7 @@ def test_a_design_without_a_decision_in_a_study_of_an_earlier_version(found):
 )
 def test_a_record_that_is_none_is_left_out(found, tmp_path, part):
     points, trial = found.points(), trial_of(found, "fake")
-    copy = study.open(shutil.copytree(found.folder, tmp_path / "copy"))
+    copy = results.open(shutil.copytree(found.folder, tmp_path / "copy"))
     for repeat in range(2):
         path = store.run_folder(copy.folder, trial, repeat) / "record.json"
         path.write_text(json.dumps({**json.loads(path.read_text()), **part}))

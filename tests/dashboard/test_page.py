@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pandas as pd
 import pytest
 
-from dse.dashboard import write_page
+from dse.dashboard.write import write_page
 from tests.page_data import OBJECTIVES, failed, points
 
 HOSTILE = (

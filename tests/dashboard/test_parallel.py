@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.dashboard import write_page
 from dse.dashboard.definition import Definition
+from dse.dashboard.write import write_page
 from dse.figures.labels import OKABE_ITO_LIGHT
 from tests.dashboard.test_page import HOSTILE, Page
 from tests.page_data import ACCURACY, ENERGY, OBJECTIVES, points

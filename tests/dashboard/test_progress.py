@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from dse import study
 from dse.dashboard.progress import MAX_LISTED, gather_progress
 from dse.store import StoreError
+from dse.study import explore
 from tests import tiny_study
 
 START = 1_700_000_000.0
@@ -255,7 +255,7 @@ def test_a_study_that_was_really_run(tmp_path):
     try:
         moods = {"kind": "fake", "hidden": {"choice": [[4], [8]]}, "mood": {"choice": ["fine", "raise"]}}
         space = tiny_study.make_space(tmp_path, model=moods, execution={"jobs": 1})
-        ran = study.run(space, tmp_path / "results", progress=False)
+        ran = explore.run(space, tmp_path / "results", progress=False)
         found = gather_progress(ran.folder)
     finally:
         tiny_study.unregister()

@@ -17,7 +17,7 @@ from http import HTTPStatus
 import pandas as pd
 import pytest
 
-from dse.dashboard import gather_page
+from dse.dashboard.gather import gather_page
 from dse.dashboard.serve import (
     LONGEST_ADDRESS,
     LONGEST_HEADERS,

@@ -10,8 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dse.dashboard import write_trial_page
-from dse.dashboard.trial import trial_page
+from dse.dashboard.trial import trial_page, write_trial_page
 from dse.figures.trial import draw_pins, gather_trial
 from dse.records import Block
 from tests.page_data import held

@@ -1,6 +1,6 @@
 import re
 
-from dse.dashboard import write_page
+from dse.dashboard.write import write_page
 from tests.page_data import OBJECTIVES, held, points
 
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from dse import cache
-from dse.dataset import build, build_for, load, prepare, transductive
+from dse.dataset import build, build_for, cache, load, prepare, transductive
 from dse.dataset.assemble import _result
 from dse.encoders.send_on_delta import send_on_delta
 from dse.recordings import RecordingError

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse import cache
-from dse.dataset import as_prepared, build, build_for, dataset_key, hold, load, prepare, transductive
+from dse.dataset import as_prepared, build, build_for, cache, dataset_key, hold, load, prepare, transductive
 from dse.dataset.assemble import _result
 from dse.dataset.encoding import encoded, learnt
 from dse.dataset.files import Stored, read_meta, read_spikes

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from dse import cache, preprocessing, registry
-from dse.dataset import as_prepared, build, build_for, hold, load, prepare, warnings
+from dse import preprocessing, registry
+from dse.dataset import as_prepared, build, build_for, cache, hold, load, prepare, warnings
 from dse.dataset.assemble import _result
 from dse.dataset.files import read_meta, write_spikes
 from dse.dataset.parts import Part, in_order, placed

@@ -25,12 +25,12 @@ from dse.engine import gpu as engine
 from dse.engine.layers import weights
 from dse.engine.member import Cohort, Masters, Member, Report, TrainedLayer, Turn
 from dse.engine.network import gradients as on_cpu
-from dse.models.snn import SNN
+from dse.models.snn.family import SNN
 from dse.models.training import Design, Training
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic, Outcome
-from tests.models.test_snn import rngs, toy
+from tests.models.snn.test_family import rngs, toy
 
 # Triton asks for this variable when it is imported and when a kernel starts; no other test is to see it.
 INTERPRET = "TRITON_INTERPRET", os.environ.get("TRITON_INTERPRET", "1")

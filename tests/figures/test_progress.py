@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dse.figures import progress
 from dse.figures.progress import draw_progress, gather_progress
-from dse.pareto import hypervolume
+from dse.skyline.pareto import hypervolume
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min"}
 

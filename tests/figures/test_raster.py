@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from dse.decision import decide
 from dse.figures.raster import draw_recording, gather_recording
+from dse.measure.decision import decide
 
 # Class 1 leads from its second spike on; two spikes of class 0 come first.
 OUTPUT = np.array([[0, 0], [1, 0], [1, 0], [0, 1], [0, 1], [0, 1]], np.uint8)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from dse.decision import surface as decision_surface
 from dse.figures.surface import QUANTITIES, draw_surface, draw_surfaces, gather_surface, stored_surface
+from dse.measure.decision import surface as decision_surface
 from dse.records import Surface
 
 

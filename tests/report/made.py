@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from dse import store, study
+from dse import store
+from dse.study import results
+from dse.study.results import Study
 
 SECTIONS = {
     "data": {"kind": "raster", "file": "recordings/tiny.npz"},
@@ -27,7 +29,7 @@ def write(
     sections: Mapping[str, Any] | None = None,
     failed: int = 0,
     **of_record: Any,
-) -> study.Study:
+) -> Study:
     """Write a study with a row of columns per design.
 
     Args:
@@ -90,7 +92,7 @@ def write(
     trials["reason"] = [""] * len(designs) + ["ValueError: hidden must be kind"] * failed
     trials.to_parquet(folder / "trials.parquet")
     pd.DataFrame(rows).to_parquet(folder / "points.parquet")
-    return study.open(folder)
+    return results.open(folder)
 
 
 def _arrays(accuracy: float, design: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

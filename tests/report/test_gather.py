@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import store, study
-from dse.metrics.accuracy import wilson_se
+from dse import store
+from dse.measure.objectives.accuracy import wilson_se
 from dse.report import FAMILIES, Report, Row, report
 from dse.report.rows import published
+from dse.study import results
 from tests.report.made import write
 
 
@@ -325,7 +326,7 @@ def test_what_is_too_old_or_damaged_is_one_line(tmp_path: Path) -> None:
     points = written.points().drop(columns="family")
     points.to_parquet(written.folder / "points.parquet")
     with pytest.raises(store.StoreError, match=r"points\.parquet: has no column 'family'"):
-        report([study.open(written.folder)])
+        report([results.open(written.folder)])
 
 
 @pytest.mark.parametrize(

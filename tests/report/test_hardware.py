@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import pricing
 from dse.report import HARDWARE, Report, Row, report
 from dse.report.hardware import HOW
-from dse.study import Study
+from dse.study import pricing
+from dse.study.results import Study
 from tests.report.made import write
 
 Draws = Mapping[str, Sequence[Any]]

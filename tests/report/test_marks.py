@@ -13,7 +13,7 @@ from dse import store
 from dse.config import shipped_spaces
 from dse.report import gather_marks, report
 from dse.report.rows import Row, published
-from dse.study import Study
+from dse.study.results import Study
 from tests.report.made import write
 
 # What the report calls the printed figure of each column.

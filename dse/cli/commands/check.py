@@ -7,9 +7,9 @@ import sys
 from typing import Any
 
 from dse.cli.answer import Answer, add_format
-from dse.cli.preview import preview
 from dse.cli.spaces import add_space, load
 from dse.config import ConfigError
+from dse.study.preview import preview
 
 HELP = "list every fault of a search space without doing its work"
 _BAD_INPUT = 2

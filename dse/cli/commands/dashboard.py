@@ -8,8 +8,8 @@ from pathlib import Path
 from dse.cli import priced
 from dse.cli.answer import Answer
 from dse.cli.numbers import draws, port
-from dse.cli.pages import Asked, page_server, write_page
 from dse.config import ConfigError, Fault
+from dse.dashboard.study import Asked, page_server, write_page
 
 HELP = "show the page of a study while it runs, or write it as one HTML file that opens without a server"
 
@@ -61,9 +61,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         raise ConfigError(faults)
     asked = Asked(page, arguments.draws, tuple(arguments.hardware))
     if arguments.html:
-        from dse import study
+        from dse.study import results
 
-        path = write_page(study.open(arguments.results), arguments.html, asked)
+        path = write_page(results.open(arguments.results), arguments.html, asked)
         return Answer([{"page": str(path)}], text=str(path))
 
     from dse.dashboard.serve import LOOPBACK, PORT

@@ -9,7 +9,7 @@ from dse.cli.answer import Answer, add_format
 from dse.cli.spaces import REPAIR
 
 if TYPE_CHECKING:
-    from dse.bundles import Evaluation
+    from dse.deploy.evaluate import Evaluation
 
 HELP = "run an exported classifier on new recordings"
 
@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return what the classifier does on the recordings."""
-    from dse import bundles
+    from dse.deploy import evaluate
 
-    found = bundles.evaluate(arguments.bundle, arguments.data, repair=arguments.repair)
+    found = evaluate.evaluate(arguments.bundle, arguments.data, repair=arguments.repair)
     rows = found.answers if arguments.each else [found.columns]
     return Answer(rows, [*_by_class(found), *(f"warning: {note}" for note in found.notes)])
 

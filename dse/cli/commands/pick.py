@@ -10,6 +10,7 @@ from dse.cli import priced
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import Objective, columns, records
 from dse.cli.numbers import draws, share
+from dse.study import priced as study_priced
 
 if TYPE_CHECKING:
     import pandas
@@ -45,24 +46,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the picked row; without one, the nearest rows and by how much they miss each budget."""
-    from dse import skyline, study
+    from dse.skyline import front
     from dse.store import StoreError
+    from dse.study import results
 
     is_study = Path(arguments.results).is_dir()
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
-    [points] = priced.points([arguments.results], arguments.hardware)
-    points = priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
-    objectives: list[Objective] = study.open(arguments.results).objectives if is_study else []
+    [points] = study_priced.points([arguments.results], arguments.hardware)
+    points = study_priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
+    objectives: list[Objective] = results.open(arguments.results).objectives if is_study else []
     ties = [(name, way) for name, way in objectives if name != arguments.maximise and name in points]
     goals = [(arguments.maximise, "max"), *ties]
     if arguments.confidence is None:
-        found = skyline.pick(points, arguments.budget, arguments.maximise, ties)
+        found = front.pick(points, arguments.budget, arguments.maximise, ties)
     else:
-        names = [*(name for name, _ in goals), *skyline.budgeted(arguments.budget)]
-        drawing = priced.draws([arguments.results], [points], arguments.hardware, names, arguments.draws)
+        names = [*(name for name, _ in goals), *front.budgeted(arguments.budget)]
+        drawing = study_priced.draws(
+            [arguments.results], [points], arguments.hardware, names, arguments.draws
+        )
         apart = [name for name in ("task",) if name in points]
-        found = skyline.sure_pick(
+        found = front.sure_pick(
             points, arguments.budget, arguments.maximise, ties, drawing, arguments.confidence, apart
         )
     if found.row is None:
@@ -80,9 +84,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         *_others(points, arguments.budget, "hardware", "hardware profiles"),
     ]
     if arguments.export:
-        from dse import bundles
+        from dse.deploy import evaluate
 
-        bundles.export(study.open(arguments.results), row, arguments.export)
+        evaluate.export(results.open(arguments.results), row, arguments.export)
         notes.append(f"bundle: {arguments.export}")
     return Answer([row], notes, _telling(row, goals))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from dse.cli.answer import FORMATS, Answer, add_format
 
 if TYPE_CHECKING:
-    from dse.study import Study
+    from dse.study.results import Study
 
 HELP = "print the figures of the published systems beside those of studies"
 _SHOWN = (
@@ -65,7 +65,7 @@ def _wanted(text: str | None, known: list[str]) -> set[str] | None:
     Raises:
         ExpressionError: one is unknown, or none is named.
     """
-    from dse.constraints import ExpressionError
+    from dse.skyline.constraints import ExpressionError
 
     if text is None:
         return None
@@ -82,7 +82,7 @@ def _chips(names: list[str] | None) -> list[str]:
     Raises:
         ExpressionError: there is only one.
     """
-    from dse.constraints import ExpressionError
+    from dse.skyline.constraints import ExpressionError
 
     chips = list(dict.fromkeys(names or []))
     if len(chips) == 1:
@@ -91,12 +91,12 @@ def _chips(names: list[str] | None) -> list[str]:
 
 
 def _studies(path: Path) -> list[Study]:
-    from dse import study
     from dse.store import StoreError
+    from dse.study import results
 
     if (path / "search_space.yaml").is_file():
-        return [study.open(path)]
+        return [results.open(path)]
     inside = sorted(x.parent for x in path.glob("*/points.parquet")) if path.is_dir() else []
     if not inside:
         raise StoreError(f"{path}: must be the folder of a study with results, or hold some")
-    return [study.open(folder) for folder in inside]
+    return [results.open(folder) for folder in inside]

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import front
 from dse.cli.numbers import positive
-from dse.cli.pages import write_page
 from dse.cli.spaces import add_space, load
+from dse.dashboard.study import write_page
 
 if TYPE_CHECKING:
-    from dse.study import Study
+    from dse.study.results import Study
 
 HELP = "train the designs of a search space; run it again to go on where it was stopped"
 _NOTHING_TRAINED = 1
@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def answer(arguments: argparse.Namespace) -> Answer:
     """Train what is missing, write the page, and return the front."""
     space = load(arguments)
-    from dse import study
+    from dse.study import explore
 
-    done = study.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
+    done = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
     notes = [*done.warnings, _page(done)]
     failed = done.trials[done.trials["status"] == "failed"]
     if len(failed):

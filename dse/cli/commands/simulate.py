@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse import progress
 from dse.cli.answer import Answer, add_format
 from dse.cli.numbers import positive
 from dse.cli.spaces import add_set, overrides_of
 from dse.config import ConfigError, Fault
+from dse.study import progress
 
 if TYPE_CHECKING:
     from dse.records import Block
@@ -223,7 +223,8 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
     Raises:
         ConfigError: the disk refuses.
     """
-    from dse import dashboard, figures
+    from dse import figures
+    from dse.dashboard.trial import write_trial_page
     from dse.scene import simulate
 
     texture, motion, force, repetition = scene.cell(k)
@@ -235,7 +236,7 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
     paths = simulate.pin_paths(scene, k, scene.method.friction_step_ms)
     view = figures.gather_trial(simulate.events(scene, k), paths, scene.sensor.frame_px, name)
     try:
-        return dashboard.write_trial_page(view, path)
+        return write_trial_page(view, path)
     except OSError as error:
         why = f"cannot be written: {error.strerror or error}"
         raise ConfigError([Fault(f"--figure {path}", 0, why)]) from error

@@ -9,6 +9,7 @@ from dse.cli import priced
 from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import Objective, columns, records
 from dse.cli.numbers import draws
+from dse.study import priced as study_priced
 
 HELP = "print the non-dominated design points of a study or of any table of points"
 
@@ -51,22 +52,22 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
     import pandas
 
-    from dse import skyline
+    from dse.skyline import front
 
-    frames = priced.points(arguments.results, arguments.hardware)
+    frames = study_priced.points(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    frame = priced.on_duty(
+    frame = study_priced.on_duty(
         pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
     )
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
-    found = skyline.skyline(frame, objectives, arguments.where, by)
+    found = front.skyline(frame, objectives, arguments.where, by)
     rows, shown = found.rows, columns(found.rows, objectives)
     shown += [name for name in ("power_mw", "battery_h") if name in rows and name not in shown]
     if arguments.draws:
         names = [name for name, _ in objectives]
-        drawing = priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
-        among = skyline.comparable(frame, objectives, arguments.where, by).rows
-        share = skyline.front_share(among, objectives, drawing, by)
+        drawing = study_priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
+        among = front.comparable(frame, objectives, arguments.where, by).rows
+        share = front.front_share(among, objectives, drawing, by)
         rows = rows.assign(front_share=pandas.Series(share, among.index)[rows.index])
         shown = [*shown, "front_share"]
     return Answer(records(rows), found.notes, shown)
@@ -78,9 +79,9 @@ def objectives_of(text: str | None, results: str) -> list[Objective]:
     Raises:
         ExpressionError: they cannot be read, or a plain table has none.
     """
-    from dse import study
-    from dse.constraints import ExpressionError
-    from dse.skyline import parse_objectives
+    from dse.skyline.constraints import ExpressionError
+    from dse.skyline.front import parse_objectives
+    from dse.study.results import open as open_study
 
     if text is not None:
         return parse_objectives(text)
@@ -88,4 +89,4 @@ def objectives_of(text: str | None, results: str) -> list[Objective]:
         raise ExpressionError(
             f"{results}: a table has no objectives; name them: --objectives accuracy:max,..."
         )
-    return study.open(results).objectives
+    return open_study(results).objectives

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.metrics.accuracy import seeds_se
+from dse.measure.objectives.accuracy import seeds_se
 from dse.report.designs import Found, best
 from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured, number, published

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.correlation import spearman
+from dse.measure.correlation import spearman
 from dse.report.designs import Found, best
 from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured, number, published
-from dse.skyline import front_ends
+from dse.skyline.front import front_ends
 
 if TYPE_CHECKING:
     import pandas

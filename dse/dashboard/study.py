@@ -1,0 +1,273 @@
+"""The page of a study folder."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from http import HTTPStatus
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas
+
+    from dse.dashboard.definition import Definition
+    from dse.dashboard.serve import Download, Server
+    from dse.study.results import Study
+
+LARGEST_BYTES = 7_800_000
+"""Of a page in a file, which goes through most mail; the drawing library is 4.8 MB of it."""
+_ROOM_BYTES = 200_000, 1_500_000
+"""What the details of designs may take in it, at least and at most; what the points leave, in between."""
+
+_NO_TRIAL = "The study has no finished trial of this number."
+_NEEDED = ("search_space.yaml", "trials.parquet", "points.parquet")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How a page is asked for.
+
+    definition: which parts it has; None: `dashboards/study.yaml`.
+    n_draws: how often the figures of the hardware are drawn, to show how sure each point's place on the front
+        is; 0: not at all.
+    hardware: names or files of profiles to price the points on; none: those of the study.
+    """
+
+    definition: Definition | None = None
+    n_draws: int = 0
+    hardware: tuple[str, ...] = ()
+
+
+def write_page(study: Study, path: Path | None = None, asked: Asked | None = None) -> Path:
+    """Write the page of a study, by default as page.html in its folder, and return where.
+
+    It carries the details of as many designs as there is room for, those on the fronts first.
+
+    Raises:
+        ConfigError: a hardware profile does not exist or is wrong.
+        StoreError: a table or an artefact is damaged, or figures are to be drawn where none are.
+    """
+    from dse.dashboard.details import packed_details, shown_first
+    from dse.dashboard.write import filled, write_filled
+
+    asked = asked or Asked()
+    _check(study, asked)
+    points = study.points(asked.hardware)
+    page = _gathered(study, _with_failures(study, points), asked) | _progress(study.folder)
+    least, most = _ROOM_BYTES
+    room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
+    details = packed_details(study, points, shown_first(page), room, asked.hardware)
+    target = path or study.folder / "page.html"
+    return write_filled("page", page | ({"details": details} if details else {}), target)
+
+
+def page_server(folder: Path, host: str, port: int, asked: Asked | None = None) -> Server:
+    """Return a server of the page of a study, which need not have finished a trial yet.
+
+    Raises:
+        ConfigError: a hardware profile does not exist or is wrong.
+        StoreError: there is no study in the folder, or figures are to be drawn where none are.
+        OSError: the host is not this machine's, or the port is taken.
+    """
+    import pandas
+
+    from dse import store
+    from dse.dashboard.serve import Live, Server, stamp
+    from dse.study import results
+    from dse.study.results import Study
+
+    if not (folder / "search_space.yaml").is_file():
+        raise store.StoreError(f"{folder}: is no folder of a study: it has no search_space.yaml")
+    asked = asked or Asked()
+    _check(Study(folder), asked)
+    designs = _Designs(Study(folder), asked.hardware)
+
+    tables = [folder / name for name in (*_NEEDED, store.WARNINGS)]
+    last: dict[str, Any] = {"stamps": None, "page": {}}
+
+    def read() -> Mapping[str, Any]:
+        # Trials end all the time; the tables, and what is gathered from them, change now and then.
+        stamps = [stamp(path) for path in tables]
+        if stamps != last["stamps"]:
+            found = results.open(folder)
+            points = found.points(asked.hardware)
+            page = _gathered(found, _with_failures(found, points), asked)
+            designs.points = points
+            last.update(stamps=stamps, page=page)
+        return {**last["page"], **_progress(folder)}
+
+    empty = _gathered(Study(folder), pandas.DataFrame(), asked)
+    going_on = [folder / "journal.log", folder / "artefacts", tables[-1]]
+    live = Live(read, tables[:-1], going_on, lambda: {**empty, **_progress(folder)})
+    return Server(live, host, port, designs.details, designs.bundle)
+
+
+class _Designs:
+    """What a server tells of single designs: those of the table that its page was last read from."""
+
+    def __init__(self, study: Study, hardware: Sequence[str]) -> None:
+        self._study = study
+        self._hardware = hardware
+        self.points: pandas.DataFrame | None = None
+
+    def details(self, trial: int) -> Mapping[str, Any]:
+        """Return what the page shows of a trial.
+
+        Raises:
+            Refused: there is no such trial, or it failed.
+        """
+        from dse.dashboard.details import gather_details
+        from dse.dashboard.serve import Refused
+        from dse.store import StoreError
+
+        if self.points is None or "trial" not in self.points:
+            raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL)
+        try:
+            return gather_details(self._study, self.points, trial, self._hardware)
+        except StoreError as error:
+            raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL) from error
+
+    def bundle(self, trial: int, point: int, hardware: str) -> Download:
+        """Return the bundle of a design point as a zip file; nothing is written to the study.
+
+        Raises:
+            Refused: there is no such point, or it cannot be exported; the text names no path.
+        """
+        from dse.dashboard.serve import Download, Refused
+        from dse.deploy import evaluate
+        from dse.deploy.bundle import BundleError
+        from dse.store import StoreError
+
+        row = self._row(trial, point, hardware)
+        if row is None:
+            raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
+        name = f"trial_{trial}_point_{point}"
+        try:
+            with tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
+                folder = Path(temporary) / name
+                evaluate.export(self._study, row, folder)
+                return Download(f"{name}.zip", _zipped(folder))
+        except BundleError as error:
+            text = "This design cannot be deployed: its encoder reads the labels of the recordings."
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+        except ValueError as error:
+            text = "The study has changed since this point was evaluated; load the page again."
+            raise Refused(HTTPStatus.CONFLICT, text) from error
+        except (StoreError, OSError) as error:
+            text = "This design cannot be exported: an artefact is damaged, or the disk is full."
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+
+    def _row(self, trial: int, point: int, hardware: str) -> Mapping[str, Any] | None:
+        """Return a design point; None where there is none, or several."""
+        if self.points is None or not {"trial", "point"} <= set(self.points):
+            return None
+        rows = self.points[self.points["trial"] == trial]
+        rows = rows[rows["point"] == point]
+        if "hardware" in rows or hardware:
+            rows = rows[rows["hardware"] == hardware] if "hardware" in rows else rows.iloc[:0]
+        return {str(name): value for name, value in rows.iloc[0].items()} if len(rows) == 1 else None
+
+
+def _zipped(folder: Path) -> bytes:
+    """Return a folder as a zip file, which is the same for the same files."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            entry = zipfile.ZipInfo(path.relative_to(folder.parent).as_posix())  # dated 1980, as of no file
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, path.read_bytes())
+    return packed.getvalue()
+
+
+def _gathered(study: Study, table: pandas.DataFrame, asked: Asked) -> dict[str, Any]:
+    from dse.dashboard.gather import gather_page
+
+    marks, lacks = _marks(study) if len(table) else ([], [])
+    if asked.n_draws and "hardware" in table:
+        table = table.assign(front_share=_front_share(study, table, asked))
+    return gather_page(
+        table,
+        name=study.space["study"],
+        objectives=study.objectives,
+        notes=[*study.warnings, *lacks],
+        results=str(study.folder),
+        hardware=asked.hardware,
+        definition=asked.definition,
+        marks=marks,
+    )
+
+
+def _check(study: Study, asked: Asked) -> None:
+    """Check that profiles can be read, and that a front depends on figures of hardware where they are drawn.
+
+    Raises:
+        ConfigError: a profile does not exist or is wrong.
+        StoreError: no objective depends on hardware.
+    """
+    from dse.measure.run import DRAWN
+    from dse.store import StoreError
+    from dse.study import pricing
+
+    pricing.profiles(study.folder, asked.hardware)
+    if not asked.n_draws:
+        return
+    if not asked.hardware and not study.space.get("hardware"):
+        raise StoreError(f"{study.folder}: nothing to draw: the study has no hardware")
+    if not any(name in DRAWN for name, _ in study.objectives):
+        text = f"nothing to draw: no objective is among {', '.join(DRAWN)}; others do not depend on it"
+        raise StoreError(f"{study.folder}: {text}")
+
+
+def _front_share(study: Study, table: pandas.DataFrame, asked: Asked) -> pandas.Series:
+    """Return in what share of draws of the hardware's figures each point is on its task's front.
+
+    NaN for rows that no front compares, such as failed trials.
+    """
+    import pandas
+
+    from dse.skyline import front
+    from dse.study import priced
+
+    objectives = study.objectives
+    names = [name for name, _ in objectives]
+    drawing = priced.draws([str(study.folder)], [table], asked.hardware, names, asked.n_draws)
+    among = front.comparable(table, objectives, by="task").rows
+    share = front.front_share(among, objectives, drawing, "task")
+    return pandas.Series(share, among.index).reindex(table.index)
+
+
+def _progress(folder: Path) -> dict[str, Any]:
+    """Return how a study goes; None, which a page does not show, where its folder does not say."""
+    from dse.dashboard.progress import gather_progress
+    from dse.store import StoreError
+
+    try:
+        return {"progress": gather_progress(folder)}
+    except StoreError:
+        return {"progress": None}
+
+
+def _marks(study: Study) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the published designs to draw beside a study, and a sentence where they cannot be told."""
+    from dse import store
+    from dse.report import gather_marks
+
+    try:
+        return gather_marks(study), []
+    except store.StoreError as error:
+        return [], [f"Published designs are not drawn beside: {error}."]
+
+
+def _with_failures(study: Study, points: pandas.DataFrame) -> pandas.DataFrame:
+    """Return design points and the failed trials of their study."""
+    import pandas
+
+    trials = study.trials
+    failed = trials[trials["status"] == "failed"]
+    parts = [part for part in (points, failed) if len(part)]
+    return pandas.concat(parts, ignore_index=True) if parts else trials

@@ -1,0 +1,72 @@
+"""Accuracy and its standard error: Wilson for one run, the spread of the runs for several."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dse.measure.objectives import declare, objective
+
+declare(
+    "accuracy_se", "", "min", "Standard error of the accuracy: over seeds or folds, Wilson for a single run."
+)
+declare("accuracy_test", "", "max", "Accuracy on the test set, which selection never sees.")
+
+
+@objective(unit="", direction="max")
+def accuracy(label: ArrayLike, target: ArrayLike) -> float:
+    """Fraction of samples answered correctly.
+
+    Args:
+        label: (n,) answers.
+        target: (n,) true classes.
+
+    Raises:
+        ValueError: no samples, or different lengths.
+    """
+    answers, truth = np.asarray(label), np.asarray(target)
+    if answers.ndim != 1 or answers.shape != truth.shape or answers.size == 0:
+        raise ValueError(f"label and target must be (n,) with n >= 1, got {answers.shape} and {truth.shape}")
+    return float((answers == truth).mean())
+
+
+def wilson_se(k: ArrayLike, n: ArrayLike) -> np.ndarray:
+    """Return the standard error of k successes in n: half the Wilson score interval at z = 1.
+
+        sqrt(p (1 - p) / n + 1 / (4 n^2)) / (1 + 1 / n),  p = k / n
+
+    Unlike sqrt(p (1 - p) / n) it is not zero where every answer is right.
+
+    Source: Wilson, J. Am. Stat. Assoc. 22, 1927.
+
+    Args:
+        k: successes, 0 <= k <= n, any shape.
+        n: trials, >= 1, broadcast against k.
+
+    Raises:
+        ValueError: counts out of range.
+    """
+    successes, trials = np.asarray(k, dtype=np.float64), np.asarray(n, dtype=np.float64)
+    if not ((trials >= 1) & (successes >= 0) & (successes <= trials)).all():
+        raise ValueError(f"counts must be 0 <= k <= n with n >= 1, got k = {successes}, n = {trials}")
+    p = successes / trials
+    return np.asarray(np.sqrt(p * (1 - p) / trials + 0.25 / trials**2) / (1 + 1 / trials))
+
+
+def seeds_se(values: ArrayLike) -> np.ndarray:
+    """Return the standard error of the mean over seeds or folds: s / sqrt(r), s with r - 1.
+
+    Args:
+        values: (run, ...), two runs or more.
+
+    Returns:
+        (...,).
+
+    Raises:
+        ValueError: fewer than two runs.
+    """
+    runs = np.asarray(values, dtype=np.float64)
+    if runs.ndim < 1 or len(runs) < 2:
+        raise ValueError(f"values must be at least two runs, got shape {runs.shape}")
+    spread = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    return np.where(np.ptp(runs, axis=0) == 0, 0.0, spread)  # a mean that is rounded would leave a trace

@@ -1,0 +1,34 @@
+"""Time until the answer: what the sensor needs, and what the hardware adds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dse.measure.objectives import declare, objective
+
+declare("hardware_latency_ms", "ms", "min", "Time that the hardware computes per inference, run flat out.")
+declare(
+    "t_p_ms", "ms", "min", "Shortest mean decision time among the settings (phi, theta) of best accuracy."
+)
+declare("t_h_ms", "ms", "min", "Shortest mean decision time among the settings that reach human accuracy.")
+declare("t_c_ms", "ms", "min", "Shortest input after which accuracy is within 10 % of its peak.")
+declare("decision_latency_ms", "ms", "min", "Mean time of the decision on the sensor's clock.")
+declare("undecided", "", "min", "Fraction of samples that never reach the confidence theta.")
+
+
+@objective(unit="ms", direction="min")
+def latency_ms(decision_ms: ArrayLike, step_ms: float, step_time_us: ArrayLike) -> NDArray[np.float64]:
+    """Time from the first touch until the hardware has the answer.
+
+    The hardware starts a step when its input is complete and the step before is done. With n steps
+    of period p that each take c to compute, the last one is done at p + (n - 1) max(p, c) + c.
+
+    Args:
+        decision_ms: decision time on the sensor's clock, n p, any shape.
+        step_ms: period p of a step.
+        step_time_us: computing time c of a step, broadcast against decision_ms.
+    """
+    compute_ms = np.asarray(step_time_us, dtype=np.float64) / 1e3
+    steps_before = np.asarray(decision_ms, dtype=np.float64) / step_ms - 1
+    return np.asarray(step_ms + steps_before * np.maximum(step_ms, compute_ms) + compute_ms)

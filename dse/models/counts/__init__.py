@@ -1,0 +1,1 @@
+"""Classifiers of spike counts in windows."""

@@ -1,0 +1,1 @@
+"""Dense CUBA-LIF networks: settings, initialisation, training, responses, coarser weights."""

@@ -1,0 +1,114 @@
+"""Dense CUBA-LIF classifiers: 1 to 3 hidden layers, trained by SpikeRate with a surrogate gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+
+from dse.engine.batch import chunk_samples
+from dse.engine.layout import padded
+from dse.models.snn import respond, train
+from dse.models.snn.settings import Stack
+from dse.models.training import Design, Generators, Training, TrainingDiverged
+from dse.records import Array, Dataset, Network, Outcome, Response
+from dse.registry import register
+
+# Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
+# core of a 2023 server CPU (benchmarks/train_step.py). Only their ratios matter.
+_SUM_NS, _SCAN_NS, _UPDATE_NS, _CALL_NS = 0.04, 1.3, 1.2, 3e5
+
+
+@register("models", "snn")
+@dataclass(frozen=True)
+class SNN(Stack):
+    """Feed-forward or recurrent CUBA-LIF classifier (equations: dse.neurons.cuba_lif)."""
+
+    def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
+        """Train alone on `dataset.train`; respond on validation and, where there is one, on test.
+
+        Raises:
+            TrainingDiverged: loss, gradient or weights became NaN, infinite or hopelessly large.
+            ValueError: there are no training samples.
+        """
+        ((_, outcome),) = train.train(dataset, [Design(self, training, rngs)], rngs)
+        if isinstance(outcome, TrainingDiverged):
+            raise outcome
+        return outcome
+
+    def respond(self, fitted: Network, dataset: Dataset, samples: Array) -> Response:
+        """Run a trained network on the evaluated windows of some samples."""
+        return respond.respond(fitted, dataset, samples)
+
+    @staticmethod
+    def fit_cohort(
+        dataset: Dataset,
+        designs: Sequence[Design],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+        """Train designs on the same batches; see `dse.models.snn.train.train`."""
+        return train.train(dataset, designs, shared, device, threads)
+
+    def shares(self, training: Training) -> tuple[Hashable, ...]:
+        """Return what designs must have in common to train on the same batches."""
+        return self.input_delays, self.steps_per_sample, training.batch_size
+
+    def n_weights(self, n_channels: int, n_classes: int) -> int:
+        """Return W_t before pruning: between layers (delayed copies included) and within recurrent ones."""
+        return sum(a * b for a, b in self.matrices(n_channels, n_classes))
+
+    def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
+        """Return what a design holds at most while it trains in a cohort, without what its cohort shares.
+
+        Args:
+            n_channels: input channels, delayed copies not counted.
+            n_classes: output neurons, of all heads.
+            n_steps: window length in input steps.
+            training: settings of its training.
+        """
+        real = 8 if self.arithmetic == "ideal" else 4
+        # Master weights, two moments, initial weights, gradient, int8 weights; the mean of the last epochs.
+        per_weight = 4 * 4 + real + 1 + 8 + (real + 1 if self.pruned else 0)  # which are kept, twice
+        return sum(a * padded(b) * per_weight for a, b in self.matrices(n_channels, n_classes))
+
+    def workspace_bytes(
+        self, n_channels: int, n_classes: int, n_steps: int, training: Training, threads: int = 1
+    ) -> int:
+        """Return what designs of a cohort hold one at a time (arguments as in `memory_bytes`).
+
+        That is per thread one chunk's surrogates, spikes, spike lists and gradients, and the temporary arrays
+        in which weights are drawn, copied and averaged.
+        """
+        steps = n_steps * self.steps_per_sample
+        rows = chunk_samples(training.batch_size, steps) * steps
+        real = 8 if self.arithmetic == "ideal" else 4
+        columns = [padded(n) for n in (*self.hidden, n_classes)]
+        chunk = sum(rows * (n * (real + 4) + n // 8 + 8) for n in columns) + rows * 4 * max(columns)
+        weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
+        deeper = weights - self.matrices(n_channels, n_classes)[0][0] * padded(self.hidden[0])
+        own = threads * (chunk + real * deeper) + (threads - 1) * real * (weights - deeper)
+        return own + 48 * weights
+
+    def cost(
+        self, n_channels: int, n_classes: int, n_steps: int, n_events: float, n_train: int, training: Training
+    ) -> float:
+        """Return an estimate of the CPU seconds that training takes, good enough to balance work.
+
+        Args:
+            n_channels: input channels, delayed copies not counted.
+            n_classes: output neurons, of all heads.
+            n_steps: window length in input steps.
+            n_events: mean input spikes of a window, delayed copies not counted.
+            n_train: training samples.
+            training: settings of the training.
+        """
+        steps = n_steps * self.steps_per_sample
+        columns = [padded(n) for n in (*self.hidden, n_classes)]
+        spikes = [n_events * len(self.input_delays), *(self.initial_rate * steps * h for h in self.hidden)]
+        summed = sum(a * b for a, b in zip(spikes, columns, strict=True))
+        batches = -(-n_train // training.batch_size)
+        weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
+        per_sample = _SUM_NS * summed + _SCAN_NS * steps * sum(columns)
+        per_batch = _UPDATE_NS * weights + _CALL_NS
+        return 1e-9 * training.epochs * (n_train * per_sample + batches * per_batch)

@@ -1,0 +1,109 @@
+"""Weights of fewer bits, and fewer weights, of a network that is trained already: nothing is learnt again.
+
+With the 8-bit step of 1/32, a layer's weights become
+
+    w = q * 2**e / 32,    q whole in [-2**(b-1), 2**(b-1) - 1],    0 <= e <= 8 - b
+
+with b bits in two's complement, so that one more value lies below 0 than above (2 bits: -2, -1, 0, 1). A
+layer has one exponent e, that of its recurrent weights too, as chips share one per layer. Every such weight
+is an 8-bit weight as well: the same engine runs it with the same integer states, bit for bit.
+
+Rounding alone removes no weight: a full matrix keeps a place for each, those that round to 0 included. A
+matrix that was pruned is a list of weights, and what rounds to 0 leaves it (as in `dse.models.snn.prune`).
+
+Source: Davies et al. 2018, weights with a shared exponent; Han et al. 2015, pruning (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from dse.models.snn.prune import largest
+from dse.neurons.cuba_lif import WEIGHT_SCALE
+from dse.records import Array, Layer, Network
+
+BITS = 8
+"""Bits of a weight as trained."""
+
+_STEPS = WEIGHT_SCALE // 2  # 8-bit steps in a weight of 1
+_ROUNDS_TO_0 = np.float32(0.5 / _STEPS)  # the largest magnitude that 8 bits round to 0: half to even
+
+
+def rounded(network: Network, weight_bits: int, pruned: float) -> Network:
+    """Return a trained network with its largest weights only, rounded to so many bits per layer.
+
+    Args:
+        network: in integer arithmetic.
+        weight_bits: 2 to 8; 8 and nothing pruned is the network itself, which is deployed with 8 bits.
+        pruned: share of every matrix that is removed by magnitude, what is 0 already included, in [0, 1).
+
+    Raises:
+        ValueError: another arithmetic, a setting out of range, or a weight that is no finite number.
+    """
+    if network.arithmetic != "integer":
+        raise ValueError(
+            f"only a network in integer arithmetic can be rounded, got one in {network.arithmetic} arithmetic"
+        )
+    if weight_bits not in range(2, BITS + 1):
+        raise ValueError(f"weight_bits must be a whole number from 2 to {BITS}, got {weight_bits}")
+    if not 0 <= pruned < 1:
+        raise ValueError(f"pruned must be in [0, 1), got {pruned}")
+    for number, layer in enumerate(network.layers, 1):
+        for wrong in (w[~np.isfinite(w)] for w in _matrices(layer)):
+            if wrong.size:
+                raise ValueError(f"weights of layer {number} must be finite numbers, got {wrong[0]}")
+    if weight_bits == BITS and pruned == 0:
+        return network
+    return dataclasses.replace(
+        network, layers=tuple(_rounded_layer(layer, weight_bits, pruned) for layer in network.layers)
+    )
+
+
+def exponents(network: Network, weight_bits: int) -> tuple[int, ...]:
+    """Return the least e of every layer of a rounded network with which so many bits hold its weights."""
+    return tuple(exponent(_matrices(layer), weight_bits) for layer in network.layers)
+
+
+def exponent(matrices: Sequence[Array], weight_bits: int) -> int:
+    """Return the e of a layer that leaves the least squared error, clipping included; the least on ties.
+
+    The error is against the weights as 8 bits clip them: what no chip of 8 bits can hold counts as its limit.
+    """
+    steps = np.concatenate([_in_steps(w).ravel() for w in matrices])
+    errors = [
+        ((_whole(steps, weight_bits, e) * 2.0**e - steps) ** 2).sum() for e in range(BITS + 1 - weight_bits)
+    ]
+    return int(np.argmin(errors))
+
+
+def _matrices(layer: Layer) -> list[Array]:
+    return [layer.weight, *([] if layer.recurrent is None else [layer.recurrent])]
+
+
+def _rounded_layer(layer: Layer, weight_bits: int, pruned: float) -> Layer:
+    kept = [np.where(largest(w, pruned), w, np.float32(0)) for w in _matrices(layer)]
+    shared = exponent(kept, weight_bits)
+    weight, *recurrent = (_stored(w, weight_bits, shared) for w in kept)
+    return dataclasses.replace(layer, weight=weight, recurrent=recurrent[0] if recurrent else None)
+
+
+def _stored(weights: Array, weight_bits: int, shared: int) -> Array:
+    """Return one matrix on its grid; one without a 0 keeps what rounds to 0 as a number that deploys as 0."""
+    found = (_whole(_in_steps(weights), weight_bits, shared) * 2.0**shared / _STEPS).astype(np.float32)
+    if (weights == 0).any():
+        return found
+    return np.where(found == 0, np.clip(weights, -_ROUNDS_TO_0, _ROUNDS_TO_0), found)
+
+
+def _in_steps(weights: Array) -> Array:
+    """Return weights in steps of 8 bits, float64, clipped to what 8 bits hold."""
+    return np.clip(np.asarray(weights, np.float64) * _STEPS, -128, 127)
+
+
+def _whole(steps: Array, weight_bits: int, shared: int) -> Array:
+    """Return the whole numbers q of some weights: half to even, clipped to so many bits."""
+    end = 2 ** (weight_bits - 1)
+    return np.asarray(np.clip(np.rint(steps / 2.0**shared), -end, end - 1))

@@ -1,0 +1,86 @@
+"""What a trained network answers to samples, and what that costs it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dse.engine.events import gather
+from dse.engine.layers import prepare
+from dse.engine.network import Answer, answer
+from dse.models.snn.initialise import deployed
+from dse.neurons import cuba_lif
+from dse.records import Array, Dataset, Network, Response
+
+_BATCH = 128
+
+
+def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
+    """Run a network on the evaluated windows of some samples.
+
+    Args:
+        network: a trained network; its weights are rounded to 8 bits here in integer arithmetic.
+        dataset: spikes and windows.
+        samples: (n,) sample numbers.
+    """
+    return respond_and_count(network, dataset, samples)[0]
+
+
+def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
+    """Respond, and count each layer's spikes per neuron, input copies first."""
+    layers = [
+        prepare(weights, network.arithmetic)
+        for weights in deployed(
+            [x.weight.T for x in network.layers],
+            [None if x.recurrent is None else x.recurrent.T for x in network.layers],
+            network.layers,
+            network.arithmetic,
+        )
+    ]
+    answers: list[Answer] = []
+    per_input = np.zeros(network.sizes[0], np.int64)
+    for first in range(0, max(1, samples.size), _BATCH):
+        part = samples[first : first + _BATCH]
+        rows = gather(
+            dataset.spikes,
+            part,
+            dataset.start[part],
+            dataset.n_steps,
+            network.delays,
+            network.steps_per_sample,
+        )
+        answers.append(answer(rows, layers))
+        per_input += np.bincount(rows.index, minlength=per_input.size)
+    fired = [per_input, *(np.sum([a.fired[k] for a in answers], axis=0) for k in range(len(layers)))]
+    response = Response(
+        np.concatenate([a.output for a in answers]),
+        np.concatenate([a.spikes for a in answers]),
+        np.concatenate([a.updates for a in answers]),
+        dataset.spikes.step_ms / network.steps_per_sample,
+        round(max(a.peak for a in answers) * cuba_lif.STATE_SCALE),
+        None if network.n_weights == network.n_weights_dense else synapses(network, fired),
+    )
+    return response, fired
+
+
+def synapses(network: Network, fired: Sequence[Array]) -> tuple[float, ...]:
+    """Return how many weights other than 0 a spike of each layer reaches, in the mean over the spikes.
+
+    Args:
+        network: a trained network.
+        fired: per layer, input copies first, (neuron,) spikes. A layer without any has the mean over neurons.
+    """
+    found = []
+    for reached, spikes in zip(fan_outs(network), fired, strict=True):
+        total = spikes.sum()
+        found.append(float(reached @ spikes / total if total else reached.mean()))
+    return tuple(found)
+
+
+def fan_outs(network: Network) -> list[Array]:
+    """Return per layer, input copies first, (neuron,) weights other than 0 that a spike of it reaches."""
+    forward = [np.count_nonzero(layer.weight, axis=0) for layer in network.layers]
+    own = [0 if x.recurrent is None else np.count_nonzero(x.recurrent, axis=0) for x in network.layers]
+    none = np.zeros(network.sizes[-1], np.int64)
+    return [a + b for a, b in zip([*forward, none], [0, *own], strict=True)]

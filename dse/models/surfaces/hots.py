@@ -1,0 +1,309 @@
+"""HOTS: a hierarchy of time surfaces whose prototypes are counted; the nearest labelled histogram answers."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from dse.models.surfaces.prototypes import clustered, drawn_surfaces, learnt_online
+from dse.models.surfaces.time_surfaces import Field, Memory, Prepared, Stream, neighbours, prepared
+from dse.models.training import Generators, Training
+from dse.records import Answers, Array, Dataset, Outcome, Parameters
+from dse.registry import param, register
+
+READ_OUTS = 20
+"""Input lengths that are answered at most, evenly spaced; the last is the whole window."""
+
+
+@register("models", "hots")
+@dataclass(frozen=True)
+class HOTS:
+    """Time surfaces of events, in 1 to 3 layers (equations: dse.models.surfaces.time_surfaces).
+
+    Layer l has radius K_rad^(l-1) rad_1, f = K_f^(l-1) f_1 prototypes and time constant K_tau^(l-1) tau_1;
+    radius and f are rounded, halves upwards, and at least 1. Fewer prototypes are learnt where fewer surfaces
+    differ. A sample's histogram counts the prototypes of the last layer over its events so far; the nearest
+    signature (Euclidean; the first of equally near ones) gives the class. Prototypes are learnt once, on the
+    whole training windows, and signatures for every input length. Spikes are events of the time of their
+    step, rounded to microseconds; those of one step come in the order of their channels.
+
+    Cost: W_t is the numbers of all prototypes and of the signatures. An event costs, per layer,
+    f + 1 multiply-accumulates for each number of its surface (distances, and the decay), and 1 addition for
+    its count; an answer costs one multiply-accumulate per number of the signatures, and f more to normalise.
+    With the filter, every input event costs an addition per place within its radius. `training` is not used.
+
+    Sources: Lagorce et al. 2017; Brayshaw et al., temporal and spatio-temporal domains, Eqs. (2)-(4).
+    """
+
+    layers: int = param(1, low=1, high=3, doc="layers of prototypes")
+    radius: int = param(2, low=1, unit="places", doc="radius rad_1 of the first layer's surfaces")
+    radius_factor: float = param(2.0, low=0, low_open=True, doc="K_rad: radius of a layer / the one before")
+    radius_max: int = param(10, low=1, unit="places", doc="no layer's radius is larger")
+    prototypes: int = param(16, low=1, doc="prototypes f_1 of the first layer")
+    prototypes_factor: float = param(
+        2.0, low=0, low_open=True, doc="K_f: prototypes of a layer / the one before"
+    )
+    tau_ms: float = param(
+        100.0, low=0, low_open=True, unit="ms", doc="time constant tau_1 of the first layer"
+    )
+    tau_factor: float = param(
+        2.0, low=0, low_open=True, doc="K_tau: time constant of a layer / the one before"
+    )
+    clustering: str = param(
+        "kmeans",
+        choices=("kmeans", "online"),
+        doc="how prototypes are learnt: k-means on drawn surfaces, or the published rule on every event",
+    )
+    surfaces: int = param(
+        10_000, low=1, doc="training surfaces drawn for k-means; the online rule starts from them"
+    )
+    normalised: bool = param(True, doc="histograms are divided by their sums")
+    signatures: str = param(
+        "class", choices=("class", "sample"), doc="labelled histograms: a class's mean, or every sample's own"
+    )
+    filter_radius: int | None = param(
+        None,
+        low=1,
+        unit="places",
+        doc="eps: an event needs neighbours within this distance; absent: no filter",
+    )
+    filter_neighbours: int = param(10, low=1, doc="sam: earlier events that it needs there")
+    filter_ms: float = param(
+        100.0, low=0, low_open=True, unit="ms", doc="how much earlier they may be; the sources do not say"
+    )
+
+    def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
+        """Learn prototypes and signatures from `dataset.train`; answer on validation and, if any, on test.
+
+        Raises:
+            ValueError: there are no training samples.
+        """
+        if not dataset.train.size:
+            raise ValueError("training needs at least one training sample, got none")
+        began = time.perf_counter()
+        inputs = _Inputs(dataset, _places(dataset.positions), self._near())
+        samples = dataset.train
+        planes = [inputs.events(i)[1].plane for i in samples]
+        prototypes: list[Array] = []
+        for layer in range(self.layers):
+            recordings = [partial(inputs.in_planes, i, p) for i, p in zip(samples, planes, strict=True)]
+            field = self._field(layer, inputs.places, prototypes)
+            learnt = self._learnt(layer, recordings, [len(p) for p in planes], field, rngs)
+            prototypes.append(learnt.astype(np.float32))
+            memory, found = Memory(field), prepared(prototypes[-1])
+            planes = [_assigned(memory, recording(), found) for recording in recordings]
+        lengths, f = read_out_steps(dataset.n_steps), len(prototypes[-1])
+        counts = np.stack(
+            [histograms(inputs.events(i)[0], p, lengths, f) for i, p in zip(samples, planes, strict=True)]
+        )
+        signature, label = self._signatures(counts, dataset.target[samples])
+        arrays = {f"prototypes_{layer + 1}": x for layer, x in enumerate(prototypes)}
+        arrays |= {"signatures": signature, "signature_class": label, "positions": dataset.positions}
+        fitted = Parameters(arrays, dataset.spikes.n_channels)
+        seconds = time.perf_counter() - began
+        n_input = sum(len(inputs.spikes(i)[0]) for i in samples)
+        health = {
+            "hots_prototypes": sum(map(len, prototypes)),
+            "hots_unused_prototypes": int((counts[:, -1].sum(axis=0) == 0).sum()),
+            "hots_events_kept": sum(map(len, planes)) / n_input if n_input else 1.0,
+        }
+        validation = self.respond(fitted, dataset, dataset.validation)
+        test = self.respond(fitted, dataset, dataset.test) if dataset.test.size else None
+        return Outcome(fitted, validation, test, {}, health, seconds)
+
+    def respond(self, fitted: Parameters, dataset: Dataset, samples: Array) -> Answers:
+        """Return the answers to some samples, in one pass over their events.
+
+        Raises:
+            ValueError: the data set has other channels or other input lengths than the one trained on.
+        """
+        given, kept = dataset.spikes.n_channels, fitted.arrays
+        if given != fitted.n_channels:
+            raise ValueError(f"samples must have {fitted.n_channels} channels, got {given}")
+        lengths = read_out_steps(dataset.n_steps)
+        if len(lengths) != len(kept["signatures"]):
+            raise ValueError(f"windows must have {len(kept['signatures'])} input lengths, got {len(lengths)}")
+        inputs = _Inputs(dataset, _places(kept["positions"]), self._near())
+        prototypes: list[Array] = []
+        layers = []
+        for layer in range(self.layers):
+            memory = Memory(self._field(layer, inputs.places, prototypes))
+            prototypes.append(kept[f"prototypes_{layer + 1}"])
+            layers.append((memory, prepared(prototypes[-1])))
+        shape = len(samples), len(lengths)
+        counts = np.zeros((*shape, len(prototypes[-1])), dtype=np.int32)
+        input_spikes = np.zeros(shape, dtype=np.int64)
+        for row, i in enumerate(samples):
+            step, events = inputs.events(i)
+            for memory, found in layers:
+                events = events._replace(plane=_assigned(memory, events, found))
+            counts[row] = histograms(step, events.plane, lengths, counts.shape[2])
+            input_spikes[row] = np.searchsorted(inputs.spikes(i)[0], lengths)
+        features = self._features(counts)
+        label = np.empty(shape, dtype=np.int64)
+        for k, signature in enumerate(kept["signatures"]):
+            label[:, k] = kept["signature_class"][_nearest_rows(features[:, k], signature)]
+
+        n_events = counts.sum(axis=2, dtype=np.int64).mean(axis=0) if len(samples) else np.zeros(shape[1])
+        n_input = input_spikes.mean(axis=0) if len(samples) else np.zeros(shape[1])
+        per_event = sum(x.size + x.shape[1] for x in prototypes)
+        per_answer = kept["signatures"][0].size + (counts.shape[2] if self.normalised else 0)
+        stored = sum(x.size for x in prototypes) + kept["signatures"][0].size
+        return Answers(
+            label=label,
+            time_ms=lengths * dataset.spikes.step_ms,
+            n_weights=np.full(len(lengths), stored, dtype=np.int64),
+            macs=n_events * per_event + per_answer,
+            additions=n_events + n_input * self._filter_places(),
+            input_spikes=input_spikes,
+        )
+
+    def _learnt(
+        self,
+        layer: int,
+        recordings: Sequence[Callable[[], Stream]],
+        n_events: Sequence[int],
+        field: Field,
+        rngs: Generators,
+    ) -> Array:
+        n = _rounded(self.prototypes * self.prototypes_factor**layer)
+        own = rngs("drawn surfaces", layer)
+        drawn = drawn_surfaces(recordings, n_events, field, self.surfaces, 2 * n, own)
+        rng = rngs("prototypes", layer)
+        if self.clustering == "online":
+            return learnt_online(recordings, drawn, field, n, rng)
+        return clustered(drawn, n, rng)
+
+    def _field(self, layer: int, places: _Places, before: Sequence[Array]) -> Field:
+        radius = min(self.radius_max, _rounded(self.radius * self.radius_factor**layer))
+        n_planes = len(before[-1]) if before else places.n_planes
+        return Field(
+            places.width, places.height, n_planes, radius, 1000 * self.tau_ms * self.tau_factor**layer
+        )
+
+    def _near(self) -> _Near | None:
+        if self.filter_radius is None:
+            return None
+        return _Near(self.filter_radius, self.filter_neighbours, round(1000 * self.filter_ms))
+
+    def _filter_places(self) -> int:
+        """Return how many places lie within the filter's radius."""
+        if self.filter_radius is None:
+            return 0
+        along = np.arange(-self.filter_radius, self.filter_radius + 1)
+        return int((along[:, None] ** 2 + along**2 <= self.filter_radius**2).sum())
+
+    def _features(self, counts: Array) -> Array:
+        """Return histograms as they are compared, float32; one without events stays 0."""
+        found = counts.astype(np.float32)
+        return found / np.maximum(found.sum(axis=-1, keepdims=True), 1) if self.normalised else found
+
+    def _signatures(self, counts: Array, target: Array) -> tuple[Array, Array]:
+        """Return labelled histograms, (length, signature, prototype) float32, and their classes."""
+        features = self._features(counts).transpose(1, 0, 2)
+        if self.signatures == "sample":
+            return np.ascontiguousarray(features), target
+        present = np.unique(target)
+        means = [features[:, target == c].mean(axis=1, dtype=np.float64) for c in present]
+        return np.stack(means, axis=1).astype(np.float32), present
+
+
+def read_out_steps(n_steps: int) -> Array:
+    """Return the input lengths that are answered, in steps, rising; the last is the whole window."""
+    n = min(READ_OUTS, n_steps)
+    return -(-np.arange(1, n + 1) * n_steps // n)
+
+
+def histograms(step: Array, label: Array, lengths: Array, n: int) -> Array:
+    """Return how often each of n labels came within each input length, (length, label) int32.
+
+    Args:
+        step: (event,) steps from 0, below the last length.
+        label: (event,) numbers from 0 to n - 1.
+        lengths: (length,) steps, rising; an event counts where its step is below the length.
+        n: labels.
+    """
+    first = np.searchsorted(lengths, step, side="right")
+    counts = np.bincount(first * n + label, minlength=len(lengths) * n).reshape(len(lengths), n)
+    return counts.cumsum(axis=0, dtype=np.int32)
+
+
+class _Near(NamedTuple):
+    """The noise filter: an event needs n earlier ones within the radius and the span."""
+
+    radius: int
+    n: int
+    span_us: int
+
+
+class _Places(NamedTuple):
+    """x, y and plane of every channel, (n_channels,) int32 from 0, and how many of each there are."""
+
+    x: Array
+    y: Array
+    plane: Array
+    width: int
+    height: int
+    n_planes: int
+
+
+def _places(positions: Array) -> _Places:
+    """Return positions from the first column and row that hold a channel; planes are numbered anew."""
+    x, y, name = positions.T.astype(np.int32)
+    names, plane = np.unique(name, return_inverse=True)
+    x, y, plane = x - x.min(), y - y.min(), plane.astype(np.int32)
+    return _Places(x, y, plane, int(x.max()) + 1, int(y.max()) + 1, len(names))
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """The events of a data set's evaluated windows, in the order of steps and, within one, of channels."""
+
+    dataset: Dataset
+    places: _Places
+    near: _Near | None
+
+    def events(self, i: int) -> tuple[Array, Stream]:
+        """Return the events of sample i that pass the filter, and their steps within the window."""
+        step, channel = self.spikes(i)
+        t_us = np.rint(step * (1000 * self.dataset.spikes.step_ms)).astype(np.int64)
+        x, y, plane, *_ = self.places
+        events = Stream(t_us, x[channel], y[channel], plane[channel])
+        if self.near is None:
+            return step, events
+        kept = neighbours(events, self.near.radius, self.near.span_us) >= self.near.n
+        return step[kept], Stream(*(a[kept] for a in events))
+
+    def in_planes(self, i: int, plane: Array) -> Stream:
+        """Return the events of sample i that pass the filter, in the planes of a deeper layer."""
+        return self.events(i)[1]._replace(plane=plane)
+
+    def spikes(self, i: int) -> tuple[Array, Array]:
+        """Return step within the window and channel of all spikes of sample i."""
+        spikes, n_steps = self.dataset.spikes, self.dataset.n_steps
+        first = int(i) * spikes.n_steps + int(self.dataset.start[i])
+        rows = spikes.row_offsets[first : first + n_steps + 1]
+        return np.repeat(np.arange(n_steps), np.diff(rows)), spikes.channel[rows[0] : rows[-1]]
+
+
+def _assigned(memory: Memory, events: Stream, prototypes: Prepared) -> Array:
+    memory.forget()
+    return memory.assign(events, prototypes)
+
+
+def _nearest_rows(features: Array, signatures: Array) -> Array:
+    """Return the number of the nearest signature of every row; the lowest of equally near ones."""
+    from scipy.spatial.distance import cdist
+
+    return np.asarray(cdist(features, signatures, "sqeuclidean").argmin(axis=1))
+
+
+def _rounded(number: float) -> int:
+    """Return a number rounded, halves upwards, and at least 1."""
+    return max(1, math.floor(number + 0.5))

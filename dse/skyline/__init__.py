@@ -1,0 +1,1 @@
+"""The Pareto front of design points: non-domination, constraints, the front, and the pick."""

@@ -1,0 +1,197 @@
+"""Asking for designs, training them, telling the sampler; then repeating the front, and rounding it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dse import registry, store
+from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.device import missing
+from dse.hardware.profile import Profile, load_all
+from dse.search.space import n_designs
+from dse.seeds import design_key
+from dse.study import points, precision, pricing
+from dse.study import trials as tables
+from dse.study.claim import claim
+from dse.study.ledger import Ledger
+from dse.study.progress import Progress, shown
+from dse.study.results import Study
+from dse.study.runs import Record, Runs
+from dse.study.workers import Workers
+
+if TYPE_CHECKING:
+    import pandas
+
+_REFRESH_S = 60.0
+_REFRESH_SHARE = 0.05
+
+
+def run(
+    space: SearchSpace, results: str | Path = "results", *, jobs: int | None = None, progress: bool = True
+) -> Study:
+    """Train what is missing of a study and return it; an interrupted study goes on where it stopped.
+
+    Args:
+        space: what to explore.
+        results: the study's folder is made in here, named as the study.
+        jobs: worker processes; None: as the search space says.
+        progress: show it on stderr.
+
+    Raises:
+        ConfigError: the folder holds a study of another search space, or of other recordings; or the
+            device is not there.
+        RecordingError: the recordings do not fit the search space.
+        StoreError: the folder is in use or cannot be written; nothing finished is lost.
+        KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
+    """
+    if lack := missing(space.execution.device):
+        text = f"execution.device {space.execution.device} {lack}"
+        raise ConfigError([Fault(str(space.source), 0, text)])
+    profiles = load_all(space.hardware, space.source.parent)
+    folder = Path(results) / space.study
+    with store.exclusive(folder), shown(progress) as report:
+        store.sweep(folder)
+        pricing.check(profiles, folder)
+        claim(space, folder)
+        ledger = Ledger(folder / "journal.log", space)
+        workers = Workers(jobs or space.execution.jobs)
+        runs = Runs(space, folder, profiles, workers, report)
+        results_tables = _Tables(space, folder, runs, profiles)
+        runs.recall(ledger.entries)
+        report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
+        try:
+            with workers:
+                _search(space, ledger, runs, results_tables, report)
+                _repeat_front(space, ledger, runs, results_tables, report)
+                _round_front(space, ledger, runs, results_tables)
+        except KeyboardInterrupt:
+            runs.recall(ledger.entries)  # a run may have finished without having been heard of
+            results_tables.write()
+            raise
+        results_tables.write()
+    return Study(folder)
+
+
+class _Tables:
+    """The tables of a study, written now and then so that a long one can be looked at while it runs."""
+
+    def __init__(self, space: SearchSpace, folder: Path, runs: Runs, profiles: Sequence[Profile]) -> None:
+        self._space = space
+        self._folder = folder
+        self._profiles = profiles
+        self._runs = runs
+        self._due = time.monotonic() + _REFRESH_S
+
+    def refresh(self) -> None:
+        """Write the tables if that was long ago, measured by what writing them takes."""
+        began = time.monotonic()
+        if began >= self._due:
+            self.write()
+            ended = time.monotonic()
+            self._due = ended + max(_REFRESH_S, (ended - began) / _REFRESH_SHARE)
+
+    def points(self) -> pandas.DataFrame:
+        """Return the table of design points."""
+        return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
+
+    def write(self) -> None:
+        """Write both tables, and the figures of the hardware that points are priced on."""
+        pricing.keep(self._profiles, self._folder)
+        trials = tables.trials_table(self._space, self._runs.trials())
+        for name, frame in (("trials", trials), ("points", self.points())):
+            with store.published(self._folder / f"{name}.parquet") as path:
+                frame.to_parquet(path, index=False)
+
+
+def _search(
+    space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
+) -> None:
+    """Ask, train and tell batch by batch; batches that the ledger holds are not asked for again."""
+    settings = space.search
+    sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
+        space, [direction for _, direction in space.objectives]
+    )
+    number = 0
+    while True:
+        entries = [e for e in ledger.entries if e.batch == number]
+        n_before = sum(e.batch < number for e in ledger.entries)
+        if not entries or not any(e.told for e in entries):
+            # A process that died while asking left part of a batch; the sampler proposes the same one again.
+            missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
+            if missing > 0:
+                known = {design_key(e.design) for e in entries}
+                proposed = sampler.ask(len(entries) + missing)
+                new = [d for d in proposed if design_key(d) not in known][:missing]
+                ledger.ask(number, new)
+                if len(new) < missing:
+                    report.note(
+                        f"the sampler has no other designs: {n_before + len(entries) + len(new)} in all"
+                    )
+                entries = [e for e in ledger.entries if e.batch == number]
+        if not entries:
+            return
+        runs.complete(entries, settings.repeats, results_tables.refresh)
+        for entry in entries:
+            if not entry.told:
+                ledger.tell(entry.trial, _values(space, runs.of(entry.trial)[: settings.repeats]))
+        told = [e for e in ledger.entries if e.batch == number]
+        sampler.tell([e.design for e in told], [e.values for e in told])
+        number += 1
+
+
+def _repeat_front(
+    space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
+) -> None:
+    """Train designs of each family's fronts again until all have their repeats; each may move a front."""
+    wanted = space.search.repeats_on_front
+    while wanted > space.search.repeats:
+        front = {trial for _, rows in _fronts(space, results_tables) for trial in rows["trial"]}
+        short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < wanted]
+        if not short:
+            return
+        report.expect(sum(wanted - len(runs.of(e.trial)) for e in short))
+        runs.complete(short, wanted, results_tables.refresh)
+
+
+def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:
+    """Evaluate designs on each family's fronts, and near them, at the precisions of the search space."""
+    wanted = space.precision
+    if wanted is None or not wanted.settings:
+        return
+    chosen: set[int] = set()
+    for table, front in _fronts(space, results_tables):
+        chosen |= precision.near(table, front, space.objectives, wanted.within)
+    runs.evaluate([e for e in ledger.entries if e.trial in chosen], wanted.settings, results_tables.refresh)
+
+
+def _fronts(
+    space: SearchSpace, results_tables: _Tables
+) -> Iterator[tuple[pandas.DataFrame, pandas.DataFrame]]:
+    """Yield the points of every task, family and chip as they were trained, and the front of these."""
+    # Other precisions must not change which designs are repeated: they would, after an interruption.
+    table = precision.as_trained(results_tables.points())
+    if table.empty:
+        return
+    from dse.skyline.front import skyline
+
+    # Families are compared with each other, and costs on one chip alone: each has a front of its own.
+    apart = ["task", "family", *(["hardware"] if "hardware" in table else [])]
+    for _, own in table.groupby(apart):
+        yield own, skyline(own, space.objectives).rows
+
+
+def _n_trials(space: SearchSpace) -> int:
+    return space.search.n_trials or n_designs(space) or 0
+
+
+def _values(space: SearchSpace, records: Sequence[Record]) -> tuple[float, ...] | None:
+    """Return the objectives of a trial's full read-out, None where it failed or has no such number."""
+    if any(record["status"] == "failed" for record in records):
+        return None
+    row = tables.summary(records, next(iter(records[0]["hardware"]), None))
+    values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
+    return tuple(values) if all(map(math.isfinite, values)) else None

@@ -1,0 +1,258 @@
+"""What a worker does for a study: prepare a data set, or train a cohort of runs and record each.
+
+A job carries paths and settings only; spikes are read from the prepared data set as a memory map.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Generator, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from dse import dataset, seeds, store
+from dse.hardware.profile import Profile
+from dse.measure.heads import head_sizes
+from dse.measure.run import Measurement, measure
+from dse.models.training import Design
+from dse.records import Answers, Array, Dataset, Operations, Outcome, Response, Workload
+from dse.search.cohorts import Demand
+from dse.study.workers import Failure
+
+T = TypeVar("T")
+
+PROCESS_BYTES = 320 * 2**20
+"""What a worker takes beside arrays, rounded up: interpreter, libraries, and compiling the kernels once."""
+
+# At most, per spike of a batch: its row and its channel, each way round, while they are gathered and sorted.
+_SPIKE_BYTES = 64
+# At most, per sample and step: spikes and updates of each layer, and the same work as it adds up.
+_ANSWER_BYTES = 216
+
+
+# Between two sentences about what goes on, at least.
+_TELL_S = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Preparation:
+    """Prepare data sets that have most of their work in common, one after the other.
+
+    designs: key of the data set -> resolved design. base: what recordings lie beside.
+    cache: root of the cache. threads: for trials that are simulated.
+    """
+
+    designs: Mapping[str, Mapping[str, Any]]
+    base: Path
+    cache: Path
+    threads: int = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Train a design once.
+
+    sections: the design resolved. model, training: the components of those sections.
+    data: folder of the prepared data set, named as its key. folder: where the run is published.
+    phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
+    """
+
+    trial: int
+    repeat: int
+    design: Mapping[str, Any]
+    seed: int
+    sections: Mapping[str, Any]
+    model: Any
+    training: Any
+    data: Path
+    folder: Path
+    phi: tuple[float, ...]
+    theta: tuple[float, ...]
+    hardware: tuple[Profile, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Cohort:
+    """Runs to be trained in one job: of the same data, repeat and family, and alike in what it shares."""
+
+    runs: tuple[Run, ...]
+    device: str = "cpu"
+    threads: int = 1
+
+
+def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
+    """Return what training a run asks of a worker; a family without `fit_cohort` trains one at a time."""
+    model, training = run.model, run.training
+    if not hasattr(model, "fit_cohort"):
+        return Demand((run.trial, run.repeat), 0, PROCESS_BYTES, 1.0)
+    n_used = data.train.size + data.validation.size + data.test.size
+    n_events = len(data.spikes.channel) / max(1, n_used * data.spikes.n_steps) * data.n_steps
+    n_outputs = sum(head_sizes(data))
+    shape = data.spikes.n_channels, n_outputs, data.n_steps
+    steps = data.n_steps * model.steps_per_sample
+    batch = training.batch_size * (n_events * len(model.input_delays) * _SPIKE_BYTES + steps * 8)
+    answers = (data.validation.size + data.test.size) * steps * (_ANSWER_BYTES + 2 * n_outputs)
+    return Demand(
+        (run.data, run.repeat, type(model), model.shares(training)),
+        model.memory_bytes(*shape, training),
+        PROCESS_BYTES + model.workspace_bytes(*shape, training, threads) + round(batch) + answers,
+        model.cost(*shape, n_events, data.train.size, training),
+    )
+
+
+def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
+    """Make the data sets that are not in the cache.
+
+    Yields:
+        What goes on, in words, now and then; the key of a data set that cannot be made, and why.
+    """
+    for key, sections in job.designs.items():
+        try:
+            with store.explained(job.cache):
+                telling = dataset.prepare(sections, job.base, job.cache, job.threads)
+                (yield from _now_and_then(telling)).close()
+        except store.StoreError:
+            raise  # a full disk is nobody's failure
+        except Exception as error:
+            yield key, Failure.of(error)
+
+
+def _now_and_then(telling: Generator[str, None, T]) -> Generator[str, None, T]:
+    """Yield what a generator tells, not too often; return what it returns."""
+    due = time.monotonic() + _TELL_S
+    while True:
+        try:
+            text = next(telling)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        if time.monotonic() >= due:
+            yield text
+            due = time.monotonic() + _TELL_S
+
+
+def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
+    """Train the runs of a cohort; measure and publish each as it finishes.
+
+    Yields:
+        A run's number, and None once it is published, or why it failed. What fails all of them is raised.
+    """
+    data = dataset.load(job.runs[0].data)
+    missing = set(range(len(job.runs)))
+    for number, outcome in _outcomes(job, data):
+        missing.discard(number)
+        why = None
+        try:
+            if isinstance(outcome, Exception):
+                raise outcome
+            _publish(job.runs[number], outcome, data)
+        except (store.StoreError, MemoryError):
+            raise  # a full disk is nobody's failure, and alone the run may have the memory
+        except Exception as error:
+            why = Failure.of(error)
+        del outcome  # before the next one answers
+        yield number, why
+    if missing:
+        raise RuntimeError(
+            f"{type(job.runs[0].model).__name__}.fit_cohort left out designs {sorted(missing)}"
+        )
+
+
+def _outcomes(job: Cohort, data: Dataset) -> Iterator[tuple[int, Outcome | Exception]]:
+    first = job.runs[0]
+    if not hasattr(first.model, "fit_cohort"):
+        return ((number, run.model.fit(data, run.training, _own(run))) for number, run in enumerate(job.runs))
+
+    def shared(purpose: str, *index: int) -> np.random.Generator:
+        return seeds.generator(first.seed, {}, purpose, first.repeat, *index)
+
+    designs = [Design(run.model, run.training, _own(run)) for run in job.runs]
+    found: Iterator[tuple[int, Outcome | Exception]] = type(first.model).fit_cohort(
+        data, designs, shared, job.device, job.threads
+    )
+    return found
+
+
+def _own(run: Run) -> Any:
+    """Return the random generators of a run, by purpose."""
+
+    def rngs(purpose: str, *index: int) -> np.random.Generator:
+        return seeds.generator(run.seed, run.design, purpose, run.repeat, *index)
+
+    return rngs
+
+
+def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
+    """Measure a run and write its record and its arrays."""
+    found = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
+    leak = dataset.transductive(job.data)
+    record = {
+        "trial": job.trial,
+        "repeat": job.repeat,
+        "design": dict(job.design),
+        "seed": job.seed,
+        "sections": dataset.as_prepared(job.sections, job.data),
+        "classes": list(data.classes),
+        "heads": {
+            head.name: {"classes": list(head.classes), "of_class": head.of_class.tolist()}
+            for head in data.heads
+        },
+        "data": job.data.name,
+        "samples": {"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
+        "transductive": leak,
+        "status": "finished",
+        "reason": "",
+        **numbers(found, leak),
+        "of_heads": {name: numbers(head, leak) for name, head in found.heads.items()},
+    }
+    arrays = {
+        "weights.npz": store.fitted_arrays(outcome.network),
+        "response.npz": _said(outcome.validation, data, data.validation),
+        "history.npz": dict(outcome.history),
+        **arrays_of(job, found, ""),
+    }
+    if outcome.test is not None:
+        arrays["response_test.npz"] = _said(outcome.test, data, data.test)
+    for name, head in found.heads.items():
+        arrays |= arrays_of(job, head, f"_{name}")
+    files = {name: _writer(content) for name, content in arrays.items()}
+    store.save_run(job.folder, record, files)
+
+
+def _said(said: Response | Answers, data: Dataset, index: Array) -> dict[str, Array]:
+    """Return what was said about some samples, with their numbers and their (joint) classes, `target`."""
+    kept = (
+        store.answers_arrays(said, index) if isinstance(said, Answers) else store.response_arrays(said, index)
+    )
+    return {**kept, "target": np.asarray(data.target[index])}
+
+
+def numbers(found: Measurement, leak: str) -> dict[str, Any]:
+    """Return what record.json holds of a measurement."""
+    return {"columns": {**found.columns, "transductive": bool(leak)}, "hardware": found.hardware}
+
+
+def arrays_of(job: Run, found: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
+    """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface."""
+    matrices = {"validation": found.confusion}
+    if found.confusion_test is not None:
+        matrices["test"] = found.confusion_test
+    files = {f"confusion{suffix}.npz": matrices}
+    if found.read_outs:
+        files[f"read_out{suffix}.npz"] = found.read_outs | _work(found.read_outs_load)
+    if found.points:
+        grid = {"phi": np.array(job.phi), "theta": np.array(job.theta)}
+        files[f"surface{suffix}.npz"] = grid | found.points | _work(found.points_load)
+    return files
+
+
+def _work(load: Workload | Operations | None) -> dict[str, Array]:
+    assert load is not None  # what was answered took work
+    return store.work_arrays(load)
+
+
+def _writer(arrays: Mapping[str, Array]) -> Any:
+    return lambda path: store.save_arrays(path, arrays)

@@ -1,0 +1,264 @@
+"""Runs -> a study's table of one row per design point, and what the points cost on any hardware.
+
+A trial has many points: a full read-out, one for every (phi, theta), and one for every earlier read-out. Each
+is stored with the mean work that it takes, so hardware is asked when the table is made, not in training.
+Numbers are means over a trial's runs, as in `dse.study.trials`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse import store
+from dse.config import SearchSpace
+from dse.hardware.profile import Figures, Profile
+from dse.measure.objectives.accuracy import seeds_se
+from dse.measure.run import columns_on, drawn_on
+from dse.records import Array, Operations, Workload
+from dse.study import precision
+from dse.study import trials as tables
+from dse.study.trials import Record
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def points_table(
+    space: SearchSpace,
+    folder: Path,
+    trials: Mapping[int, Sequence[Record]],
+    profiles: Sequence[Profile],
+) -> pandas.DataFrame:
+    """Return one row per design point of the finished trials, on every hardware profile.
+
+    The first row of each trial and profile is the full read-out, which answers at the end of the window: its
+    phi, theta and read_out_ms are NaN, and nothing is undecided. Rows with phi and theta answer when the
+    decision maker does, rows with read_out_ms after so much of the input. A joint net has the rows of each of
+    its heads, under the head's task, so that they meet nets of one task on one front. Column `point` numbers
+    the rows of a trial, the same on every profile.
+
+    Args:
+        space: what was explored.
+        folder: of the study.
+        trials: trial number -> records of its runs.
+        profiles: hardware to price the points on; it need not be what the study was run with.
+
+    Raises:
+        StoreError: an artefact is damaged.
+    """
+    import pandas
+
+    parts: list[dict[str, Array]] = []
+    for trial, runs in sorted(trials.items()):
+        if any(r["status"] == "failed" for r in runs):
+            continue
+        answered = answers(folder, runs)
+        about = tables.named(space, trial, runs)
+        rows = _rows(answered)
+        n = len(rows["accuracy"])
+        rows = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)} | rows
+        on = [{"hardware": _repeated(chip.name, n)} | priced(answered, chip) for chip in profiles]
+        parts += [rows | columns for columns in on or [{}]]
+    names = dict.fromkeys(name for part in parts for name in part)
+    frame = pandas.DataFrame(
+        {
+            name: np.concatenate([part.get(name, np.full(len(part["trial"]), np.nan)) for part in parts])
+            for name in names
+        }
+    )
+    claims = [name for name in frame if any(part[name].dtype == bool for part in parts if name in part)]
+    # A chip that no design can run on has no energies; fronts of the study's objectives still look for them.
+    lacking = {} if frame.empty else {name: np.nan for name, _ in space.objectives if name not in frame}
+    return frame.astype(dict.fromkeys(claims, "boolean")).assign(**lacking)
+
+
+def priced(answers: Sequence[Answered], profile: Profile) -> dict[str, Array]:
+    """Return the hardware columns of a trial's points, means over runs; empty if the chip cannot run them."""
+    pieces = [_averaged([columns_on(profile, load) for load in piece.work]) for piece in answers]
+    return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+
+
+def drawn(
+    answers: Sequence[Answered], profile: Profile, figures: Figures, columns: Sequence[str], wanted: Array
+) -> dict[str, Array]:
+    """Return hardware columns of some points of a trial under draws of a chip's figures, (draw, wanted) each.
+
+    Args:
+        answers: of the trial.
+        profile: the chip.
+        figures: draws of its figures, the same for every trial that is to be compared.
+        columns: some of `dse.measure.run.DRAWN`.
+        wanted: which points, numbered as the rows of `answers` are.
+
+    Returns:
+        NaN where the chip cannot run them.
+    """
+    n_draws = len(next(iter(figures.values())))
+    found = {name: np.full((n_draws, len(wanted)), np.nan) for name in columns}
+    start = 0
+    for piece in answers:
+        here = np.flatnonzero((wanted >= start) & (wanted < start + len(piece)))
+        rows = wanted[here] - start
+        start += len(piece)
+        if len(here):
+            runs = [drawn_on(profile, _part(load, rows), figures) for load in piece.work]
+            for name in columns:
+                if all(name in run for run in runs):
+                    found[name][:, here] = np.mean([run[name] for run in runs], axis=0)
+    return found
+
+
+# Columns of one answer, not of its design: rows that do not measure them have none.
+_OF_ONE_ANSWER = ("itr_bits", "itr_bits_per_s", "accuracy_strict", "undecided", "phi", "theta", "read_out_ms")
+
+
+# Of read-outs, the settings behind their decision times: a row per setting is on the surface.
+_OF_SETTINGS = (
+    *("phi_p", "theta_p", "phi_h", "theta_h"),
+    *("accuracy_best", "accuracy_best_strict", "t_p_strict_ms", "t_h_strict_ms"),
+)
+
+
+@dataclass(frozen=True)
+class Answered:
+    """Rows of a trial that answer in one way: their columns, and each run's work on them.
+
+    design: columns that every row of the same design and head has.
+    """
+
+    design: dict[str, Any]
+    columns: dict[str, Array]
+    work: list[Workload | Operations]
+
+    def __len__(self) -> int:
+        return len(self.columns["accuracy"])
+
+
+def answers(
+    folder: Path, records: Sequence[Record], settings: Sequence[precision.Setting] | None = None
+) -> list[Answered]:
+    """Return what a trial answers as it was trained, and then at other precisions.
+
+    Args:
+        folder: of the study.
+        records: runs of the trial.
+        settings: other precisions, in this order; None: those that all its runs were evaluated at, by bits
+            and then by share.
+
+    Raises:
+        StoreError: an artefact is damaged, or a run was not evaluated at such a precision.
+    """
+    runs = [store.run_folder(folder, record["trial"], record["repeat"]) for record in records]
+    trained = [_as_trained(run, record) for run, record in zip(runs, records, strict=True)]
+    found = _of_runs(trained)
+    evaluated = {} if settings is not None and not settings else dict(precision.common(runs))
+    for setting in evaluated if settings is None else settings:
+        if setting not in evaluated:
+            bits, pruned = setting
+            lack = f"has no evaluation at {bits} bits with {pruned:g} pruned any more; run the study again"
+            raise store.StoreError(f"{runs[0].parent}: {lack}")
+        found += _of_runs(evaluated[setting])
+    return found
+
+
+def _as_trained(run: Path, record: Record) -> precision.Evaluation:
+    """Return what a run measured in training, as if it were an evaluation at another precision."""
+    names = [name for name in record["files"] if name.startswith(("read_out", "surface"))]
+    files = {name: store.load_arrays(run / name) for name in names}
+    for name, arrays in files.items():
+        if not any(key.startswith("work/") for key in arrays):
+            why = "is of an older version, which kept no work to price; run the study in another folder"
+            raise store.StoreError(f"{run / name}: {why}")
+    return precision.Evaluation(*precision.AS_TRAINED, record, files)
+
+
+def _of_runs(runs: Sequence[precision.Evaluation]) -> list[Answered]:
+    """Return, head by head, the full read-out, the surface where there is one, and earlier read-outs."""
+    heads = runs[0].numbers.get("of_heads") or [None]
+    return [piece for head in heads for piece in _of_head(runs, head)]
+
+
+def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Answered]:
+    suffix = f"_{head}" if head else ""
+    numbers = [run.numbers if head is None else run.numbers["of_heads"][head] for run in runs]
+    read_outs = [run.files[f"read_out{suffix}.npz"] for run in runs]
+    surfaces = [run.files[name] for run in runs if (name := f"surface{suffix}.npz") in run.files]
+    of_lengths = [store.work_of(arrays) for arrays in read_outs]
+    about: dict[str, Any] = {}
+    if isinstance(of_lengths[0], Workload):  # of other classifiers no precision is varied
+        about = {"weight_bits": runs[0].weight_bits, "pruned_after": runs[0].pruned}
+    full = {**about, **({"task": head} if head else {}), **tables.summary(numbers, None)}
+    end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
+    first = full | (end if surfaces else {}) | {"read_out_ms": np.nan}
+    design = {name: value for name, value in first.items() if name not in _OF_ONE_ANSWER}
+    last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
+    found = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
+    if surfaces:
+        grids = [store.work_of(arrays).mapped(_flat) for arrays in surfaces]
+        found.append(Answered(design, _grid([_measured(x) for x in surfaces]), grids))
+    earlier = [load.mapped(lambda x: x[:-1]) for load in of_lengths]
+    found.append(Answered(design, _earlier([_measured(x) for x in read_outs]), earlier))
+    return found
+
+
+def _rows(answers: Sequence[Answered]) -> dict[str, Array]:
+    """Return the columns of all answers, one after the other; what the design has, every row has."""
+    names = dict.fromkeys(name for piece in answers for name in piece.columns)
+    columns: dict[str, list[Array]] = {name: [] for name in names}
+    for piece in answers:
+        for name, column in columns.items():
+            own = piece.columns.get(name)
+            column.append(_repeated(piece.design.get(name, np.nan), len(piece)) if own is None else own)
+    return {name: np.concatenate(column) for name, column in columns.items()}
+
+
+def _part(load: Workload | Operations, rows: Array) -> Workload | Operations:
+    """Return the work of some points."""
+    return load.mapped(lambda counts: counts[rows])
+
+
+def _flat(counts: Array) -> Array:
+    """Return counts (phi, theta, ...) with one axis of design points, theta fastest."""
+    return counts.reshape(-1, *counts.shape[2:])
+
+
+def _measured(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the columns of an .npz without the work behind them."""
+    return {name: x for name, x in arrays.items() if "/" not in name}
+
+
+def _grid(surfaces: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns of a grid over phi and theta, theta fastest, summarised over repeats."""
+    phi, theta = surfaces[0]["phi"], surfaces[0]["theta"]
+    measured = _averaged([{k: x for k, x in s.items() if k not in ("phi", "theta")} for s in surfaces])
+    return {"phi": np.repeat(phi, len(theta)), "theta": np.tile(theta, len(phi))} | measured
+
+
+def _earlier(read_outs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns of the read-outs before the end of the window, summarised over repeats."""
+    found = _averaged([{name: x for name, x in one.items() if name not in _OF_SETTINGS} for one in read_outs])
+    return {name: x[:-1] for name, x in ({"read_out_ms": found["decision_latency_ms"]} | found).items()}
+
+
+def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns of several runs: mean of every number, `all` of every claim, accuracy's error."""
+    columns = {}
+    for name in runs[0]:
+        stacked = np.stack([run[name] for run in runs])
+        if stacked.dtype == bool:
+            columns[name] = stacked.all(axis=0).ravel()
+        else:  # whole numbers that agree stay whole
+            columns[name] = (stacked[0] if (stacked == stacked[0]).all() else stacked.mean(axis=0)).ravel()
+    if len(runs) > 1 and "accuracy" in runs[0]:
+        columns["accuracy_se"] = seeds_se(np.stack([run["accuracy"] for run in runs])).ravel()
+    return columns
+
+
+def _repeated(value: Any, n: int) -> Array:
+    """Return one value n times."""
+    return np.full(n, value, dtype=object if value is None or isinstance(value, str) else None)

@@ -1,0 +1,220 @@
+"""Trained networks at other precisions: evaluated again, kept beside their run, read back for the tables.
+
+A setting is (weight_bits, pruned): how the weights of a network that is trained already are rounded
+(`dse.models.snn.quantise`). What it measured is one file in the run's folder,
+
+    precision_<weight_bits>_<pruned>.npz
+        schema, weight_bits, pruned
+        numbers          JSON text: what record.json holds of a measurement
+        <file>/<name>    the arrays that <file> of a run at this setting would hold, such as read_out.npz
+
+which is there whole or not at all, so its presence is what makes the setting finished.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse import dataset, store
+from dse.measure.run import measure
+from dse.models.snn.quantise import BITS, rounded
+from dse.neurons.cuba_lif import STATE_LIMIT
+from dse.records import Array, Dataset, Network, Outcome
+from dse.store.files import plain
+from dse.study import jobs
+from dse.study.workers import Failure
+
+if TYPE_CHECKING:
+    import pandas
+
+Setting = tuple[int, float]
+
+AS_TRAINED: Setting = (BITS, 0.0)
+
+_SCHEMA = "dse/precision/1"
+_OWN = ("schema", "weight_bits", "pruned", "numbers")
+_ROUNDING = 1e-9  # accuracies are ratios of counts: closer than this they are equal
+
+
+@dataclass(frozen=True)
+class Job:
+    """Evaluate a trained run at some settings."""
+
+    run: jobs.Run
+    settings: tuple[Setting, ...]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a run measured at one setting.
+
+    numbers: `columns`, `hardware` and `of_heads`, as in record.json.
+    files: name of a file -> the arrays that it holds of a run, such as read_out.npz.
+    """
+
+    weight_bits: int
+    pruned: float
+    numbers: Mapping[str, Any]
+    files: Mapping[str, Mapping[str, Array]]
+
+    @property
+    def setting(self) -> Setting:
+        return self.weight_bits, self.pruned
+
+
+def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
+    """Evaluate a run at its settings, one after the other; each is kept as soon as it is measured.
+
+    Yields:
+        A setting, and None once it is kept, or why it failed. What fails all of them is raised.
+    """
+    data = dataset.load(job.run.data)
+    network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
+    trained = store.read_json(job.run.folder / "record.json")["columns"]
+    for setting in job.settings:
+        why = None
+        try:
+            _evaluate(job.run, setting, network, data, trained)
+        except (store.StoreError, MemoryError):
+            raise  # a full disk is nobody's failure
+        except Exception as error:
+            why = Failure.of(error)
+        yield setting, why
+
+
+def refusal(folder: Path) -> str:
+    """Return why a run has no other precisions, in words; '' where it has."""
+    with np.load(folder / "weights.npz", allow_pickle=False) as arrays:
+        if "arithmetic" not in arrays.files:
+            return "is no single stack of spiking layers"
+        arithmetic = str(arrays["arithmetic"])
+    return "" if arithmetic == "integer" else f"runs in {arithmetic} arithmetic"
+
+
+def missing(folder: Path, settings: Sequence[Setting]) -> tuple[Setting, ...]:
+    """Return the settings that a run was not evaluated at; one whose file is damaged is among them."""
+    return tuple(setting for setting in settings if _read(_path(folder, setting)) is None)
+
+
+def rows(folder: Path) -> list[Evaluation]:
+    """Return what a run measured at other precisions, by bits and then by share; damaged files are none."""
+    found = (_read(path) for path in folder.glob("precision_*.npz"))
+    return sorted((x for x in found if x is not None), key=lambda x: x.setting)
+
+
+def common(folders: Sequence[Path]) -> list[tuple[Setting, list[Evaluation]]]:
+    """Return the settings that every one of some runs was evaluated at, with what each run measured."""
+    of_runs = [{x.setting: x for x in rows(folder)} for folder in folders]
+    shared = [setting for setting in of_runs[0] if all(setting in own for own in of_runs)]
+    return [(setting, [own[setting] for own in of_runs]) for setting in shared]
+
+
+def as_trained(points: pandas.DataFrame) -> pandas.DataFrame:
+    """Return the design points whose weights are those that were trained."""
+    if "weight_bits" not in points:
+        return points
+    return points[~((points["weight_bits"] < BITS) | (points["pruned_after"] > 0))]
+
+
+def near(
+    points: pandas.DataFrame, front: pandas.DataFrame, objectives: Sequence[tuple[str, str]], within: float
+) -> set[int]:
+    """Return the trials on a front, and those with a point at most so much accuracy below it.
+
+    The front's accuracy at a point is the best among its rows that are no worse in every other objective.
+
+    Args:
+        points: the design points that the front is of.
+        front: its rows.
+        objectives: (column, 'max' or 'min') pairs; without accuracy among them only the front itself.
+        within: difference in accuracy.
+    """
+    found = set(front["trial"].tolist())
+    if ("accuracy", "max") not in objectives:
+        return found
+    costs = [
+        (name, 1.0 if direction == "min" else -1.0) for name, direction in objectives if name != "accuracy"
+    ]
+
+    def others(rows: pandas.DataFrame) -> Array:
+        columns = [sign * rows[name].to_numpy(np.float64, na_value=np.nan) for name, sign in costs]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(rows), 0))
+
+    best_first = front.sort_values("accuracy", ascending=False, kind="stable")
+    cost, accuracy = others(points), points["accuracy"].to_numpy(np.float64)
+    left = np.flatnonzero(np.isfinite(cost).all(axis=1) & np.isfinite(accuracy))
+    for top, limits in zip(best_first["accuracy"].tolist(), others(best_first), strict=True):
+        reached = (limits <= cost[left]).all(axis=1)
+        close = top - accuracy[left[reached]] <= within + _ROUNDING
+        found |= set(points["trial"].to_numpy()[left[reached][close]].tolist())
+        left = left[~reached]
+    return found
+
+
+def _evaluate(
+    run: jobs.Run, setting: Setting, network: Any, data: Dataset, trained: Mapping[str, Any]
+) -> None:
+    """Measure a run at a setting and publish its file."""
+    if not isinstance(network, Network):
+        raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
+    fewer = rounded(network, *setting)
+    validation = run.model.respond(fewer, data, data.validation)
+    test = run.model.respond(fewer, data, data.test) if data.test.size else None
+    health = {
+        "peak_state": validation.peak_state,
+        "overflows_24_bit": validation.peak_state > STATE_LIMIT,
+        "n_weights_dense": fewer.n_weights_dense,
+    }
+    told = {name: x for name, x in health.items() if name in trained}  # not every family reports all
+    outcome = Outcome(fewer, validation, test, {}, told, trained.get("train_s", 0.0))
+    found = measure(outcome, data, np.array(run.phi), np.array(run.theta), run.hardware, setting[0])
+    leak = dataset.transductive(run.data)
+    numbers = {
+        **jobs.numbers(found, leak),
+        "of_heads": {name: jobs.numbers(head, leak) for name, head in found.heads.items()},
+    }
+    files = jobs.arrays_of(run, found, "")
+    for name, head in found.heads.items():
+        files |= jobs.arrays_of(run, head, f"_{name}")
+    arrays = {
+        "schema": np.array(_SCHEMA),
+        "weight_bits": np.array(setting[0]),
+        "pruned": np.array(setting[1]),
+        "numbers": np.array(json.dumps(numbers, default=plain)),
+        **{f"{file}/{name}": x for file, own in files.items() for name, x in own.items()},
+    }
+    with store.published(_path(run.folder, setting)) as temporary:
+        store.save_arrays(temporary, arrays)
+
+
+def _path(folder: Path, setting: Setting) -> Path:
+    weight_bits, pruned = setting
+    return folder / f"precision_{weight_bits}_{float(pruned)!r}.npz"
+
+
+def _read(path: Path) -> Evaluation | None:
+    """Return what a file holds; None where it is missing, damaged, or of another schema."""
+    try:
+        # Opened here: numpy leaves a file open that turns out to be damaged.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
+            arrays = {name: found[name] for name in found.files}
+        if str(arrays["schema"]) != _SCHEMA:
+            return None
+        numbers = json.loads(str(arrays["numbers"]))
+        setting = int(arrays["weight_bits"]), float(arrays["pruned"])
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+        return None
+    files: dict[str, dict[str, Array]] = {}
+    for key, array in arrays.items():
+        if key not in _OWN:
+            file, name = key.split("/", 1)
+            files.setdefault(file, {})[name] = array
+    return Evaluation(*setting, numbers, files)

@@ -1,0 +1,437 @@
+"""The training runs of a study: which are finished, and how the missing ones are made.
+
+A run is (trial, repeat). It is finished when its folder exists and is undamaged; a failed run is finished
+too, its record says why. Data sets are prepared once per distinct data sections, in a cache that all studies
+share, and read as memory maps. In a cross-validation each repeat is a fold: repeat r validates
+on fold r modulo k.
+Runs that can share batches train in cohorts (dse.search.cohorts); no result depends on which.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dse import dataset, registry, seeds, store
+from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.sections import settings_class
+from dse.dataset import cache
+from dse.hardware.profile import Profile
+from dse.recordings import RecordingError
+from dse.search import cohorts
+from dse.store import StoreError
+from dse.study import jobs as trial
+from dse.study import precision
+from dse.study.ledger import Entry
+from dse.study.progress import Progress
+from dse.study.workers import Failure, Workers, memory_budget
+
+Record = dict[str, Any]
+_Member = tuple[int, int | None]  # trial and fold: what a data set belongs to
+
+_OVER_BUDGET = "MemoryBudget"
+_MOST_ROUNDS = 5
+# Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
+# rises with the number of designs, where a CPU has all of the gain from some eight of them.
+_LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
+
+
+class Runs:
+    """The runs of one study folder, which the caller holds (`store.exclusive`)."""
+
+    def __init__(
+        self,
+        space: SearchSpace,
+        folder: Path,
+        profiles: Sequence[Profile],
+        workers: Workers,
+        progress: Progress,
+    ) -> None:
+        self._space = space
+        self._folder = folder
+        self._profiles = tuple(profiles)
+        self._workers = workers
+        self._progress = progress
+        execution = space.execution
+        self._budget = memory_budget(execution.memory_gib, workers.n, execution.device)
+        self._cache = _opened_cache(folder, progress)
+        self._records: dict[tuple[int, int], Record] = {}
+        self._warned: set[str] = set()
+
+    def of(self, trial: int) -> list[Record]:
+        """Return the records of a trial's finished runs, repeat 0 first."""
+        return [self._records[key] for key in sorted(self._records) if key[0] == trial]
+
+    def trials(self) -> dict[int, list[Record]]:
+        """Return trial number -> records, for every trial with a finished run."""
+        return {number: self.of(number) for number in sorted({trial for trial, _ in self._records})}
+
+    def count(self, repeats: int | None = None) -> int:
+        """Return the number of finished runs, if asked among the first `repeats` of every trial."""
+        return sum(repeats is None or repeat < repeats for _, repeat in self._records)
+
+    def recall(self, entries: Sequence[Entry]) -> None:
+        """Read what earlier sessions finished.
+
+        A damaged run is removed, to be made again, and so is one that has the memory now which it lacked.
+
+        Raises:
+            ConfigError: a run was trained on other data than its design has now.
+        """
+        for entry in entries:
+            for repeat in range(max(self._space.search.repeats, self._space.search.repeats_on_front)):
+                if (entry.trial, repeat) in self._records:
+                    continue
+                folder = store.run_folder(self._folder, entry.trial, repeat)
+                try:
+                    record = store.load_run(folder)
+                    if record is not None and not _is_of(entry, record):
+                        raise StoreError(f"{folder}: belongs to another design than the journal says")
+                except StoreError as error:
+                    self._progress.note(f"{error}; this run is made again")
+                    store.remove(folder)
+                    continue
+                if record is not None and record.get("needs_bytes", math.inf) <= self._budget:
+                    store.remove(folder)
+                elif record is not None:
+                    self._check_data(entry, record)
+                    self._records[entry.trial, repeat] = record
+
+    def complete(
+        self, entries: Sequence[Entry], repeats: int, after_each: Callable[[], None] = lambda: None
+    ) -> None:
+        """Make every missing run of some designs up to a number of repeats.
+
+        Args:
+            entries: the designs.
+            repeats: runs of each.
+            after_each: called when a run has ended.
+
+        Raises:
+            StoreError: results cannot be written (the disk is full); nothing finished is lost.
+            RecordingError: no data set of any design could be prepared.
+        """
+        self.recall(entries)
+        wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
+        with contextlib.ExitStack() as held:  # the data sets, until nobody needs them any more
+            waiting = self._planned(self._prepared(wanted, held))
+            while waiting:
+                again: list[trial.Cohort] = []
+                for cohort, ended in self._workers.stream(trial.train, waiting):
+                    if isinstance(ended, Failure):
+                        again += self._unfinished(cohort, ended)
+                        continue
+                    number, why = ended
+                    self._settle(cohort.runs[number], why)
+                    after_each()
+                waiting = again
+
+    def evaluate(
+        self,
+        entries: Sequence[Entry],
+        settings: Sequence[precision.Setting],
+        after_each: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Evaluate the finished runs of some designs at other precisions, where that is not done yet.
+
+        Families that have none are left out, with a note each.
+
+        Args:
+            entries: the designs.
+            settings: of `dse.study.precision`.
+            after_each: called when a setting of a run has ended.
+
+        Raises:
+            StoreError: results cannot be written (the disk is full); nothing finished is lost.
+        """
+        wanted, lacking = self._to_round(entries, settings)
+        done, n_settings = 0, sum(map(len, lacking.values()))
+        with contextlib.ExitStack() as held:
+            sections, keys, failures = self._data(wanted, held)
+            jobs = []
+            for entry, repeat in wanted:
+                member = entry.trial, self._fold(repeat)
+                if why := failures.get(keys[member]):
+                    self._progress.note(f"precision: trial {entry.trial} cannot be evaluated: {why.reason}")
+                else:
+                    run = self._run(entry, repeat, sections[member], self._cache / keys[member])
+                    jobs.append(precision.Job(run, lacking[entry.trial, repeat]))
+            for job, ended in self._workers.stream(precision.evaluate, jobs):
+                if isinstance(ended, Failure):
+                    _stop_if_disk(ended)
+                    self._progress.note(
+                        f"precision: trial {job.run.trial} was not evaluated to its end: {ended.reason}"
+                    )
+                    continue
+                (weight_bits, pruned), failed = ended
+                if failed is not None:
+                    at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
+                    self._progress.note(f"precision: {at} failed: {failed.reason}")
+                done += 1
+                self._progress.doing(f"precision: {done} of {n_settings} evaluations")
+                after_each()
+
+    def _to_round(
+        self, entries: Sequence[Entry], settings: Sequence[precision.Setting]
+    ) -> tuple[list[tuple[Entry, int]], dict[tuple[int, int], tuple[precision.Setting, ...]]]:
+        """Return the runs that lack settings, and which each lacks."""
+        wanted, lacking = [], {}
+        left_out: dict[str, None] = {}
+        for entry in entries:
+            for record in self.of(entry.trial):
+                if record["status"] != "finished":
+                    continue
+                repeat = record["repeat"]
+                folder = store.run_folder(self._folder, entry.trial, repeat)
+                if why := precision.refusal(folder):
+                    left_out[f"{record['sections']['model']['kind']} {why}"] = None
+                elif missing := precision.missing(folder, settings):
+                    wanted.append((entry, repeat))
+                    lacking[entry.trial, repeat] = missing
+        for text in left_out:
+            self._progress.note(f"precision: left out: {text}")
+        return wanted, lacking
+
+    def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
+        """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
+        load = functools.lru_cache(maxsize=8)(dataset.load)
+        fitting, demands, execution = [], [], self._space.execution
+        for run in runs:
+            demand = trial.demand(run, load(run.data), execution.threads)
+            if demand.alone_bytes > self._budget:
+                text = (
+                    f"training needs {demand.alone_bytes} bytes, more than the {self._budget} of a process; "
+                    f"execution.memory_gib: {math.ceil(demand.alone_bytes / 2**30 * 100) / 100:g} is enough"
+                )
+                self._fail(run.trial, run.repeat, run.design, Failure(_OVER_BUDGET, text), demand.alone_bytes)
+            else:
+                fitting.append(run)
+                demands.append(demand)
+        device, threads = execution.device, execution.threads
+        plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
+        return [trial.Cohort(tuple(fitting[i] for i in members), device, threads) for members in plan]
+
+    def _unfinished(self, cohort: trial.Cohort, why: Failure) -> list[trial.Cohort]:
+        """Return the runs of a job that ended early, to be tried alone; one that was alone has failed."""
+        _stop_if_disk(why)
+        again = []
+        for run in cohort.runs:
+            if (run.trial, run.repeat) in self._records:
+                continue
+            if run.folder.is_dir():  # published, and then the worker died before it said so
+                self._settle(run, None)
+            elif len(cohort.runs) > 1:
+                again.append(dataclasses.replace(cohort, runs=(run,)))
+            else:
+                self._settle(run, why)
+        return again
+
+    def _settle(self, run: trial.Run, why: Failure | None) -> None:
+        """Take in a run that has ended."""
+        record = store.load_run(run.folder) if why is None else None
+        if record is not None:
+            self._keep(record)
+        else:
+            assert why is not None  # a run without a failure is published
+            self._fail(run.trial, run.repeat, run.design, why)
+
+    def _keep(self, record: Record) -> None:
+        self._records[record["trial"], record["repeat"]] = record
+        self._progress.advance(_told(record))
+
+    def _fail(
+        self,
+        number: int,
+        repeat: int,
+        design: Mapping[str, Any],
+        why: Failure,
+        needs_bytes: int | None = None,
+    ) -> None:
+        """Record a failed run; with the memory that it lacked, it is tried again where there is more."""
+        record = {
+            "trial": number,
+            "repeat": repeat,
+            "design": dict(design),
+            "seed": self._space.seed,
+            "status": "failed",
+            "reason": why.reason,
+            "details": why.details,
+            **({} if needs_bytes is None else {"needs_bytes": needs_bytes}),
+        }
+        store.save_run(store.run_folder(self._folder, number, repeat), record, {})
+        self._keep({**record, "files": {}})
+
+    def _prepared(self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack) -> list[trial.Run]:
+        """Prepare and hold the data sets that the wanted runs need; return the runs that can be trained."""
+        sections, keys, failures = self._data(wanted, held)
+        needed = set(keys.values())
+        first = next(iter(failures.values()), None)
+        if first is not None and not self._records and len(failures) == len(needed):
+            told = first.error == RecordingError.__name__
+            raise RecordingError(first.message if told else f"data cannot be prepared: {first.reason}")
+        self._warn(needed - failures.keys())
+        runs = []
+        for entry, repeat in wanted:
+            member = entry.trial, self._fold(repeat)
+            key = keys[member]
+            why = failures.get(key)
+            if why is None:
+                try:
+                    runs.append(self._run(entry, repeat, sections[member], self._cache / key))
+                except ValueError as error:  # keys that are legal one by one and not together
+                    why = Failure(type(error).__name__, str(error))
+            if why is not None:
+                self._fail(entry.trial, repeat, entry.design, why)
+        return runs
+
+    def _data(
+        self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack
+    ) -> tuple[dict[_Member, dict[str, Any]], dict[_Member, str], dict[str, Failure]]:
+        """Prepare and hold the data sets of some runs.
+
+        Returns:
+            The sections and the key of the data set of every design and fold; why a key has no data set.
+        """
+        designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in wanted}
+        sections = {member: self._resolved(design, member[1]) for member, design in designs.items()}
+        base = self._space.source.parent
+        keys = {member: dataset.dataset_key(resolved, base) for member, resolved in sections.items()}
+        return sections, keys, self._prepare({key: sections[m] for m, key in keys.items()}, held)
+
+    def _fold(self, repeat: int) -> int | None:
+        """Return the fold that a repeat validates on; None without cross-validation."""
+        k_fold = self._space.fixed["split"].get("k_fold")
+        return None if k_fold is None else repeat % int(k_fold["k"])
+
+    def _resolved(self, design: Mapping[str, Any], fold: int | None) -> dict[str, Any]:
+        """Return the sections of a design, with its fold."""
+        resolved = self._space.resolve(design)
+        if fold is not None:
+            resolved["split"]["k_fold"]["fold"] = fold
+        return resolved
+
+    def _prepare(
+        self, needed: Mapping[str, Mapping[str, Any]], held: contextlib.ExitStack
+    ) -> dict[str, Failure]:
+        """Make the data sets that are not in the cache and hold them all; return those that cannot be made.
+
+        Args:
+            needed: key -> resolved design.
+            held: lets go of them.
+        """
+        failures: dict[str, Failure] = {}
+        missing = [key for key in needed if not self._hold(key, held)]
+        # Between being made and being held, one may be removed by somebody whose own need the room.
+        for _ in range(_MOST_ROUNDS):
+            if not missing:
+                return failures
+            for job, said in self._workers.stream(trial.prepare, self._preparations(needed, missing)):
+                if isinstance(said, str):
+                    self._progress.doing(said)
+                elif isinstance(said, Failure):
+                    _stop_if_disk(said)
+                    left = [key for key in job.designs if key not in failures]
+                    failures |= {key: said for key in left if not self._hold(key, held)}
+                else:
+                    key, why = said
+                    failures[key] = why
+            missing = [key for key in missing if key not in failures and not self._hold(key, held)]
+        lost = f"{self._cache}: prepared data were removed as often as they were made"
+        return failures | dict.fromkeys(missing, Failure(StoreError.__name__, lost))
+
+    def _preparations(
+        self, needed: Mapping[str, Mapping[str, Any]], missing: Sequence[str]
+    ) -> list[trial.Preparation]:
+        """Return the jobs: designs that may share spikes in one; jobs share the threads there are."""
+        groups: dict[str, list[str]] = {}
+        for key in missing:
+            groups.setdefault(dataset.same_spikes(needed[key]), []).append(key)
+        threads = max(1, self._workers.n // len(groups)) * self._space.execution.threads
+        base = self._space.source.parent
+        return [
+            trial.Preparation({key: needed[key] for key in keys}, base, self._cache, threads)
+            for keys in groups.values()
+        ]
+
+    def _hold(self, key: str, held: contextlib.ExitStack) -> bool:
+        """Hold a data set and its spikes if they are there."""
+        with store.explained(self._cache):
+            found = dataset.hold(self._cache, key)
+        if found is not None:
+            held.enter_context(found)
+        return found is not None
+
+    def _run(self, entry: Entry, repeat: int, resolved: Mapping[str, Any], data: Path) -> trial.Run:
+        model = {key: value for key, value in resolved["model"].items() if key != "kind"}
+        return trial.Run(
+            trial=entry.trial,
+            repeat=repeat,
+            design=entry.design,
+            seed=self._space.seed,
+            sections=resolved,
+            model=registry.known("models")[resolved["model"]["kind"]](**model),
+            training=settings_class("training")(**resolved["training"]),
+            data=data,
+            folder=store.run_folder(self._folder, entry.trial, repeat),
+            phi=tuple(self._space.decision.phi.tolist()),
+            theta=tuple(self._space.decision.theta.tolist()),
+            hardware=self._profiles,
+        )
+
+    def _warn(self, keys: Iterable[str]) -> None:
+        """Say what is suspicious about data sets, once, and keep it with the study."""
+        path = self._folder / store.WARNINGS
+        known: list[str] = store.read_json(path) if path.exists() else []
+        found = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
+        for text in dict.fromkeys(found):
+            if text not in self._warned:
+                self._warned.add(text)
+                self._progress.note(f"warning: {text}")
+        if set(found) - set(known):
+            store.write_json(path, list(dict.fromkeys([*known, *found])))
+
+    def _check_data(self, entry: Entry, record: Record) -> None:
+        if "data" not in record:
+            return
+        resolved = self._resolved(entry.design, self._fold(record["repeat"]))
+        key = dataset.dataset_key(resolved, self._space.source.parent)
+        if key != record["data"]:
+            text = (
+                f"data: the recordings differ from those that trial {entry.trial} was trained on; "
+                f"restore them, or choose another --results folder"
+            )
+            raise ConfigError([Fault(str(self._space.source), 0, text)])
+
+
+def _opened_cache(folder: Path, progress: Progress) -> Path:
+    """Return the cache, in the study's folder where the user's own cannot be written."""
+    with store.explained(folder / "cache"):
+        try:
+            root, note = cache.opened_root(folder / "cache")
+        except ValueError as error:
+            raise StoreError(str(error)) from None
+    if note:
+        progress.note(note)
+    return root
+
+
+def _is_of(entry: Entry, record: Record) -> bool:
+    return seeds.design_key(record["design"]) == seeds.design_key(entry.design)
+
+
+def _stop_if_disk(failure: Failure) -> None:
+    """A full disk is nobody's design: the study stops, and the same command goes on."""
+    if failure.error == StoreError.__name__:
+        raise StoreError(failure.message)
+
+
+def _told(record: Record) -> str:
+    name = f"trial {record['trial']}" + (f" repeat {record['repeat']}" if record["repeat"] else "")
+    if record["status"] == "failed":
+        return f"{name} failed: {record['reason']}"
+    return f"{name} accuracy {record['columns']['accuracy']:.3f}"

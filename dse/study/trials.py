@@ -1,0 +1,127 @@
+"""Runs -> a study's table of one row per trial.
+
+Several runs (repeats) of a design are one row: numbers are means over its repeats. `accuracy_se` is the
+Wilson standard error of the one run where there is one, and the standard error of the mean over seeds
+(sample standard deviation / sqrt(repeats)) where there are several. A trial one of whose runs failed is a
+failed trial: leaving the bad seed out would flatter the design.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.config import Axis, SearchSpace
+from dse.measure.objectives.accuracy import seeds_se
+
+if TYPE_CHECKING:
+    import pandas
+
+Record = Mapping[str, Any]
+_LAST = ("status", "reason")
+
+
+def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[Record]]) -> pandas.DataFrame:
+    """Return one row per trial: its design, what its full read-out measured, status and reason.
+
+    Args:
+        space: what was explored.
+        trials: trial number -> records of its runs.
+    """
+    import pandas
+
+    rows = []
+    for trial, records in sorted(trials.items()):
+        row = named(space, trial, records)
+        failed = [r for r in records if r["status"] == "failed"]
+        row["status"] = "failed" if failed else "finished"
+        row["reason"] = "; ".join(_blamed(r, len(records)) for r in failed)
+        if not failed:
+            profiles = list(records[0]["hardware"])
+            row |= {"hardware": profiles[0]} if profiles else {}
+            row |= summary(records, profiles[0] if profiles else None)
+        rows.append(row)
+    # Ordered by the longest row: a table that starts with a failed trial has its columns like any other.
+    names = dict.fromkeys(key for row in sorted(rows, key=len, reverse=True) for key in row)
+    frame = pandas.DataFrame(rows, columns=[*(n for n in names if n not in _LAST), *_LAST])
+    claims = [n for n in names if any(isinstance(row.get(n), bool) for row in rows)]
+    return frame.astype(dict.fromkeys(claims, "boolean"))
+
+
+def named(space: SearchSpace, trial: int, records: Sequence[Record]) -> dict[str, Any]:
+    """Return the columns that say what a row is about; an axis that the design does not have is missing."""
+    design = records[0]["design"]
+    cells = {
+        name: _cell(axis, design[name]) if name in design else _missing(axis)
+        for name, axis in space.axes.items()
+    }
+    about = {"trial": trial, "task": task_name(space, design), "family": family(space, design)}
+    return {**about, **cells, "repeats": len(records)}
+
+
+def family(space: SearchSpace, design: Mapping[str, Any]) -> str:
+    """Return the kind of a design's model."""
+    return str(design["model.kind"] if "model.kind" in space.axes else space.fixed["model"]["kind"])
+
+
+def task_name(space: SearchSpace, design: Mapping[str, Any]) -> str:
+    """Return what a design predicts: the task's name, or the columns of its target where that is an axis."""
+    if "task.target" not in space.axes:
+        return str(space.fixed["task"]["name"])
+    target = design["task.target"]
+    parts = target if isinstance(target, list | tuple) else [target]
+    sign = "+" if space.fixed["task"].get("joint") else "|"
+    return sign.join(part["column"] if isinstance(part, Mapping) else str(part) for part in parts)
+
+
+def _cell(axis: Axis, value: Any) -> Any:
+    """Return a plain value as it is, and JSON text on an axis that mixes kinds or holds lists or mappings."""
+    values = axis.values or ()
+    kinds = {
+        bool if isinstance(v, bool) else float if isinstance(v, int | float) else type(v) for v in values
+    }
+    is_plain = len(kinds) <= 1 and not kinds & {tuple, list, dict}
+    return value if is_plain else json.dumps(_short(value))
+
+
+def _missing(axis: Axis) -> float | None:
+    """Return what stands for no value: NaN on an axis of numbers, None on any other."""
+    values = axis.values or ()
+    return np.nan if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values) else None
+
+
+def _short(value: Any) -> Any:
+    """Return a value whose whole floats are integers, as people write them: [1, 2.5], not [1.0, 2.5]."""
+    if isinstance(value, list | tuple):
+        return [_short(inner) for inner in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _blamed(record: Record, n_runs: int) -> str:
+    return f"repeat {record['repeat']}: {record['reason']}" if n_runs > 1 else str(record["reason"])
+
+
+def summary(records: Sequence[Record], profile: str | None) -> dict[str, Any]:
+    """Return a trial's full read-out: mean of every number, `all` of every claim, the accuracy's error.
+
+    Args:
+        records: finished runs of one trial.
+        profile: hardware profile, or None for the columns that need none.
+    """
+    rows = [r["columns"] | (r["hardware"][profile] if profile else {}) for r in records]
+    found: dict[str, Any] = {}
+    for name in dict.fromkeys(name for row in rows for name in row):  # what one run lacks, no mean has
+        values = [row.get(name) for row in rows]
+        found[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
+    if len(rows) > 1:
+        found["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
+    return found
+
+
+def _mean(values: Sequence[Any]) -> Any:
+    if any(v is None for v in values):
+        return np.nan
+    return values[0] if all(v == values[0] for v in values) else float(np.mean(values))

@@ -1,0 +1,192 @@
+"""What a served study tells of single designs, and the bundle that a reader takes home, from a real study."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse import store
+from dse.dashboard.details import gather_details
+from dse.dashboard.study import page_server, write_page
+from dse.deploy import bundle
+from dse.deploy.evaluate import export
+from dse.study import explore, results
+from tests import tiny_study
+from tests.dashboard.test_serve import ask, served
+from tests.page_data import held
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    path = tmp_path_factory.mktemp("pages")
+    moods = {"choice": ["fine", "raise"]}
+    space = tiny_study.make_space(
+        path, model={"kind": "fake", "hidden": [8], "mood": moods}, execution={"jobs": 1}
+    )
+    yield explore.run(space, path / "results", progress=False).folder
+    tiny_study.unregister()
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary folders are made."""
+    path = tmp_path / "temporary"
+    path.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(path))
+    return path
+
+
+def serving(folder: Path) -> AbstractContextManager[Any]:
+    return served(page_server(folder, "127.0.0.1", 0))
+
+
+def query(trial: int = 0, point: int = 3, hardware: str = "loihi1_silicon") -> str:
+    return f"/bundle.zip?trial={trial}&point={point}&hardware={hardware}"
+
+
+def state(folder: Path) -> dict[Path, tuple[int, int]]:
+    return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in folder.rglob("*")}
+
+
+def test_the_bundle_is_the_one_that_pick_exports(folder: Path, temporary: Path, tmp_path: Path) -> None:
+    before = state(folder)
+    found = results.open(folder)
+    points = found.points()
+    row = points[(points["trial"] == 0) & (points["point"] == 3)].iloc[0]
+    export(found, row.to_dict(), tmp_path / "exported")
+    with serving(folder) as server:
+        status, headers, body = ask(server, query())
+        assert ask(server, query())[2] == body
+    assert status == 200
+    assert headers["Content-Disposition"] == 'attachment; filename="trial_0_point_3.zip"'
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        assert all(name.startswith("trial_0_point_3/") for name in archive.namelist())
+        archive.extractall(tmp_path / "unpacked")
+    for name in ("bundle.json", "README.md"):
+        sent = (tmp_path / "unpacked" / "trial_0_point_3" / name).read_text()
+        assert sent == (tmp_path / "exported" / name).read_text()
+    read = bundle.read(tmp_path / "unpacked" / "trial_0_point_3")
+    assert (read.phi, read.theta, read.record["point"]) == (row["phi"], row["theta"], 3)
+    assert list(temporary.iterdir()) == []
+    assert state(folder) == before
+
+
+def test_many_readers_take_the_same_bundle(folder: Path, temporary: Path) -> None:
+    with serving(folder) as server, ThreadPoolExecutor(6) as pool:
+        answers = list(pool.map(lambda _: ask(server, query()), range(6)))
+    assert {status for status, _, _ in answers} == {200}
+    assert len({body for _, _, body in answers}) == 1
+    assert list(temporary.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        query(trial=1),  # failed
+        query(trial=999),
+        query(point=9999),
+        query(hardware="mcu_m4"),
+        query(hardware=""),
+        query(hardware="../../hardware"),
+        "/bundle.zip?trial=0&point=3",
+    ],
+)
+def test_no_such_point(folder: Path, temporary: Path, path: str) -> None:
+    with serving(folder) as server:
+        assert ask(server, path)[::2] == (404, b"The study has no such design point.\n")
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_damaged_artefact_is_said_without_its_path(folder: Path, temporary: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    run = store.run_folder(copy, 0, 0)
+    with serving(copy) as server:
+        (run / "weights.npz").write_bytes(b"no weights")
+        damaged = ask(server, query())[::2]
+        (copy / "environment.json").unlink()
+        shutil.rmtree(run.parent)
+        missing = ask(server, query())[::2]
+    said = b"This design cannot be exported: an artefact is damaged, or the disk is full.\n"
+    assert damaged == missing == (422, said)
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_point_that_was_not_evaluated_is_a_conflict(folder: Path, temporary: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    points = results.open(copy).points()
+    points.assign(phi=points["phi"] + 1).to_parquet(copy / "points.parquet")
+    with serving(copy) as server:
+        status, _, body = ask(server, query())
+    assert status == 409
+    assert body == b"The study has changed since this point was evaluated; load the page again.\n"
+    assert list(temporary.iterdir()) == []
+
+
+def test_an_encoder_that_knows_the_labels_is_not_deployed(
+    folder: Path, temporary: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    path = store.run_folder(copy, 0, 0) / "record.json"
+    record = json.loads(path.read_text())
+    record["sections"]["encoder"] = {"kind": "threshold", "matching": "own_label"}
+    path.write_text(json.dumps(record))
+    with serving(copy) as server:
+        status, _, body = ask(server, query())
+    assert (status, body.startswith(b"This design cannot be deployed: ")) == (422, True)
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing_behind(
+    folder: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device", "/secret")
+
+    monkeypatch.setattr(bundle.store, "save_arrays", full)
+    with serving(folder) as server:
+        status, _, body = ask(server, query())
+    assert (status, b"secret" in body) == (422, False)
+    assert list(temporary.iterdir()) == []
+
+
+def test_nowhere_to_make_a_bundle_is_said(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    with serving(folder) as server:
+        status, _, body = ask(server, query())
+    assert status == 422
+    assert body == b"This design cannot be exported: an artefact is damaged, or the disk is full.\n"
+
+
+def test_the_document_of_a_trial(folder: Path) -> None:
+    found = results.open(folder)
+    with serving(folder) as server:
+        status, _, body = ask(server, "/design.json?trial=0")
+        assert json.loads(body) == json.loads(json.dumps(gather_details(found, found.points(), 0)))
+        for trial in (1, 999):
+            said = ask(server, f"/design.json?trial={trial}")[::2]
+            assert said == (404, b"The study has no finished trial of this number.\n")
+    assert status == 200
+
+
+def test_before_the_first_trial_there_is_none(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "search_space.yaml").write_bytes((folder / "search_space.yaml").read_bytes())
+    with serving(tmp_path) as server:
+        assert ask(server, "/design.json?trial=0")[0] == 404
+        assert ask(server, query())[0] == 404
+
+
+def test_a_page_on_disk_carries_details(folder: Path, tmp_path: Path) -> None:
+    page = held(write_page(results.open(folder), tmp_path / "page.html"))
+    assert list(page["details"]) == ["0"]

@@ -1,0 +1,329 @@
+"""Entries that are whole or not there, whoever writes, reads, removes or dies at the same time."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from dse.dataset import cache
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def entry(root: Path, key: str, size: int = 1000) -> Path:
+    """Make an entry with a file of some bytes and let go of it; return its folder."""
+
+    def fill(folder: Path) -> Generator[str, None, None]:
+        (folder / "data").write_bytes(b"x" * size)
+        yield "working"
+
+    made = cache.made(root, key, fill)
+    while True:
+        try:
+            assert next(made) == "working"
+        except StopIteration as end:
+            end.value.close()
+            return Path(end.value.folder)
+
+
+def keys(root: Path) -> set[str]:
+    return {path.name for path in root.iterdir() if path.name[0] != "."}
+
+
+def parts(root: Path) -> list[Path]:
+    return list(root.glob(".part-*"))
+
+
+def used_at(root: Path, key: str, seconds: int) -> None:
+    os.utime(root / key / "lock", (seconds, seconds))
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    cache.tidy(tmp_path / "cache")
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def room_for_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DSE_CACHE_GIB", repr(2500 / 2**30))
+
+
+def started(code: str, root: Path) -> subprocess.Popen[str]:
+    """Run code in another process, with the root as its argument; a line on stdout says that it is there."""
+    text = f"import sys, time; from pathlib import Path; from dse.dataset import cache\nroot = Path(sys.argv[1])\n{code}"
+    return subprocess.Popen(
+        [sys.executable, "-c", text, str(root)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+
+
+def said(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
+
+
+def killed(process: subprocess.Popen[str]) -> None:
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+
+
+def test_what_was_made_is_there(root: Path) -> None:
+    folder = entry(root, "a")
+    assert folder == root / "a"
+    held = cache.hold(root, "a")
+    assert held is not None
+    with held:
+        assert (held.folder / "data").read_bytes() == b"x" * 1000
+    assert cache.hold(root, "b") is None
+
+    def never(folder: Path) -> Generator[None, None, None]:
+        raise AssertionError("what is there is not made again")
+        yield
+
+    with pytest.raises(StopIteration) as end:
+        next(cache.made(root, "a", never))
+    end.value.value.close()
+
+
+@pytest.mark.parametrize("damage", ["cut", "longer", "lost", "no sizes", "torn sizes", "odd sizes"])
+def test_a_damaged_entry_is_removed_and_made_again(root: Path, damage: str) -> None:
+    folder = entry(root, "a")
+    if damage in ("cut", "longer"):
+        (folder / "data").write_bytes(b"x" * (999 if damage == "cut" else 1001))
+    elif damage == "lost":
+        (folder / "data").unlink()
+    elif damage == "no sizes":
+        (folder / "entry.json").unlink()
+    else:
+        (folder / "entry.json").write_text('{"data": 10' if damage == "torn sizes" else '["data"]')
+    assert cache.hold(root, "a") is None
+    assert keys(root) == set() and not parts(root)
+    assert (entry(root, "a") / "data").stat().st_size == 1000
+
+
+def test_the_least_recently_used_go_first(root: Path, room_for_two: None) -> None:
+    for seconds, key in enumerate("abc"):
+        entry(root, key)
+        used_at(root, key, seconds)
+    cache.tidy(root)
+    assert keys(root) == {"b", "c"}
+    held = cache.hold(root, "b")  # a use: now c is the oldest
+    assert held is not None
+    held.close()
+    entry(root, "d")
+    assert keys(root) == {"b", "d"}
+
+
+def test_what_a_process_holds_stays(root: Path, room_for_two: None) -> None:
+    for seconds, key in enumerate("ab"):
+        entry(root, key)
+        used_at(root, key, seconds)
+    process = started("held = cache.hold(root, 'a'); print('held', flush=True); time.sleep(60)", root)
+    assert said(process) == "held"
+    used_at(root, "a", 0)
+    entry(root, "c")
+    assert keys(root) == {"a", "c"}
+    for seconds, key in enumerate("ac"):
+        used_at(root, key, seconds)
+    killed(process)
+    entry(root, "d")
+    assert keys(root) == {"c", "d"}
+
+
+def test_what_was_just_used_stays_for_who_wanted_it(root: Path, room_for_two: None) -> None:
+    for key in "abc":
+        entry(root, key)
+    now = int(time.time())
+    for key, ago in (("a", 40), ("b", 30), ("c", 20)):
+        used_at(root, key, now - ago)
+    cache.tidy(root)
+    assert keys(root) == {"a", "b", "c"}
+    used_at(root, "a", now - 80)
+    cache.tidy(root)
+    assert keys(root) == {"b", "c"}
+
+
+def test_what_is_larger_than_the_limit_stays_while_it_is_held(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE_GIB", "0")
+
+    def fill(folder: Path) -> Generator[None, None, None]:
+        (folder / "data").write_bytes(b"x")
+        yield
+
+    made = cache.made(root, "a", fill)
+    next(made)
+    with pytest.raises(StopIteration) as end:
+        next(made)
+    used_at(root, "a", 0)
+    cache.tidy(root)
+    assert keys(root) == {"a"}
+    end.value.value.close()
+    cache.tidy(root)
+    assert keys(root) == set()
+
+
+def test_what_is_no_entry_is_nobodys_to_remove(root: Path, room_for_two: None) -> None:
+    (root / "thesis").mkdir()
+    (root / "thesis" / "chapter").write_bytes(b"x" * 5000)
+    (root / "notes").write_text("mine")
+    for seconds, key in enumerate("abc"):
+        entry(root, key)
+        used_at(root, key, seconds)
+    cache.tidy(root)
+    assert keys(root) == {"b", "c", "thesis", "notes"}
+    assert (root / "thesis" / "chapter").exists()
+
+
+WRITER = """
+def fill(folder):
+    (folder / "data").write_bytes(b"y" * 1000)
+    print("writing", flush=True)
+    while not (root.parent / "go").exists():
+        time.sleep(0.005)
+        yield
+for _ in (made := cache.made(root, "a", fill)):
+    pass
+print("made", flush=True)
+"""
+
+
+def test_two_processes_that_write_the_same_entry(root: Path) -> None:
+    both = [started(WRITER, root) for _ in range(2)]
+    assert [said(process) for process in both] == ["writing", "writing"]
+    assert len(parts(root)) == 2
+    (root.parent / "go").touch()
+    assert [said(process) for process in both] == ["made", "made"]
+    assert [process.wait(20) for process in both] == [0, 0]
+    for process in both:
+        process.communicate()
+    assert keys(root) == {"a"} and not parts(root)
+    assert (root / "a" / "data").read_bytes() == b"y" * 1000
+
+
+def test_kill_9_in_the_middle_of_a_write(root: Path) -> None:
+    dead, alive = started(WRITER, root), started(WRITER, root)
+    assert [said(dead), said(alive)] == ["writing", "writing"]
+    killed(dead)
+    assert keys(root) == set() and len(parts(root)) == 2
+    cache.tidy(root)
+    assert len(parts(root)) == 1, "what a living process writes stays"
+    killed(alive)
+    assert (entry(root, "a") / "data").read_bytes() == b"x" * 1000
+    assert not parts(root)
+
+
+def test_kill_9_before_anything_was_written(root: Path) -> None:
+    (root / ".part-a-00").mkdir()
+    cache.tidy(root)
+    assert not parts(root)
+
+
+@pytest.mark.parametrize("moment", ["in a write", "at the rename"])
+def test_a_full_disk_leaves_nothing(root: Path, monkeypatch: pytest.MonkeyPatch, moment: str) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def fill(folder: Path) -> Generator[None, None, None]:
+        (folder / "data").write_bytes(b"x")
+        if moment == "in a write":
+            full()
+        yield
+
+    if moment == "at the rename":
+        monkeypatch.setattr("dse.dataset.cache.os.replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        list(cache.made(root, "a", fill))
+    assert keys(root) == set() and not parts(root)
+
+
+def test_a_writer_that_is_given_up_leaves_nothing(root: Path) -> None:
+    def fill(folder: Path) -> Generator[None, None, None]:
+        (folder / "data").write_bytes(b"x")
+        yield
+
+    made = cache.made(root, "a", fill)
+    next(made)
+    assert len(parts(root)) == 1
+    made.close()
+    assert keys(root) == set() and not parts(root)
+
+
+def test_discarding(root: Path) -> None:
+    entry(root, "a")
+    cache.discard(root, "a")
+    cache.discard(root, "b")
+    assert keys(root) == set() and not parts(root)
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [
+        ({"DSE_CACHE": "/x/mine", "XDG_CACHE_HOME": "/x/cache"}, "/x/mine"),
+        ({"DSE_CACHE": "~/mine"}, "/x/home/mine"),
+        ({"XDG_CACHE_HOME": "/x/cache"}, "/x/cache/dse"),
+        ({"XDG_CACHE_HOME": "cache"}, "/x/home/.cache/dse"),
+        ({}, "/x/home/.cache/dse"),
+    ],
+)
+def test_where_it_is(environment: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DSE_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {"HOME": "/x/home", **environment}.items():
+        monkeypatch.setenv(name, value)
+    assert cache.usual_root() == Path(expected)
+
+
+def test_a_home_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "file" / "cache"))
+    root, note = cache.opened_root(tmp_path / "study" / "cache")
+    assert root == tmp_path / "study" / "cache"
+    assert note.startswith(f"prepared data cannot be shared and goes to {root}: ")
+    assert "Not a directory" in note
+    entry(root, "a")
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "new" / "cache"))
+    assert cache.opened_root(tmp_path / "study" / "cache") == (tmp_path / "new" / "cache", "")
+
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("DSE_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pathlib.Path.home", homeless)
+    assert cache.opened_root(tmp_path / "study" / "cache")[0] == root
+
+
+def test_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for disk_gib, expected in ((100, 10), (1000, 20)):
+        disk = SimpleNamespace(total=disk_gib * 2**30)
+        monkeypatch.setattr("dse.dataset.cache.shutil.disk_usage", lambda path, disk=disk: disk)
+        assert cache.limit_bytes(tmp_path) == expected * 2**30
+    monkeypatch.setenv("DSE_CACHE_GIB", "0.5")
+    assert cache.limit_bytes(tmp_path) == 2**29
+    for wrong in ("-1", "much", "nan", "inf"):
+        monkeypatch.setenv("DSE_CACHE_GIB", wrong)
+        with pytest.raises(
+            ValueError, match=f"DSE_CACHE_GIB must be a number of GiB, at least 0, got '{wrong}'"
+        ):
+            cache.limit_bytes(tmp_path)
+
+
+def test_a_use_is_seen(root: Path) -> None:
+    entry(root, "a")
+    used_at(root, "a", 1)
+    before = time.time()
+    held = cache.hold(root, "a")
+    assert held is not None
+    held.close()
+    assert (root / "a" / "lock").stat().st_mtime >= before - 1

@@ -1,0 +1,422 @@
+"""From a trained point to a bundle, and the same answers from the bundle on recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse import dataset, store
+from dse.cli import main
+from dse.config import load_space
+from dse.dataset import load
+from dse.dataset.cache import usual_root
+from dse.deploy import bundle
+from dse.deploy.bundle import BundleError
+from dse.deploy.evaluate import evaluate, export
+from dse.measure import decision
+from dse.measure.run import read_out
+from dse.models.snn import respond
+from dse.models.snn.quantise import rounded
+from dse.recordings import RecordingError
+from dse.recordings.scene import Trials
+from dse.records import Network, Parameters
+from dse.scene.load import load_scene
+from dse.study import explore, results
+from dse.study.results import Study
+from tests import tiny_study
+from tests.spaces import write_space
+
+SPACE = """
+study: real
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}, class_names: {fabric: names}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model: {kind: snn, hidden: [12], input_delays: [0, 2]}
+training: {epochs: 4, batch_size: 9, learning_rate: 0.02}
+decision: {phi: [0, 2], theta: [0.4, 0.6]}
+hardware: [loihi1_silicon]
+objectives: [accuracy:max, energy_uj:min]
+search: {sampler: grid, repeats: 2}
+execution: {jobs: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """One spiking network, trained twice."""
+    folder = tmp_path_factory.mktemp("real")
+    tiny_study.write_recordings(folder / "tiny.npz")
+    (folder / "real.yaml").write_text(SPACE)
+    return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+
+
+@pytest.fixture
+def point(real: Study) -> dict[str, Any]:
+    points = real.points()
+    rows = points[(points["phi"] == 2) & (points["theta"] == 0.6)]
+    return dict(rows.iloc[0].to_dict())
+
+
+@pytest.fixture
+def exported(real: Study, point: dict[str, Any], tmp_path: Path) -> Path:
+    export(real, point, tmp_path / "bundle")
+    return tmp_path / "bundle"
+
+
+def recordings(real: Study) -> dict[str, Any]:
+    with np.load(real.folder.parents[1] / "tiny.npz") as file:
+        return dict(file)
+
+
+def test_the_bundle_answers_as_the_trained_network_did(
+    real: Study, point: dict[str, Any], exported: Path, tmp_path: Path
+) -> None:
+    read = bundle.read(exported)
+    records = real.runs(0)
+    chosen = records[read.evidence["repeat"]]
+    validation = load(usual_root() / chosen["data"]).validation
+    arrays = recordings(real)
+    arrays |= {"spikes": arrays["spikes"][validation], "label": arrays["label"][validation]}
+    np.savez(tmp_path / "new.npz", **arrays)
+    found = evaluate(exported, tmp_path / "new.npz")
+    folder = store.run_folder(real.folder, 0, chosen["repeat"])
+    surface = store.load_arrays(folder / "surface.npz")
+    assert found.accuracy == pytest.approx(surface["accuracy"][1, 1])
+    assert found.accuracy_se == pytest.approx(surface["accuracy_se"][1, 1])
+    assert found.decision_latency_ms == pytest.approx(surface["decision_latency_ms"][1, 1])
+    assert found.undecided == pytest.approx(surface["undecided"][1, 1])
+    assert found.confusion is not None
+    assert found.confusion.sum(axis=1).tolist() == [6, 6, 6]
+    assert found.columns["labelled"] == found.columns["recordings"] == 18
+    assert read.classes == ("felt", "silk", "wool") == found.classes
+
+
+def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, Any], exported: Path) -> None:
+    read = bundle.read(exported)
+    accuracies = np.array(read.evidence["accuracy_of_repeats"])
+    assert accuracies.mean() == pytest.approx(point["accuracy"])
+    assert read.evidence["repeat"] == np.abs(accuracies - accuracies.mean()).argmin()
+    weights = store.load_arrays(store.run_folder(real.folder, 0, read.evidence["repeat"]) / "weights.npz")
+    assert isinstance(read.fitted, Network)
+    assert np.array_equal(read.fitted.layers[0].weight, weights["0/weight"])
+    assert (read.phi, read.theta) == (2.0, 0.6)
+    assert read.record["energy_uj"] == point["energy_uj"]
+    assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
+
+
+def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    text = f"{SPACE}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
+    (tmp_path / "real.yaml").write_text(text)
+    found = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
+    base = {"trial": 0, "task": "fabric", "weight_bits": 3, "pruned_after": 0.5}
+    for point in (base, base | {"phi": 2.0, "theta": 0.6}, base | {"read_out_ms": 40.0}):
+        made = export(found, point, tmp_path / "bundle")
+        read = bundle.read(tmp_path / "bundle")
+        run = store.run_folder(found.folder, 0, read.evidence["repeat"])
+        trained = store.fitted_of(store.load_arrays(run / "weights.npz"))
+        assert isinstance(read.fitted, Network) and isinstance(trained, Network)
+        fewer = rounded(trained, 3, 0.5)
+        assert np.array_equal(read.fitted.layers[0].weight, fewer.layers[0].weight)
+        told = read.evidence["precision"]
+        assert (told["weight_bits"], told["pruned"]) == (3, 0.5)
+        arrays = store.load_arrays(tmp_path / "bundle" / "weights.npz")
+        for k, shared in enumerate(told["exponents"]):
+            whole = arrays[f"{k}/weight_8bit"] / 2**shared
+            assert (whole == np.rint(whole)).all() and -4 <= whole.min() and whole.max() <= 3
+        data = load(usual_root() / made.evidence["data"])
+        said = respond.respond(read.fitted, data, data.validation)
+        if "phi" in point:
+            label, _, _ = decision.decide(said.output, 2.0, 0.6)
+        else:
+            label = read_out(said.output[:, : 8 if "read_out_ms" in point else None])
+        accuracy = (label == data.target[data.validation]).mean()
+        assert made.evidence["accuracy_of_repeats"][read.evidence["repeat"]] == pytest.approx(accuracy)
+    more = export(found, {"trial": 0, "weight_bits": 32.0, "pruned_after": 0.0}, tmp_path / "bundle")
+    assert "precision" not in more.evidence and more.fitted.n_weights == trained.n_weights
+    with pytest.raises(ValueError, match=r"trial 0 was not evaluated at 4 bits with 0\.25 pruned"):
+        export(found, base | {"weight_bits": 4, "pruned_after": 0.25}, tmp_path / "bundle")
+
+
+def test_what_a_point_does_not_have_is_not_in_its_bundle(
+    real: Study, point: dict[str, Any], tmp_path: Path
+) -> None:
+    made = export(real, {**point, "fits": pd.NA, "read_out_ms": None, "energy_uj": np.nan}, tmp_path / "b")
+    assert not {"fits", "read_out_ms", "energy_uj"} & set(made.record)
+    assert bundle.read(tmp_path / "b").record == made.record
+
+
+def test_recordings_without_labels_are_answered(real: Study, exported: Path, tmp_path: Path) -> None:
+    arrays = recordings(real)
+    np.savez(tmp_path / "new.npz", spikes=arrays["spikes"][:5])
+    found = evaluate(exported, tmp_path / "new.npz")
+    assert len(found.label) == 5 and set(found.label) <= {0, 1, 2}
+    assert (found.target == -1).all()
+    assert (found.accuracy, found.accuracy_se, found.confusion) == (None, None, None)
+    assert found.columns["labelled"] == 0
+    assert (found.time_ms > 0).all() and (found.time_ms <= 80).all()
+
+
+def test_recordings_that_do_not_fit_are_one_line(real: Study, exported: Path, tmp_path: Path) -> None:
+    arrays = recordings(real)
+    np.savez(tmp_path / "narrow.npz", spikes=arrays["spikes"][..., :2])
+    with pytest.raises(BundleError, match=r"narrow\.npz: must have 4 input channels .*, got 2"):
+        evaluate(exported, tmp_path / "narrow.npz")
+    with pytest.raises(RecordingError, match=r"missing\.npz"):
+        evaluate(exported, tmp_path / "missing.npz")
+    np.savez(tmp_path / "short.npz", spikes=arrays["spikes"][:, :8])
+    with pytest.raises(RecordingError, match="16"):
+        evaluate(exported, tmp_path / "short.npz")
+
+
+def test_points_that_are_not_there_are_refused(real: Study, point: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a point must name its trial, got the columns phi"):
+        export(real, {"phi": 0}, tmp_path / "b")
+    with pytest.raises(ValueError, match=r"was not evaluated at phi 2, theta 0\.99"):
+        export(real, {**point, "theta": 0.99}, tmp_path / "b")
+    with pytest.raises(store.StoreError, match="has no trial 4"):
+        export(real, {**point, "trial": 4}, tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+
+
+def test_the_full_read_out_can_be_exported(real: Study, tmp_path: Path) -> None:
+    row = real.trials.iloc[0].to_dict()
+    export(real, row, tmp_path / "b")
+    document = json.loads((tmp_path / "b" / "bundle.json").read_text())
+    assert document["decision"]["phi"] is None
+    found = evaluate(tmp_path / "b", real.folder.parents[1] / "tiny.npz")
+    assert set(found.time_ms) == {80.0}
+    assert found.undecided == 0
+
+
+def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> None:
+    kinds = "recurrent: {choice: [false, true]}, arithmetic: {choice: [integer, ideal]}, input_delays: [0, 2]"
+    path = write_space(
+        tmp_path,
+        ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1, 2]"),
+        ("hidden: {choice: [4, 8, 12]}", f"hidden: [6, 5], steps_per_sample: 2, {kinds}"),
+        ("epochs: 1", "epochs: 3"),
+    )
+    found = explore.run(load_space(path), tmp_path / "results", progress=False)
+    points = found.points()
+    assert set(points["trial"]) == {0, 1, 2, 3}
+    validation = np.load(tmp_path / "touch.npz")["repetition"] == 1
+    for _, point in points.iterrows():
+        export(found, point.to_dict(), tmp_path / "bundle")
+        answers = evaluate(tmp_path / "bundle", tmp_path / "touch.npz")
+        right = (answers.label == answers.target)[validation]
+        assert right.mean() == pytest.approx(point["accuracy"])
+        assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
+
+
+FAMILIES = """
+study: families
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label, speed: speed}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model:
+  choice:
+    - {kind: knn, channels: each, window_ms: 20}
+    - {kind: naive_bayes, channels: each, window_ms: 20}
+    - {kind: elm, hidden: 8, window_ms: 20, windows: 4}
+    - {kind: hots, layers: 1, prototypes: 4, tau_ms: 20}
+    - {kind: snn, hidden: [8]}
+training: {epochs: 2, batch_size: 9}
+decision: {phi: [1], theta: [0.6]}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+execution: {jobs: 1}
+"""
+JOINT = (
+    FAMILIES.replace("target: fabric", "target: [fabric, speed], joint: true")
+    .replace("study: families", "study: joint")
+    .replace("snn, hidden: [8]}", "snn, hidden: [8]}\n    - {kind: cascade, hidden: [6], first_hidden: [5]}")
+)
+
+
+def explored(folder: Path, text: str) -> Study:
+    """Train what a search space says on labelled rasters of two columns."""
+    tiny_study.write_recordings(folder / "tiny.npz")
+    with np.load(folder / "tiny.npz") as file:
+        arrays = dict(file)
+    np.savez(folder / "tiny.npz", **arrays, speed=np.arange(len(arrays["label"])) % 2)
+    (folder / "space.yaml").write_text(text)
+    return explore.run(load_space(folder / "space.yaml"), folder / "results", progress=False)
+
+
+def first_and_last(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows.iloc[sorted({0, len(rows) - 1})] if len(rows) else rows
+
+
+@pytest.mark.parametrize("text", [FAMILIES, JOINT], ids=["one task", "joint"])
+def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_path: Path, text: str) -> None:
+    found = explored(tmp_path, text)
+    points = found.points()
+    assert set(found.trials["status"]) == {"finished"}, found.trials["reason"].tolist()
+    kinds = ["knn", "naive_bayes", "elm", "hots", "snn", *(["cascade"] if text == JOINT else [])]
+    assert len(set(points["trial"])) == len(kinds)
+    seen = set()
+    for (trial, task), rows in points.groupby(["trial", "task"]):
+        record = found.runs(int(trial))[0]
+        validation = load(usual_root() / record["data"]).validation
+        early, decided = rows[rows["read_out_ms"].notna()], rows[rows["phi"].notna()]
+        full = rows[rows["read_out_ms"].isna() & rows["phi"].isna()]
+        assert len(full) == 1 and len(early) > 2
+        for _, point in pd.concat([full, first_and_last(early), decided]).iterrows():
+            made = export(found, point.to_dict(), tmp_path / "bundle")
+            answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
+            assert isinstance(
+                made.fitted, Network if record["sections"]["model"]["kind"] == "snn" else Parameters
+            )
+            assert len(answers.classes) == (2 if task == "speed" else 3)
+            right = (answers.label == answers.target)[validation]
+            assert right.mean() == point["accuracy"]
+            assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
+            seen.add((record["sections"]["model"]["kind"], task, bool(np.isnan(point["read_out_ms"]))))
+    tasks = ["fabric", "speed"] if text == JOINT else ["fabric"]
+    assert seen == {(kind, task, late) for kind in kinds for task in tasks for late in (True, False)}
+
+
+def test_recordings_of_a_length_that_a_family_refuses_are_one_line(tmp_path: Path) -> None:
+    text = FAMILIES.replace("window: {n_steps: 16, at: middle}\n", "")
+    model, after = text.index("model:"), text.index("training:")
+    found = explored(tmp_path, f"{text[:model]}model: {{kind: naive_bayes, window_ms: 20}}\n{text[after:]}")
+    export(found, found.trials.iloc[0].to_dict(), tmp_path / "bundle")
+    with np.load(tmp_path / "tiny.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "short.npz", **arrays | {"spikes": arrays["spikes"][:, :10]})
+    with pytest.raises(BundleError, match=r"short.npz: samples must have .* windows of 20 ms as in training"):
+        evaluate(tmp_path / "bundle", tmp_path / "short.npz")
+
+
+def test_a_joint_net_is_exported_whole_too(tmp_path: Path) -> None:
+    found = explored(tmp_path, JOINT)
+    for _, row in found.trials.iterrows():
+        export(found, row.to_dict(), tmp_path / "bundle")
+        answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
+        assert len(answers.classes) == 6
+        validation = load(usual_root() / found.runs(row["trial"])[0]["data"]).validation
+        assert (answers.label == answers.target)[validation].mean() == row["accuracy"]
+
+
+LEAKY = """
+study: leaky
+data: {kind: time_series, file: touch.npz, step_ms: 10, columns: {fabric: label, repetition: repetition}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+encoder: {kind: threshold, matching: {choice: [own_label, nearest]}}
+model: {kind: threshold_lif}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+execution: {jobs: 1}
+"""
+
+
+def test_an_encoder_that_reads_labels_is_not_deployed(tmp_path: Path) -> None:
+    write_space(tmp_path)
+    (tmp_path / "leaky.yaml").write_text(LEAKY)
+    found = explore.run(load_space(tmp_path / "leaky.yaml"), tmp_path / "results", progress=False)
+    leaky, honest = (row.to_dict() for _, row in found.trials.iterrows())
+    with pytest.raises(BundleError, match="trial 0 cannot be deployed: encoder threshold reads the labels"):
+        export(found, leaky, tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+    export(found, honest, tmp_path / "b")
+
+
+def test_windows_of_a_run_on_both_sides_of_the_split_do_not_keep_it_from_being_deployed(
+    tmp_path: Path,
+) -> None:
+    write_space(tmp_path)
+    text = LEAKY.replace("own_label, nearest", "nearest")
+    text = text.replace("n_steps: 16, at: middle", "cut_steps: 8, every_steps: 4")
+    (tmp_path / "cut.yaml").write_text(text)
+    found = explore.run(load_space(tmp_path / "cut.yaml"), tmp_path / "results", progress=False)
+    [row] = (row.to_dict() for _, row in found.trials.iterrows())
+    assert row["transductive"]
+    assert export(found, row, tmp_path / "b").record["transductive"] is True
+
+
+SCENE = """\
+scene: fingertip
+sensor:
+  {layout: rings, n_across: 1, pin_pitch_mm: 2, image_scale_px_mm: 8, frame_px: [96, 64], pin_radius_mm: 0.5}
+textures: [denim, satin]
+motions: [{kind: constant, speed_mm_s: {choice: [20, 50]}}]
+trials: 4
+duration_ms: 150
+"""
+ON_SCENE = """
+study: scene
+data: {kind: scene, scene: fingertip.yaml}
+task: {target: texture}
+window: {n_steps: 20, at: start}
+split: {stratified: {validation: 0.5}}
+preprocessing: {bin_ms: 5, pool: 8, polarity: merge, crop: pins}
+model: {kind: snn, hidden: [12]}
+training: {epochs: 2, batch_size: 8}
+decision: {phi: [0], theta: [0.5]}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+"""
+
+
+@pytest.fixture(scope="module")
+def on_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a scene and of a bundle that was trained on it."""
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "fingertip.yaml").write_text(SCENE)
+    (folder / "scene.yaml").write_text(ON_SCENE)
+    found = explore.run(load_space(folder / "scene.yaml"), folder / "results", progress=False)
+    export(found, found.trials.iloc[0].to_dict(), folder / "bundle")
+    return folder
+
+
+def test_a_scene_is_answered_with_the_crop_that_was_trained(on_scene: Path) -> None:
+    sections = bundle.read(on_scene / "bundle").sections
+    pins = Trials(load_scene(str(on_scene / "fingertip.yaml"))).pins()
+    assert sections["preprocessing"]["crop"] == list(pins) != [0, 0, 96, 64]
+    found = evaluate(on_scene / "bundle", on_scene / "fingertip.yaml")
+    record = results.open(on_scene / "results" / "scene").runs(0)[0]
+    validation = load(usual_root() / record["data"]).validation
+    right = found.label == found.target
+    assert len(right) == 16 and right[validation].mean() == pytest.approx(record["columns"]["accuracy"])
+
+
+def test_a_scene_trained_network_answers_on_events(on_scene: Path, tmp_path: Path) -> None:
+    assert (
+        main(["simulate", str(on_scene / "fingertip.yaml"), "--out", str(tmp_path / "all.npz"), "--quiet"])
+        == 0
+    )
+    several = evaluate(on_scene / "bundle", tmp_path / "all.npz")
+    assert several.columns["labelled"] == several.columns["recordings"] == 16
+    with np.load(tmp_path / "all.npz") as file:
+        arrays, part = dict(file), slice(file["offsets"][2], file["offsets"][3])
+    (tmp_path / "files").mkdir()
+    fields = np.zeros((part.stop - part.start, 2), "<u4")
+    t_us, x, y, p = (arrays[name][part].astype("<u4") for name in ("t_us", "x", "y", "polarity"))
+    fields[:, 0], fields[:, 1] = t_us, x | y << 14 | p << 28
+    header = b"% Data file containing CD events.\n% Version 2\n% Width 96\n% Height 64\n"
+    (tmp_path / "files" / "one.dat").write_bytes(header + bytes((0x0C, 8)) + fields.tobytes())
+    for path in (tmp_path / "files", tmp_path / "files" / "one.dat"):
+        found = evaluate(on_scene / "bundle", path)
+        assert found.label.tolist() == several.label[2:3].tolist()
+        assert found.target.tolist() == [-1]
+
+
+def test_what_was_repaired_is_said(real: Study, exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build_for = dataset.build_for
+    monkeypatch.setattr(
+        "dse.deploy.evaluate.dataset.build_for",
+        lambda *given: (build_for(*given)[0], ["recording 3 was cut"]),
+    )
+    assert evaluate(exported, real.folder.parents[1] / "tiny.npz").notes == ("recording 3 was cut",)

@@ -1,0 +1,257 @@
+"""Columns of one run, counted by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dse.hardware.profile import load
+from dse.measure.objectives.accuracy import wilson_se
+from dse.measure.objectives.information import itr_bits
+from dse.measure.run import columns_on, measure, read_out
+from dse.records import Answers, Dataset, Head, Layer, Network, Outcome, Parameters, Response, Spikes
+from tests.saved_data import in_a_row
+
+LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
+
+
+def _layer(n_out: int, n_in: int) -> Layer:
+    decay = np.full(n_out, 1024, np.int32)
+    return Layer(np.ones((n_out, n_in), np.float32), None, decay, decay, 80)
+
+
+@pytest.fixture
+def dataset() -> Dataset:
+    zeros = np.zeros(6, np.int32)
+    return Dataset(
+        spikes=Spikes(np.zeros(6 * 4 + 1, np.int64), np.zeros(0, np.int32), 4, 3, 2.0),
+        target=np.array([0, 1, 0, 1, 1, 0]),
+        classes=("a", "b"),
+        start=zeros,
+        start_low=zeros,
+        start_high=zeros,
+        n_steps=4,
+        train=np.array([0, 1]),
+        validation=np.array([2, 3, 4]),
+        test=np.array([5]),
+        positions=in_a_row(3),
+    )
+
+
+@pytest.fixture
+def outcome() -> Outcome:
+    """Three samples of four steps: decided at once, decided late, never a spike."""
+    output = np.zeros((3, 4, 2), np.uint8)
+    output[0, 0, 0] = output[0, 2, 1] = 1  # class 0 first; a tie at the end goes to class 0
+    output[1, 1, 0] = output[1, 2, 1] = output[1, 3, 1] = 1  # 0 first, 1 at the end
+    spikes = np.zeros((3, 4, 3), np.int32)
+    spikes[..., 0] = 2
+    spikes[..., 1] = 1
+    spikes[..., 2] = output.sum(axis=2)
+    updates = np.ones((3, 4, 2), np.int32)
+    response = Response(output, spikes, updates, step_ms=2.0, peak_state=9)
+    test = replace(response, output=output[:1], spikes=spikes[:1], updates=updates[:1])
+    network = Network((_layer(5, 3), _layer(2, 5)), 3, (0,), 1, "integer")
+    health = {"dead_neurons": 1, "overflows_24_bit": False, "initial_gain": [1.0, 2.0]}
+    return Outcome(network, response, test, {}, health, train_s=1.5)
+
+
+def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
+    found = measure(outcome, dataset, np.array([]), np.array([]), [])
+    assert found.columns == {
+        "accuracy": pytest.approx(2 / 3),  # 0 right (tie), 1 right, silent sample answers 0 and is 1
+        "accuracy_se": pytest.approx(float(wilson_se(2, 3))),
+        "accuracy_test": 1.0,
+        "n_weights": 25,
+        "memory_bytes": 25.0,
+        "decision_latency_ms": 8.0,
+        "spikes_per_inference": pytest.approx((3 * 12 + 5) / 3),
+        "spikes_per_inference_no_input": pytest.approx((3 * 4 + 5) / 3),
+        "spikes_total": 41,
+        "synaptic_operations": 8 * 5 + 4 * 2,  # output spikes have no targets
+        "macs": 0,
+        "itr_bits": pytest.approx(itr_bits([[1, 0], [1, 1]])),
+        "itr_bits_per_s": pytest.approx(itr_bits([[1, 0], [1, 1]]) / 8e-3),
+        "t_c_ms": 8.0,  # sample 1 is answered 0 until its last spike
+        "dead_neurons": 1,
+        "overflows_24_bit": False,
+        "train_s": 1.5,
+    }
+    assert found.confusion.tolist() == [[1, 0], [1, 1]]
+    assert found.confusion_test is not None
+    assert found.confusion_test.tolist() == [[1, 0], [0, 0]]
+    assert found.points == {} and found.hardware == {}
+
+
+def test_points_count_the_work_up_to_the_decision(outcome: Outcome, dataset: Dataset) -> None:
+    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI])
+    points = {name: x.item() for name, x in found.points.items()}
+    # Decided after 1, 2 and (never, so at the end) 4 steps.
+    assert points["decision_latency_ms"] == pytest.approx(2.0 * (1 + 2 + 4) / 3)
+    assert points["accuracy"] == pytest.approx(1 / 3)
+    assert points["accuracy_se"] == pytest.approx(float(wilson_se(1, 3)))
+    assert points["accuracy_test"] == 1.0
+    assert points["undecided"] == pytest.approx(1 / 3)
+    assert points["spikes_per_inference"] == pytest.approx((7 * 3 + 1 + 1) / 3)
+    assert points["spikes_per_inference_no_input"] == pytest.approx((7 + 2) / 3)
+    assert points["spikes_total"] == 23
+    assert points["synaptic_operations"] == pytest.approx((7 * 2 * 5 + 7 * 2) / 3)
+    assert found.columns["t_p_ms"] == pytest.approx(points["decision_latency_ms"])
+    assert found.columns["t_h_ms"] is None
+    assert found.points_load is not None
+    on_chip, full = columns_on(LOIHI, found.points_load), found.hardware["loihi1_silicon"]
+    assert on_chip["energy_uj"].shape == (1, 1)
+    assert on_chip["energy_uj"].item() < full["energy_uj"]
+    assert full["energy_uj"] == pytest.approx(full["energy_dynamic_uj"] + full["energy_static_uj"])
+    assert full["energy_uj_low"] < full["energy_uj"] < full["energy_uj_high"]
+    assert full["latency_ms"] > 8.0
+    assert on_chip["fits"].item() is True and full["n_cores"] == 2
+
+
+def test_every_read_out_counts_its_own_work(outcome: Outcome, dataset: Dataset) -> None:
+    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI]).read_outs
+    assert found["decision_latency_ms"].tolist() == [2.0, 4.0, 6.0, 8.0]
+    assert found["spikes_per_inference"][0] == pytest.approx((3 * 3 + 1) / 3)
+    assert found["spikes_per_inference"][-1] == pytest.approx((3 * 12 + 5) / 3)
+    assert found["accuracy_test"].tolist() == [1.0] * 4
+    assert (np.diff(found["synaptic_operations"]) > 0).all()
+    assert (
+        found["t_p_ms"][-1] == measure(outcome, dataset, np.array([0]), np.array([0.6]), []).columns["t_p_ms"]
+    )
+
+
+@pytest.fixture
+def answered(dataset: Dataset) -> Outcome:
+    """A classifier on real numbers: two read-outs of the three validation samples 0, 1, 1."""
+    said = Answers(
+        label=np.array([[0, 0], [0, 1], [1, 0]]),
+        time_ms=np.array([4.0, 8.0]),
+        n_weights=np.array([10, 20]),
+        macs=np.array([100.0, 200.0]),
+        additions=np.array([3.0, 6.0]),
+        input_spikes=np.array([[2, 4], [1, 1], [0, 4]]),
+    )
+    one = replace(said, label=said.label[:1], input_spikes=said.input_spikes[:1])
+    return Outcome(Parameters({"x": np.zeros(2)}, 3), said, one, {}, {"ridge": 0.5}, train_s=0.1)
+
+
+def test_a_classifier_without_spikes_has_the_same_columns(answered: Outcome, dataset: Dataset) -> None:
+    chips = [LOIHI, OPERATIONS]
+    found = measure(answered, dataset, np.array([0]), np.array([0.5]), chips)
+    columns = found.columns
+    assert columns["accuracy"] == pytest.approx(2 / 3)
+    assert (columns["n_weights"], columns["macs"], columns["synaptic_operations"]) == (20, 200.0, 6.0)
+    assert columns["spikes_per_inference"] == 3.0 and columns["spikes_per_inference_no_input"] == 0.0
+    assert (columns["decision_latency_ms"], columns["t_c_ms"], columns["ridge"]) == (8.0, 4.0, 0.5)
+    assert columns["accuracy_test"] == 1.0 and found.points == {}
+    assert found.read_outs["n_weights"].tolist() == [10, 20]
+    assert found.read_outs["accuracy"].tolist() == pytest.approx([2 / 3, 2 / 3])
+    assert found.hardware["loihi1_silicon"] == {}  # no chip for spikes runs it
+    assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx((200 * 4.6 + 6 * 0.9) * 1e-6)
+    assert found.read_outs_load is not None
+    assert columns_on(OPERATIONS, found.read_outs_load)["energy_uj"].tolist() == pytest.approx(
+        [(100 * 4.6 + 3 * 0.9) * 1e-6, (200 * 4.6 + 6 * 0.9) * 1e-6]
+    )
+
+
+def test_a_network_is_priced_by_its_additions_too(outcome: Outcome, dataset: Dataset) -> None:
+    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [OPERATIONS])
+    assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
+    assert found.points_load is not None
+    on_it = columns_on(OPERATIONS, found.points_load)
+    assert set(on_it) == {"energy_uj", "energy_uj_low", "energy_uj_high"}
+    assert on_it["energy_uj"].shape == (1, 1)
+
+
+_HEADS = (
+    Head("texture", ("felt", "silk"), np.array([0, 1, 1])),
+    Head("speed", ("slow", "fast"), np.array([0, 0, 1])),
+)
+
+
+def test_a_joint_net_is_measured_head_by_head(outcome: Outcome, dataset: Dataset) -> None:
+    output = np.zeros((3, 4, 4), np.uint8)
+    output[0, :, 0] = output[0, :, 2] = 1  # felt, slow
+    output[1, :, 1] = output[1, :, 3] = 1  # silk, fast
+    output[2, :, 0] = output[2, :, 3] = 1  # felt, fast: nothing that was ever felt
+    said = outcome.validation
+    assert isinstance(said, Response)
+    joint = replace(
+        dataset,
+        target=np.array([0, 1, 0, 2, 1, 0]),
+        classes=("felt|slow", "silk|slow", "silk|fast"),
+        heads=_HEADS,
+    )
+    network = Network((_layer(5, 3), _layer(4, 5)), 3, (0,), 1, "integer")
+    made = replace(outcome, network=network, validation=replace(said, output=output), test=None)
+    found = measure(made, joint, np.array([0]), np.array([0.5]), [])
+    assert found.columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.columns["accuracy_texture"] == pytest.approx(2 / 3)
+    assert found.columns["accuracy_speed"] == pytest.approx(2 / 3)
+    assert found.heads["texture"].confusion.tolist() == [[1, 0], [1, 1]]
+    assert found.heads["speed"].points["accuracy"].item() == pytest.approx(2 / 3)
+    assert found.confusion.tolist() == [[1, 0, 0], [0, 0, 0], [0, 0, 1]]
+    assert found.points == {} and "t_p_ms" not in found.columns
+    assert found.columns["itr_bits"] == pytest.approx(np.log2(3))  # no two of them are answered alike
+    assert found.heads["speed"].columns["n_weights"] == found.columns["n_weights"] == 35
+
+
+def test_answers_to_joint_classes_are_answers_of_heads(answered: Outcome, dataset: Dataset) -> None:
+    joint = replace(
+        dataset,
+        target=np.array([0, 1, 0, 2, 1, 0]),
+        classes=("felt|slow", "silk|slow", "silk|fast"),
+        heads=_HEADS,
+    )
+    found = measure(answered, joint, np.array([]), np.array([]), [])
+    assert found.columns["accuracy"] == pytest.approx(1 / 3)
+    assert found.heads["texture"].columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.heads["speed"].columns["accuracy"] == pytest.approx(2 / 3)
+
+
+def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow() -> None:
+    output = np.zeros((2, 300, 3), np.uint8)
+    output[0, :, 1:] = 1
+    output[1, :290, 1] = 1  # 290 does not fit a byte
+    output[1, :200, 0] = 1
+    assert read_out(output).tolist() == [1, 1]
+
+
+def test_what_pruning_removed_costs_nothing(outcome: Outcome, dataset: Dataset) -> None:
+    assert isinstance(outcome.network, Network) and isinstance(outcome.validation, Response)
+    whole = measure(outcome, dataset, np.array([]), np.array([]), [LOIHI])
+    first, last = outcome.network.layers
+    kept = np.array(first.weight)
+    kept[:3] = 0  # each of the 3 inputs reaches 2 of 5 neurons
+    network = replace(outcome.network, layers=(replace(first, weight=kept), last))
+    said = replace(outcome.validation, synapses=(2.0, 2.0, 0.0))
+    made = replace(outcome, network=network, validation=said)
+    found = measure(made, dataset, np.array([]), np.array([]), [LOIHI])
+    assert found.columns["n_weights"] == 2 * 3 + 5 * 2
+    assert found.columns["synaptic_operations"] == 8 * 2 + 4 * 2
+    assert found.columns["spikes_total"] == whole.columns["spikes_total"]
+    chip = "loihi1_silicon"
+    assert found.hardware[chip]["energy_dynamic_uj"] < whole.hardware[chip]["energy_dynamic_uj"]
+
+
+def test_several_networks_in_one_are_measured_but_on_no_chip(outcome: Outcome, dataset: Dataset) -> None:
+    assert isinstance(outcome.validation, Response)
+    said = replace(outcome.validation, synapses=(5.0, 2.0, 0.0))
+    together = Parameters({"n_weights": np.array(25)}, 3)
+    made = replace(outcome, network=together, validation=said)
+    chips = [LOIHI, OPERATIONS]
+    found = measure(made, dataset, np.array([0]), np.array([0.6]), chips)
+    whole = measure(outcome, dataset, np.array([0]), np.array([0.6]), chips)
+    assert found.columns == whole.columns
+    assert all(np.array_equal(found.points[name], x) for name, x in whole.points.items())
+    assert found.hardware["op_4.6_0.9"] == pytest.approx(whole.hardware["op_4.6_0.9"])
+    assert found.hardware["loihi1_silicon"] == {}
+
+
+def test_a_response_without_steps_is_refused(outcome: Outcome, dataset: Dataset) -> None:
+    assert isinstance(outcome.validation, Response)
+    nothing = replace(outcome.validation, output=outcome.validation.output[:, :0])
+    with pytest.raises(ValueError, match=r"must hold samples and steps, got output of shape \(3, 0, 2\)"):
+        measure(replace(outcome, validation=nothing), dataset, np.array([]), np.array([]), [])

@@ -1,0 +1,221 @@
+"""Training CUBA-LIF classifiers: start, learning, determinism, hard cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import seeds
+from dse.measure import heads
+from dse.models.snn.family import SNN
+from dse.models.snn.respond import respond
+from dse.models.training import Generators, Training, TrainingDiverged
+from dse.records import Dataset, Outcome, Spikes
+from tests.joint_data import joint
+from tests.saved_data import in_a_row
+
+FAST = Training(epochs=25, batch_size=8, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
+
+
+def rngs(repeat: int = 0) -> Callable[..., np.random.Generator]:
+    return partial(lambda purpose, *index: seeds.generator(1, {}, purpose, repeat, *index))
+
+
+def fit(data: Dataset, model: SNN, training: Training, own: Generators) -> Outcome:
+    return model.fit(data, training, own)
+
+
+def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3, margin: int = 0) -> Dataset:
+    """Return three classes told apart by which third of the channels fires more."""
+    rng = np.random.default_rng(11)
+    target = np.arange(n) % 3
+    share = np.full((n, n_channels), rate / 4)
+    for i in range(n):
+        third = n_channels // 3
+        share[i, target[i] * third : (target[i] + 1) * third] = rate
+    x = rng.random((n, n_steps + 2 * margin, n_channels)) < share[:, None]
+    flat = x.reshape(-1, n_channels)
+    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
+    spikes = Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), n_steps + 2 * margin, n_channels, 5.0)
+    start = np.full(n, margin, np.int32)
+    order = rng.permutation(n)
+    return Dataset(
+        spikes,
+        target.astype(np.int64),
+        ("a", "b", "c"),
+        start,
+        start - margin,
+        start + margin,
+        n_steps,
+        np.sort(order[: n // 2]),
+        np.sort(order[n // 2 :]),
+        np.zeros(0, np.int64),
+        in_a_row(n_channels),
+    )
+
+
+def accuracy(outcome: Outcome, data: Dataset) -> float:
+    label = outcome.validation.output.sum(axis=1, dtype=np.int64).argmax(axis=1)
+    return float((label == data.target[data.validation]).mean())
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"hidden": (20,)},
+        {"hidden": (20, 15)},
+        {"hidden": (12, 10, 8)},
+        {"hidden": (20,), "recurrent": True},
+        {"hidden": (20,), "arithmetic": "ideal"},
+        {"hidden": (20,), "input_delays": (0, 2), "steps_per_sample": 2},
+        {"hidden": (20,), "current_decay": (0.1, 1.0), "voltage_decay": (0.03, 0.9), "threshold": 5.0},
+    ],
+    ids=lambda m: ", ".join(f"{k}={v}" for k, v in m.items()),
+)
+def test_every_kind_of_network_learns_the_toy_task(model: dict[str, Any]) -> None:
+    data = toy()
+    outcome = fit(data, SNN(true_rate=0.5, output_tau_grad=0.3, **model), FAST, rngs())
+    assert accuracy(outcome, data) >= 0.8
+    assert outcome.history["loss"][-1] < 0.7 * outcome.history["loss"][0]
+    settings = SNN(**model)
+    assert outcome.network.n_weights == settings.n_weights(12, 3)
+    assert outcome.validation.output.shape == (30, 40 * settings.steps_per_sample, 3)
+
+
+def test_the_same_seed_gives_the_same_network_and_another_seed_another() -> None:
+    data, model, training = toy(margin=3), SNN(hidden=(10,)), Training(epochs=3, batch_size=7, dropout=0.3)
+    first, second, other = (fit(data, model, training, rngs(k)) for k in (0, 0, 1))
+    for a, b in zip(first.network.layers, second.network.layers, strict=True):
+        np.testing.assert_array_equal(a.weight, b.weight)
+    np.testing.assert_array_equal(first.validation.output, second.validation.output)
+    assert not np.array_equal(first.network.layers[0].weight, other.network.layers[0].weight)
+
+
+def test_a_wide_input_does_not_start_silent() -> None:
+    # Uniform(-1/sqrt(C), 1/sqrt(C)) rounds to zero in 8 bits for C > 4096: no spikes, no gradient.
+    data = toy(n_channels=6084, n_steps=20, n=12, rate=0.02)
+    outcome = fit(data, SNN(hidden=(8,)), Training(epochs=1, batch_size=6), rngs())
+    assert outcome.health["missed_initial_rates"] == 0
+    assert outcome.validation.spikes[..., 1].sum() > 0
+
+
+def test_an_unreachable_initial_rate_is_reported_and_does_not_run_away() -> None:
+    data = toy()
+    silent = Dataset(
+        Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0),
+        *(
+            getattr(data, name)
+            for name in ("target", "classes", "start", "start_low", "start_high", "n_steps")
+        ),
+        *(getattr(data, name) for name in ("train", "validation", "test", "positions")),
+    )
+    outcome = fit(silent, SNN(hidden=(10,)), Training(epochs=2), rngs())
+    assert outcome.health["missed_initial_rates"] == 2
+    assert outcome.health["dead_neurons"] == 10
+    assert np.isfinite(outcome.network.layers[0].weight).all()
+
+
+def test_divergence_is_raised_with_its_epoch() -> None:
+    with pytest.raises(TrainingDiverged, match=r"not finite (in|after) epoch \d"):
+        fit(toy(), SNN(hidden=(10,), arithmetic="ideal"), Training(epochs=9, learning_rate=1e40), rngs())
+
+
+def test_one_training_sample_and_a_batch_that_does_not_divide() -> None:
+    data = toy()
+    one = Dataset(**{**data.__dict__, "train": data.train[:1]})
+    assert len(fit(one, SNN(hidden=(4,)), Training(epochs=2), rngs()).history["loss"]) == 2
+    none = Dataset(**{**data.__dict__, "train": data.train[:0]})
+    with pytest.raises(ValueError, match=r"needs at least one training sample"):
+        fit(none, SNN(hidden=(4,)), Training(epochs=1), rngs())
+
+
+def test_responding_again_gives_what_training_recorded() -> None:
+    data = toy()
+    outcome = fit(data, SNN(hidden=(10,)), Training(epochs=2), rngs())
+    again = respond(outcome.network, data, data.validation)
+    np.testing.assert_array_equal(again.output, outcome.validation.output)
+    np.testing.assert_array_equal(again.spikes, outcome.validation.spikes)
+    np.testing.assert_array_equal(again.updates, outcome.validation.updates)
+
+
+def test_input_spikes_of_the_response_count_every_delayed_copy() -> None:
+    data = toy()
+    outcome = fit(data, SNN(hidden=(4,), input_delays=(0, 1)), Training(epochs=1), rngs())
+    i = data.validation[0]
+    stored = np.diff(data.spikes.row_offsets)[i * 40 : (i + 1) * 40]
+    expected = stored + np.concatenate([[0], stored[:-1]])
+    np.testing.assert_array_equal(outcome.validation.spikes[0, :, 0], expected)
+
+
+def test_the_last_epochs_are_averaged() -> None:
+    data, model = toy(), SNN(hidden=(6,))
+    runs = [fit(data, model, Training(epochs=n, batch_size=8), rngs()) for n in (2, 3)]
+    mean = fit(data, model, Training(epochs=3, batch_size=8, average_epochs=2), rngs())
+    expected = np.mean([r.network.layers[0].weight for r in runs], axis=0)
+    np.testing.assert_allclose(mean.network.layers[0].weight, expected, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"hidden": (1, 2, 3, 4)}, r"1 to 3 layers, got 4"),
+        ({"current_decay": (0.1, 0.2, 0.3)}, r"one decay or two bounds, got 3"),
+        ({"input_delays": (1, 1)}, r"must be distinct"),
+        ({"false_rate": 0.9}, r"false_rate must be below true_rate"),
+    ],
+)
+def test_settings_that_contradict_are_refused(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        SNN(**keys)
+
+
+def test_time_constants_stay_within_their_bounds_and_spread() -> None:
+    data = toy()
+    model = SNN(hidden=(200,), current_decay=(0.1, 0.9), voltage_decay=(0.25,))
+    layer = fit(data, model, Training(epochs=1), rngs()).network.layers[0]
+    assert layer.decay_current.min() >= 409 and layer.decay_current.max() <= 3687
+    assert layer.decay_current.std() > 300
+    assert set(layer.decay_voltage.tolist()) == {1024}
+
+
+def test_the_learning_rate_rises_then_steps_down() -> None:
+    training = Training(learning_rate=1.0, warmup_epochs=2, lr_every=10, lr_factor=0.5)
+    assert 0 < training.rate(0) < 0.01
+    assert training.rate(1) == pytest.approx(0.5, abs=1e-3)
+    assert training.rate(9.9) == 1.0
+    assert training.rate(10) == 0.5
+    assert training.rate(25.5) == 0.25
+
+
+def test_a_joint_network_learns_both_heads_with_one_hidden_layer() -> None:
+    data = joint()
+    model = SNN(hidden=(20,), true_rate=0.5, output_tau_grad=0.3)
+    outcome = fit(data, model, FAST, rngs())
+    assert outcome.validation.output.shape == (30, 40, 5)
+    assert outcome.network.n_weights == model.n_weights(12, 5) == 20 * (12 + 5)
+    assert outcome.health["missed_initial_rates"] == 0
+    counts = outcome.validation.output.sum(axis=1, dtype=np.int64)
+    right = heads.head_answers(data, counts) == heads.head_targets(data, data.validation)
+    assert right.mean(axis=0).min() >= 0.8
+    # In training a sample counts where both heads are right.
+    trained = model.respond(outcome.network, data, data.train).output.sum(axis=1, dtype=np.int64)
+    both = (heads.head_answers(data, trained) == heads.head_targets(data, data.train)).all(axis=1)
+    assert outcome.history["accuracy_train"][-1] == pytest.approx(both.mean(), abs=0.15)
+
+
+def test_a_single_head_trains_as_its_classes_alone() -> None:
+    data = joint()
+    profile = data.heads[1]
+    one = Dataset(**{**data.__dict__, "heads": (profile,)})
+    plain = Dataset(
+        **{**data.__dict__, "heads": (), "target": profile.of_class[data.target], "classes": profile.classes}
+    )
+    outcomes = [fit(x, SNN(hidden=(9,)), Training(epochs=2), rngs()) for x in (one, plain)]
+    for a, b in zip(*(x.network.layers for x in outcomes), strict=True):
+        np.testing.assert_array_equal(a.weight, b.weight)
+    np.testing.assert_array_equal(*(x.validation.output for x in outcomes))
+    np.testing.assert_array_equal(*(x.history["accuracy_train"] for x in outcomes))

@@ -1,0 +1,120 @@
+"""Magnitude pruning: what stays, that what goes stays gone, and what that does to W_t and operations."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.models.snn.family import SNN
+from dse.models.snn.prune import largest, remaining
+from dse.models.snn.respond import fan_outs, respond_and_count
+from dse.models.snn.train import train
+from dse.models.training import Design, Training
+from dse.neurons import cuba_lif
+from dse.records import Outcome, Spikes
+from tests.models.snn.test_family import accuracy, fit, rngs, toy
+
+SHORT = Training(epochs=4, batch_size=9, learning_rate=0.1, dropout=0.2, average_epochs=3)
+
+
+def test_the_smallest_magnitudes_go_rounded_down_and_the_first_of_equal_ones() -> None:
+    w = np.array([[0.5, -0.1, 2.0], [-0.1, 0.0, -3.0]])
+    assert largest(w, 0.0).all()
+    assert largest(w, 0.49).tolist() == [[True, False, True], [True, False, True]]
+    assert largest(w, 0.5).tolist() == [[True, False, True], [False, False, True]]
+    assert largest(w, 0.99).tolist() == [[False, False, False], [False, False, True]]
+
+
+def test_what_8_bits_round_to_0_is_stored_as_0() -> None:
+    w, kept = np.array([0.01, 0.5, -0.015, 0.02], np.float32), np.array([True, False, True, True])
+    assert remaining(w, kept, "integer").tolist() == [0, 0, 0, np.float32(0.02)]
+    np.testing.assert_array_equal(remaining(w, kept, "float32"), w * kept)
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+@pytest.mark.parametrize("recurrent", [False, True])
+def test_every_matrix_loses_its_share_through_all_updates_and_the_mean(
+    arithmetic: Any, recurrent: bool
+) -> None:
+    data = toy()
+    model = SNN(hidden=(20, 9), arithmetic=arithmetic, recurrent=recurrent, pruned=0.8, prune_epoch=0.25)
+    outcome = fit(data, model, SHORT, rngs())
+    matrices = [x.weight for x in outcome.network.layers]
+    matrices += [x.recurrent for x in outcome.network.layers if x.recurrent is not None]
+    for w in matrices:
+        removed = int((w == 0).sum())
+        assert removed >= int(0.8 * w.size)
+        if arithmetic == "integer":
+            assert (cuba_lif.quantise(w[w != 0]) != 0).all()
+        else:
+            assert removed == int(0.8 * w.size)
+    assert outcome.network.n_weights == sum(np.count_nonzero(w) for w in matrices)
+    assert outcome.health["n_weights_dense"] == outcome.network.n_weights_dense == model.n_weights(12, 3)
+
+
+def test_a_pruned_network_still_learns() -> None:
+    data = toy()
+    model = SNN(hidden=(20,), true_rate=0.5, output_tau_grad=0.3, pruned=0.7, prune_epoch=0.4)
+    outcome = fit(data, model, Training(epochs=25, batch_size=8, learning_rate=0.1, dropout=0.0), rngs())
+    assert accuracy(outcome, data) >= 0.8
+    assert outcome.network.n_weights <= 0.31 * outcome.network.n_weights_dense
+
+
+def test_until_it_is_pruned_a_network_trains_as_if_it_never_were() -> None:
+    data = toy()
+    dense = fit(data, SNN(hidden=(20,)), SHORT, rngs())
+    late = fit(data, SNN(hidden=(20,), pruned=0.5, prune_epoch=0.5), SHORT, rngs())
+    assert late.history["loss"][:2].tolist() == dense.history["loss"][:2].tolist()
+    assert late.history["loss"][2] != dense.history["loss"][2]
+    assert dense.network.n_weights == dense.network.n_weights_dense
+    assert dense.validation.synapses is None
+
+
+def test_pruned_designs_and_others_share_a_cohort_and_change_nothing_for_each_other() -> None:
+    data = toy()
+    models = [SNN(hidden=(20,)), SNN(hidden=(30,), pruned=0.6, prune_epoch=0.0)]
+    together = dict(train(data, [Design(m, SHORT, rngs(k)) for k, m in enumerate(models)], rngs(9)))
+    for number, model in enumerate(models):
+        ((_, alone),) = train(data, [Design(model, SHORT, rngs(number))], rngs(9))
+        beside = together[number]
+        assert isinstance(alone, Outcome) and isinstance(beside, Outcome)
+        for a, b in zip(alone.network.layers, beside.network.layers, strict=True):
+            np.testing.assert_array_equal(a.weight, b.weight)
+
+
+def test_synapses_are_those_that_the_spikes_reach() -> None:
+    data = toy()
+    model = SNN(hidden=(20,), recurrent=True, input_delays=(0, 2), pruned=0.6)
+    outcome = fit(data, model, SHORT, rngs())
+    response, fired = respond_and_count(outcome.network, data, data.validation)
+    hidden, output = outcome.network.layers
+    reached = [
+        (hidden.weight != 0).sum(axis=0),
+        (output.weight != 0).sum(axis=0) + (hidden.recurrent != 0).sum(axis=0),
+        np.zeros(3, int),
+    ]
+    for found, expected in zip(fan_outs(outcome.network), reached, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    total = response.spikes.sum(axis=(0, 1), dtype=np.int64)
+    assert [int(x.sum()) for x in fired] == total.tolist()
+    operations = sum(int(a @ b) for a, b in zip(reached, fired, strict=True))
+    assert total @ np.array(response.synapses) == pytest.approx(operations, rel=1e-12)
+
+
+def test_a_network_without_input_has_the_mean_over_its_neurons() -> None:
+    data = toy()
+    outcome = fit(data, SNN(hidden=(20,), pruned=0.6), SHORT, rngs())
+    nothing = Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0)
+    silent = dataclasses.replace(data, spikes=nothing)
+    response, _ = respond_and_count(outcome.network, silent, data.validation)
+    assert response.synapses[0] == pytest.approx(np.count_nonzero(outcome.network.layers[0].weight) / 12)
+
+
+def test_respond_of_the_family_is_respond() -> None:
+    data, model = toy(), SNN(hidden=(10,))
+    outcome = fit(data, model, SHORT, rngs())
+    again = model.respond(outcome.network, data, data.validation)
+    np.testing.assert_array_equal(again.output, outcome.validation.output)

@@ -1,0 +1,190 @@
+"""Cohorts: a design's result is bitwise its own, whatever trains beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+import tracemalloc
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import seeds
+from dse.models.snn.family import SNN
+from dse.models.snn.train import train
+from dse.models.training import Design, Training, TrainingDiverged
+from dse.neurons import cuba_lif
+from dse.records import Dataset, Outcome, Spikes
+from tests.models.snn.test_family import toy
+
+
+def own(design: int) -> Callable[..., np.random.Generator]:
+    return partial(lambda purpose, *index: seeds.generator(1, {"design": design}, purpose, *index))
+
+
+SHARED = own(-1)
+
+
+def together(data: Dataset, designs: list[tuple[SNN, Training]]) -> dict[int, Outcome | TrainingDiverged]:
+    return dict(train(data, [Design(m, t, own(k)) for k, (m, t) in enumerate(designs)], SHARED))
+
+
+def alone(data: Dataset, design: tuple[SNN, Training], number: int) -> Outcome | TrainingDiverged:
+    ((_, outcome),) = train(data, [Design(*design, own(number))], SHARED)
+    return outcome
+
+
+def settled(outcome: Outcome | TrainingDiverged) -> Outcome:
+    assert isinstance(outcome, Outcome)
+    return outcome
+
+
+def assert_same(a: Outcome, b: Outcome) -> None:
+    for x, y in zip(a.network.layers, b.network.layers, strict=True):
+        np.testing.assert_array_equal(x.weight, y.weight)
+        if x.recurrent is not None:
+            np.testing.assert_array_equal(x.recurrent, y.recurrent)
+    np.testing.assert_array_equal(a.validation.output, b.validation.output)
+    np.testing.assert_array_equal(a.validation.updates, b.validation.updates)
+    for name in a.history:
+        np.testing.assert_array_equal(a.history[name], b.history[name])
+    assert a.health == b.health
+
+
+def base(**keys: Any) -> Training:
+    return Training(**{"epochs": 4, "batch_size": 9, "learning_rate": 0.1, "dropout": 0.0, **keys})
+
+
+MIXED = [
+    (SNN(hidden=(20,)), base()),
+    (SNN(hidden=(70,), true_rate=0.5), base(dropout=0.3, learning_rate=0.02)),
+    (SNN(hidden=(9, 33)), base(epochs=2)),
+    (SNN(hidden=(17,), recurrent=True), base(clip_norm=0.5)),
+    (SNN(hidden=(20,), arithmetic="ideal"), base(average_epochs=3)),
+    (SNN(hidden=(40,), arithmetic="float32", tau_grad=0.1), base(step_unit="weight", learning_rate=0.005)),
+]
+
+
+def test_a_result_is_bitwise_the_same_alone_and_in_any_cohort() -> None:
+    data = toy(margin=3)
+    whole = together(data, MIXED)
+    for number, design in enumerate(MIXED):
+        assert_same(settled(whole[number]), settled(alone(data, design, number)))
+    pair = dict(train(data, [Design(*MIXED[4], own(4)), Design(*MIXED[1], own(1))], SHARED))
+    assert_same(settled(pair[0]), settled(whole[4]))
+    assert_same(settled(pair[1]), settled(whole[1]))
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
+def test_a_design_that_diverges_ends_and_leaves_its_neighbours_untouched(arithmetic: Any) -> None:
+    data = toy()
+    wild = SNN(hidden=(20,), arithmetic=arithmetic), base(learning_rate=1e3)
+    found = together(data, [MIXED[0], wild, MIXED[1]])
+    assert isinstance(found[1], TrainingDiverged)
+    assert str(found[1]).startswith("the weights of layer") and "times after epoch 1" in str(found[1])
+    assert_same(settled(found[0]), settled(alone(data, MIXED[0], 0)))
+    assert_same(settled(found[2]), settled(alone(data, MIXED[1], 2)))
+
+
+def test_designs_are_yielded_as_they_finish() -> None:
+    order = [k for k, _ in train(toy(), [Design(*MIXED[k], own(k)) for k in (0, 2)], SHARED)]
+    assert order == [1, 0]  # the second has two epochs, the first four
+
+
+def test_designs_of_other_batches_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"must agree in input_delays, steps_per_sample and batch_size"):
+        together(toy(), [MIXED[0], (SNN(), base(batch_size=3))])
+
+
+def test_a_network_that_stays_silent_ends_early_and_says_so() -> None:
+    data = toy()
+    nothing = Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0)
+    outcome = settled(
+        alone(
+            dataclasses.replace(data, spikes=nothing), (SNN(hidden=(6,)), base(epochs=9, silent_epochs=3)), 0
+        )
+    )
+    assert outcome.health["stopped_early"] == "layer 1 was silent for 3 epochs"
+    assert outcome.health["epochs_trained"] == 3 == len(outcome.history["loss"])
+    assert (
+        settled(alone(data, (SNN(hidden=(6,)), base(epochs=5, silent_epochs=3)), 0)).health["stopped_early"]
+        == ""
+    )
+
+
+def test_a_network_that_saturates_ends_early_and_says_so() -> None:
+    model = SNN(hidden=(30,), true_rate=1.0, false_rate=0.99, initial_rate=0.5)  # outputs are to fire always
+    outcome = settled(alone(toy(n_steps=200), (model, base(epochs=9, silent_epochs=2)), 0))
+    assert outcome.health["stopped_early"] == "layer 2 was saturated for 2 epochs"
+
+
+def test_clipped_gradients_are_counted_and_change_the_result() -> None:
+    data = toy()
+    free = settled(alone(data, (SNN(hidden=(8,)), base()), 0))
+    loose = settled(alone(data, (SNN(hidden=(8,)), base(clip_norm=1e9)), 0))
+    tight = settled(alone(data, (SNN(hidden=(8,)), base(clip_norm=1e-6)), 0))
+    np.testing.assert_array_equal(free.network.layers[0].weight, loose.network.layers[0].weight)
+    assert free.health["clipped_gradients"] == loose.health["clipped_gradients"] == 0
+    assert tight.health["clipped_gradients"] == 4 * 4  # four batches in each of four epochs
+    assert tight.health["gradient_norm_largest"] > 1e-3  # the norm before it is clipped
+    assert not np.array_equal(free.network.layers[0].weight, tight.network.layers[0].weight)
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+@pytest.mark.parametrize("n_steps", [1, 2])
+def test_the_shortest_windows_train(arithmetic: Any, n_steps: int) -> None:
+    outcome = settled(alone(toy(n_steps=n_steps, n=12), (SNN(hidden=(5,), arithmetic=arithmetic), base()), 0))
+    assert np.isfinite(outcome.history["loss"]).all()
+
+
+def test_twenty_thousand_steps_train_and_keep_their_numbers() -> None:
+    data = toy(n_channels=6, n_steps=20_000, n=6, rate=0.02)
+    outcome = settled(alone(data, (SNN(hidden=(4,), arithmetic="float32"), base(epochs=1, batch_size=2)), 0))
+    assert np.isfinite(outcome.history["loss"]).all()
+    assert all(np.isfinite(x.weight).all() for x in outcome.network.layers)
+
+
+def test_a_class_with_a_single_sample_trains() -> None:
+    data = toy()
+    keep = np.concatenate(
+        [data.train[data.target[data.train] != 2], data.train[data.target[data.train] == 2][:1]]
+    )
+    outcome = settled(alone(dataclasses.replace(data, train=keep), (SNN(hidden=(5,)), base()), 0))
+    assert np.isfinite(outcome.history["loss"]).all()
+
+
+@pytest.mark.parametrize(
+    ("n_channels", "hidden", "n_steps", "batch_size"), [(1500, (300,), 60, 16), (6084, (425,), 1000, 8)]
+)
+def test_what_a_cohort_is_said_to_hold_is_not_less_than_what_it_holds(
+    n_channels: int, hidden: tuple[int, ...], n_steps: int, batch_size: int
+) -> None:
+    data = toy(n_channels=n_channels, n_steps=n_steps, n=9, rate=0.02)
+    model, training = SNN(hidden=hidden), base(epochs=1, batch_size=batch_size)
+    alone(toy(), (SNN(hidden=hidden), training), 0)  # compile first
+    tracemalloc.start()
+    together(data, [(model, training)] * 3)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    sizes = n_channels, 3, n_steps, training
+    said = 3 * model.memory_bytes(*sizes) + model.workspace_bytes(*sizes)
+    events = 4 * data.spikes.channel.nbytes
+    assert peak <= said + events
+    assert said < 2.5 * peak  # a bound that is of use
+
+
+def test_costs_rank_designs_as_they_take() -> None:
+    training = base(epochs=10)
+    costs = [SNN(hidden=(h,)).cost(1600, 11, 250, 8000.0, 320, training) for h in (50, 100, 450)]
+    assert costs[0] < costs[1] < costs[2]
+    assert SNN(hidden=(50,)).cost(1600, 11, 250, 8000.0, 320, base(epochs=20)) == pytest.approx(2 * costs[0])
+
+
+def test_clipped_weights_are_counted() -> None:
+    outcome = settled(
+        alone(toy(), (SNN(hidden=(8,)), base(step_unit="weight", learning_rate=1.0, epochs=2)), 0)
+    )
+    expected = sum(int((~cuba_lif.quantise_passes(x.weight)).sum()) for x in outcome.network.layers)
+    assert outcome.health["clipped_weights"] == expected > 0

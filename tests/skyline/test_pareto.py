@@ -1,0 +1,130 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from dse.skyline import pareto
+
+# Few distinct values, so that ties and duplicates are common; both zeros and both infinities.
+VALUES = st.sampled_from([0.0, -0.0, 1.0, 2.0, -1.0, 1.7e308, np.inf, -np.inf])
+POINTS = hnp.arrays(np.float64, st.tuples(st.integers(0, 30), st.integers(1, 5)), elements=VALUES)
+
+
+def brute_force(points):
+    dominated = [((points <= x).all(axis=1) & (points < x).any(axis=1)).any() for x in points]
+    return ~np.array(dominated, dtype=bool)
+
+
+@given(POINTS)
+def test_agrees_with_the_definition(points):
+    assert (pareto.non_dominated(points) == brute_force(points)).all()
+
+
+@given(POINTS, st.randoms(use_true_random=False))
+def test_ignores_order_and_added_dominated_points(points, random):
+    order = list(range(len(points)))
+    random.shuffle(order)
+    more = np.concatenate([points[order], np.maximum(points, 0.0) + 1])
+    expected = np.concatenate([pareto.non_dominated(points)[order], np.zeros(len(points), dtype=bool)])
+    finite = (np.abs(more) < 1e300).all(axis=1)  # where adding 1 makes a difference
+    assert (pareto.non_dominated(more)[finite] == expected[finite]).all()
+
+
+def cloud(kind, n, d, rng):
+    noise = rng.random((n, d))
+    if kind == "thin slab":
+        return noise - noise.mean(axis=1, keepdims=True) + rng.normal(0, 0.02, (n, 1))
+    if kind == "correlated":
+        return rng.random((n, 1)) + rng.normal(0, 0.05, (n, d))
+    if kind == "few values":
+        return rng.integers(0, 12, (n, d)).astype(float)
+    if kind == "infinities":
+        noise[rng.random((n, d)) < 0.1] = np.inf
+        noise[rng.random((n, d)) < 0.002] = -np.inf
+    return noise
+
+
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
+@pytest.mark.parametrize("kind", ["thin slab", "few values", "infinities"])
+def test_the_kernel_alone_agrees_with_the_definition(kind, d):
+    points = cloud(kind, 1000, d, np.random.default_rng(d))
+    assert (pareto.non_dominated(points) == brute_force(points)).all()
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("kind", ["uniform", "thin slab", "correlated", "few values", "infinities"])
+def test_thinning_a_large_set_changes_nothing(kind, d):
+    points = cloud(kind, pareto._SMALL * 2, d, np.random.default_rng(d))
+    assert (pareto.non_dominated(points) == pareto._kernel(pareto._bounded(points))).all()
+
+
+def test_thinning_removes_most_of_an_easy_set():
+    columns = np.random.default_rng(0).random((3, 3 * pareto._SMALL))
+    kept, thinned = pareto._thin(columns)
+    assert len(kept) < pareto._SMALL
+    assert (columns[:, kept] == thinned).all()
+
+
+def test_a_large_set_of_equal_points_is_kept_whole():
+    assert pareto.non_dominated(np.ones((pareto._SMALL + 1, 3))).all()
+
+
+def test_input_stays_as_it_was():
+    points = np.random.default_rng(0).random((2 * pareto._SMALL, 2))
+    points.flags.writeable = False
+    pareto.non_dominated(points)
+
+
+def test_nan_is_named_by_row_and_column():
+    with pytest.raises(ValueError, match="NaN in row 1, column 2"):
+        pareto.non_dominated([[0, 0, 0], [1, 1, np.nan]])
+    with pytest.raises(ValueError, match="NaN in row 0, column 0"):
+        pareto.hypervolume([[np.nan]], [1])
+
+
+@pytest.mark.parametrize("points", [[1.0, 2.0], np.zeros((3, 0)), np.zeros((1, 1, 1))])
+def test_points_must_be_a_table(points):
+    with pytest.raises(ValueError, match=r"points must be \(n, d\)"):
+        pareto.non_dominated(points)
+
+
+def volume_by_inclusion(points, reference):
+    total = 0.0
+    for size in range(1, len(points) + 1):
+        for subset in itertools.combinations(points, size):
+            box = np.prod(np.maximum(np.array(reference) - np.max(subset, axis=0), 0.0))
+            total += (-1) ** (size + 1) * box
+    return total
+
+
+@given(
+    hnp.arrays(
+        np.float64,
+        st.tuples(st.integers(0, 6), st.integers(1, 4)),
+        elements=st.sampled_from([0.0, 0.25, 0.5, 1.0, 2.0]),
+    )
+)
+def test_hypervolume_agrees_with_inclusion_and_exclusion(points):
+    reference = np.ones(points.shape[1])
+    assert pareto.hypervolume(points, reference) == pytest.approx(volume_by_inclusion(points, reference))
+
+
+def test_hypervolume_of_a_staircase():
+    assert pareto.hypervolume([[0, 2], [1, 1], [2, 0]], [3, 3]) == 6.0
+
+
+def test_worst_points_add_nothing():
+    assert pareto.hypervolume([[1, 1], [np.inf, 0], [5, 5]], [2, 2]) == 1.0
+    assert pareto.hypervolume(np.zeros((0, 3)), [1, 1, 1]) == 0.0
+
+
+def test_hypervolume_rejects_what_has_no_volume():
+    with pytest.raises(ValueError, match="-inf in row 1, column 0"):
+        pareto.hypervolume([[0, 0], [-np.inf, 0]], [1, 1])
+    with pytest.raises(ValueError, match="reference must be 2 finite numbers"):
+        pareto.hypervolume([[0, 0]], [1, 1, 1])
+    with pytest.raises(ValueError, match="reference must be 2 finite numbers"):
+        pareto.hypervolume([[0, 0]], [1, np.inf])

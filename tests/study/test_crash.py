@@ -1,0 +1,182 @@
+"""A study that is killed, stopped or out of disk: the same command goes on and ends with the same tables."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from pandas.testing import assert_frame_equal
+
+from dse import store
+from dse.study import results
+from dse.study.results import Study
+from tests import tiny_study
+
+ROOT = Path(__file__).resolve().parents[2]
+N_RUNS = 8
+"""Six designs, of which the front gets a second repeat; at least this many runs in all."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fake_model() -> Iterator[None]:
+    tiny_study.register()
+    yield
+    tiny_study.unregister()
+
+
+def prepare(folder: Path, jobs: int = 1) -> Path:
+    folder.mkdir()
+    model = {**tiny_study.plain()["model"], "seconds": 0.02}
+    search = {"sampler": "grid", "batch": 4, "repeats_on_front": 2}
+    tiny_study.make_space(folder, model=model, search=search, execution={"jobs": jobs})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    folder = prepare(tmp_path_factory.mktemp("crash") / "whole")
+    assert tiny_study.run_folder(str(folder)) == 0
+    return results.open(folder / "results" / "tiny")
+
+
+def start(folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
+    code = f"import sys; from tests.tiny_study import run_folder; sys.exit(run_folder({str(folder)!r}))"
+    if limit is not None:  # the largest file that the process and its workers may write
+        code = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); {code}"
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
+    records = (folder / "results" / "tiny" / "artefacts").glob("*/repeat_*/record.json")
+    return {str(path): (path.stat().st_ino, path.stat().st_mtime_ns) for path in records}
+
+
+def wait_until(process: subprocess.Popen[str], condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while process.poll() is None and not condition():
+        assert time.monotonic() < deadline, "waited too long"
+        time.sleep(0.002)
+
+
+def assert_same(folder: Path, whole: Study) -> None:
+    found = results.open(folder / "results" / "tiny")
+    for one, other in ((found.trials, whole.trials), (found.points(), whole.points())):
+        one, other = (frame.drop(columns="train_s") for frame in (one, other))
+        assert_frame_equal(one, other, check_exact=True)
+
+
+def test_kill_9_at_random_moments(tmp_path: Path, whole: Study) -> None:
+    folder = prepare(tmp_path / "killed", jobs=2)
+    rng = random.Random(2)
+    kept: dict[str, tuple[int, int]] = {}
+    for wanted in (0, 3, 6):
+        process = start(folder)
+        wait_until(
+            process, lambda n=wanted: len(finished_runs(folder)) >= n and (folder / "results").exists()
+        )
+        time.sleep(rng.uniform(0, 0.06))
+        process.kill()
+        process.communicate()
+        after = finished_runs(folder)
+        assert kept.items() <= after.items(), "a finished run was lost or made twice"
+        kept = after
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert kept.items() <= finished_runs(folder).items()
+    assert len(finished_runs(folder)) >= N_RUNS
+    assert_same(folder, whole)
+    assert not list((folder / "results").rglob(".writing-*"))
+
+
+def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> None:
+    model = {**tiny_study.plain()["model"], "kind": "together", "seconds": 0.1}
+    folders = [tmp_path / name for name in ("whole", "killed")]
+    for folder in folders:
+        folder.mkdir()
+        tiny_study.make_space(folder, model=model, search={"sampler": "grid"}, execution={"jobs": 1})
+    process = start(folders[1])
+    wait_until(process, lambda: len(finished_runs(folders[1])) >= 2)
+    process.kill()
+    process.communicate()
+    kept = finished_runs(folders[1])
+    assert 2 <= len(kept) < 6
+    for folder in folders:
+        assert tiny_study.run_folder(str(folder)) == 0
+    assert kept.items() <= finished_runs(folders[1]).items()
+    assert_same(folders[1], results.open(folders[0] / "results" / "tiny"))
+    artefacts = (folders[1] / "results" / "tiny" / "artefacts").glob("*/repeat_0")
+    members = [int(store.load_arrays(path / "history.npz")["members"]) for path in artefacts]
+    assert sorted(members) == sorted([6] * len(kept) + [6 - len(kept)] * (6 - len(kept)))
+
+
+def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole: Study) -> None:
+    folder = prepare(tmp_path / "stopped")
+    process = start(folder)
+    wait_until(process, lambda: len(finished_runs(folder)) >= 2)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert told == ""
+    stopped = finished_runs(folder)
+    table = pd.read_parquet(folder / "results" / "tiny" / "trials.parquet")
+    assert table["repeats"].sum() == len(stopped)
+    time.sleep(0.3)
+    assert finished_runs(folder) == stopped, "a worker went on after its parent"
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert stopped.items() <= finished_runs(folder).items()
+    assert_same(folder, whole)
+
+
+def test_a_full_disk_while_data_are_prepared(
+    tmp_path: Path, whole: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    folder = prepare(tmp_path / "full")
+    process = start(folder, limit=4_000)  # the offsets of the spikes' rows take 6 kB
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert told.count("\n") == 1
+    assert f"{tmp_path / 'cache'}: cannot be written: File too large; free some space and run" in told
+    assert [path.name for path in (tmp_path / "cache").iterdir()] == [".lock"], "nothing half-written"
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert_same(folder, whole)
+
+
+def test_kill_9_while_data_are_prepared(
+    tmp_path: Path, whole: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    folder = prepare(tmp_path / "killed")
+    process = start(folder)
+    wait_until(process, lambda: any((tmp_path / "cache").glob(".part-*")))
+    process.kill()
+    process.communicate()
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert not list((tmp_path / "cache").glob(".part-*"))
+    assert_same(folder, whole)
+
+
+def test_a_full_disk_stops_the_study_and_fails_no_design(tmp_path: Path, whole: Study) -> None:
+    folder = prepare(tmp_path / "full")
+    process = start(folder, limit=6_000)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert told.count("\n") == 1
+    assert "cannot be written: File too large; free some space and run the same command again" in told
+    stopped = finished_runs(folder)
+    assert tiny_study.run_folder(str(folder)) == 0
+    assert stopped.items() <= finished_runs(folder).items()
+    assert_same(folder, whole)

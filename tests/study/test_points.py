@@ -1,0 +1,294 @@
+"""Runs -> design points, and what they cost on hardware that the study was never run with."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse import store
+from dse.config import ConfigError, SearchSpace
+from dse.hardware.profile import load
+from dse.records import Operations, Workload
+from dse.study import points, precision, pricing
+from tests import tiny_study
+
+LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
+PER_ADDITION_UJ = 0.9e-6
+
+
+@pytest.fixture
+def space(tmp_path: Path) -> Iterator[SearchSpace]:
+    model = {"kind": "fake", "hidden": {"choice": [[4], [8, 4]]}, "mood": {"choice": ["fine", "raise"]}}
+    yield tiny_study.make_space(tmp_path, model=model)
+    tiny_study.unregister()
+
+
+def counted(*additions: float) -> Operations:
+    """Return the work of a classifier that only adds."""
+    n = len(additions)
+    zeros = np.zeros(n)
+    return Operations(zeros, np.array(additions), zeros, np.full(n, 28.0), np.full(n, 4.0))
+
+
+def published(
+    folder: Path,
+    trial: int = 0,
+    repeat: int = 0,
+    accuracy: float = 0.5,
+    work: Operations | Workload | None = None,
+    heads: tuple[str, ...] = (),
+    **files: dict[str, np.ndarray],
+) -> dict[str, Any]:
+    """Write a run with one read-out, after 4 ms, unless a file says otherwise; return its record."""
+    columns = {"accuracy": accuracy, "accuracy_se": 0.1, "t_c_ms": 4.0, "itr_bits": 1.5, "n_weights": 28}
+    read_out = {
+        "decision_latency_ms": np.array([4.0]),
+        "accuracy": np.array([accuracy]),
+        **store.work_arrays(work or counted(100.0)),
+    }
+    arrays = {f"read_out_{head}": read_out for head in heads} or {"read_out": read_out}
+    arrays |= files
+    record = {
+        **{"trial": trial, "repeat": repeat, "status": "finished", "reason": "", "hardware": {}},
+        "design": {"model.hidden": [4] if trial == 0 else [8, 4], "model.mood": "fine"},
+        "columns": columns,
+        "of_heads": {head: {"columns": columns, "hardware": {}} for head in heads},
+    }
+    writers = {
+        f"{name}.npz": lambda path, content=content: store.save_arrays(path, content)
+        for name, content in arrays.items()
+    }
+    run = store.run_folder(folder, trial, repeat)
+    store.save_run(run, record, writers)
+    found = store.load_run(run)
+    assert found is not None
+    return dict(found)
+
+
+def test_full_read_outs_on_every_chip(space: SearchSpace, tmp_path: Path) -> None:
+    runs = [published(tmp_path, 0, r, 0.5 + 0.2 * r, counted(100.0 + 100 * r)) for r in (0, 1)]
+    frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS, LOIHI])
+    assert list(frame["hardware"]) == ["op_4.6_0.9", "loihi1_silicon"]
+    assert frame["accuracy"].tolist() == [pytest.approx(0.6)] * 2
+    assert frame["energy_uj"].iloc[0] == pytest.approx(150 * PER_ADDITION_UJ)
+    assert np.isnan(frame["energy_uj"].iloc[1]), "Loihi runs no such classifier"
+    assert frame["point"].tolist() == [0, 0]
+    assert not {"phi", "theta"} & set(frame)
+
+
+def test_without_hardware_points_have_no_costs(space: SearchSpace, tmp_path: Path) -> None:
+    accurate = dataclasses.replace(space, objectives=(("accuracy", "max"),))
+    frame = points.points_table(accurate, tmp_path, {0: [published(tmp_path)]}, [])
+    assert len(frame) == 1 and not {"hardware", "energy_uj"} & set(frame)
+
+
+def test_objectives_that_no_run_measures_are_columns(space: SearchSpace, tmp_path: Path) -> None:
+    searched = dataclasses.replace(space, objectives=(("accuracy", "max"), ("energy_uj", "min")))
+    table = points.points_table(searched, tmp_path, {0: [published(tmp_path)]}, [LOIHI])
+    assert table["energy_uj"].isna().all() and list(table["hardware"]) == ["loihi1_silicon"]
+    assert points.points_table(searched, tmp_path, {}, [LOIHI]).empty
+
+
+def test_failed_trials_have_no_points(space: SearchSpace, tmp_path: Path) -> None:
+    good = published(tmp_path, 1)
+    failed = {"status": "failed", "reason": "NaN loss", "design": good["design"]}
+    runs = {0: [failed], 1: [good, failed], 2: [good]}
+    assert list(points.points_table(space, tmp_path, runs, [])["trial"]) == [2]
+
+
+def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -> None:
+    grid = {"phi": np.array([0, 4]), "theta": np.array([0.5, 0.7, 1.0])}
+    runs = []
+    for repeat in (0, 1):
+        zeros = np.zeros((2, 3))
+        work = Operations(zeros, np.arange(6.0).reshape(2, 3) * (1 + repeat), zeros, zeros, zeros)
+        surface = {
+            **grid,
+            "accuracy": np.arange(6.0).reshape(2, 3) + repeat,
+            "spikes_total": np.full((2, 3), 7),
+            **store.work_arrays(work),
+        }
+        run = published(tmp_path, 0, repeat, surface=surface)
+        run["columns"] = {**run["columns"], "spikes_total": 9}
+        runs.append(run)
+    frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS])
+    assert frame["point"].tolist() == list(range(7))
+    end, rows = frame.iloc[0], frame.iloc[1:]
+    assert np.isnan(end["phi"]) and np.isnan(end["theta"])
+    assert (end["accuracy"], end["spikes_total"]) == (0.5, 9)
+    assert rows["phi"].tolist() == [0, 0, 0, 4, 4, 4]
+    assert rows["theta"].tolist() == [0.5, 0.7, 1.0] * 2
+    assert rows["accuracy"].tolist() == [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]
+    assert rows["accuracy_se"].tolist() == pytest.approx([0.5] * 6)
+    assert rows["energy_uj"].tolist() == pytest.approx([1.5 * k * PER_ADDITION_UJ for k in range(6)])
+    assert frame["spikes_total"].dtype == np.int64
+
+
+def test_read_outs_before_the_end_are_points(space: SearchSpace, tmp_path: Path) -> None:
+    read_out = {
+        "decision_latency_ms": np.array([2.0, 4.0]),
+        "accuracy": np.array([0.25, 0.5]),
+        "n_weights": np.array([14, 28]),
+        **store.work_arrays(counted(30.0, 100.0)),
+    }
+    runs = {0: [published(tmp_path, 0, read_out=read_out)], 1: [published(tmp_path, 1)]}
+    frame = points.points_table(space, tmp_path, runs, [OPERATIONS])
+    first = frame[frame["trial"] == 0]
+    assert first["read_out_ms"].isna().tolist() == [True, False]
+    assert first["read_out_ms"].iloc[1] == first["decision_latency_ms"].iloc[1] == 2.0
+    assert first["accuracy"].tolist() == [0.5, 0.25] and first["n_weights"].tolist() == [28, 14]
+    assert first["energy_uj"].tolist() == pytest.approx([100 * PER_ADDITION_UJ, 30 * PER_ADDITION_UJ])
+    assert first["t_c_ms"].tolist() == [4.0, 4.0]  # of the design
+    assert first["itr_bits"].isna().tolist() == [False, True]  # of one answer, which this row is not
+    assert first["model.hidden"].tolist() == ["[4]"] * 2
+    assert frame["read_out_ms"].isna().sum() == 2
+
+
+def test_a_joint_net_has_points_of_each_head(space: SearchSpace, tmp_path: Path) -> None:
+    surface = {
+        **{"phi": np.array([0]), "theta": np.array([0.5]), "accuracy": np.array([[0.7]])},
+        **store.work_arrays(counted(60.0).mapped(lambda x: x.reshape(1, 1))),
+    }
+    run = published(tmp_path, heads=("texture", "profile"), surface_texture=surface)
+    frame = points.points_table(space, tmp_path, {0: [run]}, [OPERATIONS])
+    assert frame["task"].tolist() == ["texture", "texture", "profile"]
+    assert frame["point"].tolist() == [0, 1, 2]
+    assert frame["accuracy"].tolist() == [0.5, 0.7, 0.5]
+    assert frame["energy_uj"].tolist() == pytest.approx([k * PER_ADDITION_UJ for k in (100, 60, 100)])
+
+
+def spiking(*spikes: float) -> Workload:
+    """Return the work of a 3-5-2 network after so many input spikes."""
+    n = len(spikes)
+    counts = np.array([[s, s / 2, 1.0] for s in spikes])
+    return Workload((3, 5, 2), (False, False), np.full(n, 4.0), counts, np.ones((n, 2)), 1.0)
+
+
+@pytest.fixture
+def study(space: SearchSpace, tmp_path: Path) -> Path:
+    """A folder with two trials, one of them of two runs, with points on one chip."""
+    folder = tmp_path / "study"
+    trials = {
+        0: [published(folder, 0, r, work=spiking(10.0 + r)) for r in (0, 1)],
+        1: [published(folder, 1, work=spiking(40.0))],
+    }
+    points.points_table(space, folder, trials, [LOIHI]).to_parquet(folder / "points.parquet")
+    return folder
+
+
+def test_points_are_priced_on_other_hardware_without_training(study: Path) -> None:
+    found = pricing.points(study, ["op_4.6_0.9", "loihi1_silicon"])
+    assert found["hardware"].tolist() == ["op_4.6_0.9"] * 2 + ["loihi1_silicon"] * 2
+    additions = np.array([10.5 * 5 + 5.25 * 2, 40 * 5 + 20 * 2])
+    assert found["energy_uj"].tolist()[:2] == pytest.approx((additions * PER_ADDITION_UJ).tolist())
+    assert found["n_cores"].isna().tolist() == [True, True, False, False]
+    before = pd.read_parquet(study / "points.parquet")
+    on_chip = found[found["hardware"] == "loihi1_silicon"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(on_chip[before.columns], before, check_dtype=False)
+
+
+def test_a_study_keeps_the_figures_that_it_was_run_with(study: Path) -> None:
+    pricing.keep([LOIHI], study)
+    kept = study / "hardware" / "loihi1_silicon.yaml"
+    kept.write_text(kept.read_text().replace("value: 35.5, low: 30.175", "value: 31.0, low: 30.175"))
+    cheaper, shipped = pricing.profile(study, "loihi1_silicon"), pricing.profile(study, "op_4.6_0.9")
+    assert cheaper.at("value")["synaptic_event_pj"] == 31.0 and shipped == OPERATIONS
+    changed = pricing.points(study, ["loihi1_silicon"])["energy_uj"]
+    assert (changed < pd.read_parquet(study / "points.parquet")["energy_uj"]).all()
+    with pytest.raises(ConfigError, match=r"no hardware profile; .* Did you mean 'loihi1_silicon'"):
+        pricing.points(study, ["loihi1_silico"])
+
+
+def test_draws_are_the_same_for_every_design_and_every_call(study: Path) -> None:
+    rows = pricing.points(study, ["loihi1_silicon"])
+    drawn = pricing.drawn(study, rows, ("energy_uj",), 64)["energy_uj"]
+    assert drawn.shape == (64, 2)
+    again = pricing.drawn(study, rows.iloc[::-1], ("energy_uj",), 64)["energy_uj"]
+    assert np.array_equal(drawn, again[:, ::-1])
+    assert (drawn[:, 0] < drawn[:, 1]).all(), "less of everything is less in every draw"
+    low, high = rows["energy_uj_low"].to_numpy(), rows["energy_uj_high"].to_numpy()
+    assert ((drawn >= low) & (drawn <= high)).all() and (np.ptp(drawn, axis=0) > 0).all()
+    figures = pricing.figures(LOIHI, 4000)
+    static = figures["static_mw"]
+    assert abs(np.mean(static < 104.0) - 0.5) < 0.03, "the value is the median"
+
+
+def test_a_table_is_priced_as_it_was_written(
+    space: SearchSpace, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def evaluated(*settings: precision.Setting) -> None:
+        for repeat in (0, 1):
+            files = {"read_out.npz": {"decision_latency_ms": np.array([4.0]), "accuracy": np.array([0.4])}}
+            for bits, pruned in settings:
+                load = dataclasses.replace(spiking(10.0 * bits), weight_bits=bits)
+                held = {"read_out.npz": files["read_out.npz"] | store.work_arrays(load)}
+                numbers = {"columns": {"accuracy": 0.4}, "hardware": {}, "of_heads": {}}
+                found[repeat, bits] = precision.Evaluation(bits, pruned, numbers, held)
+
+    found: dict[tuple[int, int], precision.Evaluation] = {}
+
+    def rows(folder: Path) -> list[precision.Evaluation]:
+        if folder.parent.name != "00000":
+            return []
+        repeat = int(folder.name.removeprefix("repeat_"))
+        return [one for (r, _), one in sorted(found.items(), key=lambda item: item[0]) if r == repeat]
+
+    monkeypatch.setattr(precision, "rows", rows)
+    evaluated((4, 0.0))
+    records = {trial: pricing.records(study, trial) for trial in (0, 1)}
+    table = points.points_table(space, study, records, [LOIHI])
+    assert table["weight_bits"].tolist() == [8, 4, 8]
+    table.to_parquet(study / "points.parquet")
+    drawn = pricing.drawn(study, table, ["energy_uj"], 8)["energy_uj"]
+    # Another precision and another run since then: what the rows are does not change.
+    evaluated((2, 0.0))
+    published(study, 0, 2, work=spiking(90.0))
+    assert np.array_equal(pricing.drawn(study, table, ["energy_uj"], 8)["energy_uj"], drawn)
+    again = pricing.points(study, ["loihi1_silicon"])
+    assert again["energy_uj"].tolist() == table["energy_uj"].tolist()
+    found.pop((1, 4))
+    with pytest.raises(store.StoreError, match="no evaluation at 4 bits with 0 pruned any more"):
+        pricing.points(study, ["loihi1_silicon"])
+
+
+def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(LOIHI.text.replace("name: loihi1_silicon", "name: mine"))
+    (tmp_path / "b.yaml").write_text(
+        (tmp_path / "a.yaml").read_text().replace("value: 104.0", "value: 100.0")
+    )
+    one, other = str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")
+    assert len(pricing.points(study, [one, one])) == 2
+    with pytest.raises(ConfigError, match="another profile is named 'mine' too"):
+        pricing.points(study, [one, other])
+
+
+def test_a_study_of_an_older_version_has_no_work(study: Path) -> None:
+    frame = pd.read_parquet(study / "points.parquet").drop(columns="point")
+    frame.to_parquet(study / "points.parquet")
+    with pytest.raises(store.StoreError, match="kept no work to price"):
+        pricing.points(study, ["loihi1_silicon"])
+    old = {"accuracy": np.array([0.5]), "loihi1_silicon/energy_uj": np.array([1.0])}
+    run = store.run_folder(study, 1, 0)
+    store.save_arrays(run / "read_out.npz", old)
+    record = store.read_json(run / "record.json")
+    with pytest.raises(store.StoreError, match=r"read_out\.npz: is of an older version"):
+        points.answers(study, [record])
+
+
+def test_work_is_written_and_read_back(tmp_path: Path) -> None:
+    pruned = dataclasses.replace(spiking(3.0, 4.0), synapses=(2.0, 1.5, 0.0), stored=(6, 4), weight_bits=4)
+    for work in (pruned, spiking(1.0), counted(5.0), dataclasses.replace(spiking(1.0), updates=None)):
+        store.save_arrays(tmp_path / "x.npz", store.work_arrays(work) | {"accuracy": np.zeros(1)})
+        again = store.work_of(store.load_arrays(tmp_path / "x.npz"))
+        assert json.dumps(vars(again), default=np.ndarray.tolist) == json.dumps(
+            vars(work), default=np.ndarray.tolist
+        )
+    with pytest.raises(store.StoreError, match="work needs the array 'sizes'"):
+        store.work_of({"accuracy": np.zeros(1)})

@@ -1,0 +1,192 @@
+"""Hardware as a free axis on the command line: other chips, draws of their figures, sure picks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.cli import main
+from dse.hardware.profile import load
+from dse.study.results import open as open_study
+from tests.page_data import held
+from tests.spaces import write_space
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study of two designs on one chip."""
+    folder = tmp_path_factory.mktemp("study")
+    goals = "[accuracy:max, n_weights:min, energy_uj:min]"
+    changes = ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"), ("[4, 8, 12]", "[4, 40]")
+    space = write_space(folder, *changes, ("[accuracy:max, n_weights:min]", goals))
+    assert main(["run", str(space), "--results", str(folder / "results"), "--quiet", "--json"]) == 0
+    return folder / "results" / "tiny"
+
+
+def answered(capsys: Captured, *arguments: str, code: int = 0) -> dict[str, Any]:
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == code
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_a_front_on_hardware_that_the_study_was_not_run_with(results: Path, capsys: Captured) -> None:
+    own = answered(capsys, "skyline", str(results))["rows"]
+    assert {row["hardware"] for row in own} == {"loihi1_silicon"}
+    both = answered(
+        capsys, "skyline", str(results), "--hardware", "op_4.6_0.9", "--hardware", "loihi1_silicon"
+    )["rows"]
+    assert [row["hardware"] for row in both][:1] == ["op_4.6_0.9"]
+    on_chip = [row for row in both if row["hardware"] == "loihi1_silicon"]
+    # Figures are those of the same profile: the same front, whatever else is compared beside it.
+    assert [(r["trial"], r["point"], r["energy_uj"]) for r in on_chip] == [
+        (r["trial"], r["point"], r["energy_uj"]) for r in own
+    ]
+    assert open_study(results).points()["hardware"].unique().tolist() == ["loihi1_silicon"]
+
+
+def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Captured) -> None:
+    text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
+    (tmp_path / "mine.yaml").write_text(text.replace("static_mw: {value: 104.0", "static_mw: {value: 50.0"))
+    rows = answered(capsys, "skyline", str(results), "--hardware", str(tmp_path / "mine.yaml"))["rows"]
+    assert {row["hardware"] for row in rows} == {"mine"}
+    own = answered(capsys, "skyline", str(results))["rows"]
+    assert min(row["energy_uj"] for row in rows) < min(row["energy_uj"] for row in own)
+    chip = ("--hardware", str(tmp_path / "mine.yaml"))
+    drawn = answered(capsys, "skyline", str(results), *chip, *chip, "--draws", "20")["rows"]
+    assert [row["energy_uj"] for row in drawn] == [row["energy_uj"] for row in rows]
+    assert max(row["front_share"] for row in drawn) == 1.0
+    [sure] = answered(capsys, "pick", str(results), *chip, "--confidence", "0.9")["rows"]
+    assert sure["hardware"] == "mine" and sure["front_share"] >= 0.9
+
+
+def test_a_page_has_the_shares_of_the_skyline_and_refuses_draws_of_nothing(
+    results: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+    page = tmp_path / "page.html"
+    assert main(["dashboard", str(results), "--html", str(page), "--draws", "50"]) == 0
+    columns = {name: column["values"] for name, column in held(page)["columns"].items()}
+    shown = {
+        (trial, point): share
+        for trial, point, share in zip(
+            columns["trial"], columns["point"], columns["front_share"], strict=True
+        )
+    }
+    assert [shown[row["trial"], row["point"]] for row in rows] == [row["front_share"] for row in rows]
+    other = ("--hardware", "mcu_m4", "--hardware", "op_4.6_0.9")
+    assert main(["dashboard", str(results), "--html", str(page), *other]) == 0
+    shown_on = held(page)
+    assert set(shown_on["columns"]["hardware"]["values"]) == {"mcu_m4", "op_4.6_0.9"}
+    assert shown_on["budgets"]["hardware"] == ["mcu_m4", "op_4.6_0.9"], (
+        "the command that it offers names them"
+    )
+    assert main(["dashboard", str(results), "--hardware", "none_such"]) == 2
+    bare = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"))
+    assert main(["run", str(bare), "--results", str(tmp_path / "results"), "--quiet", "--json"]) == 0
+    capsys.readouterr()
+    arguments = ["dashboard", str(tmp_path / "results" / "tiny"), "--draws", "5"]
+    assert main(arguments) == main([*arguments, "--html", str(tmp_path / "none.html")]) == 2
+    said = capsys.readouterr()
+    assert said.err.count("nothing to draw: the study has no hardware") == 2 and said.out == ""
+    assert not (tmp_path / "none.html").exists()
+
+
+def test_draws_say_how_sure_each_point_of_the_front_is(results: Path, capsys: Captured) -> None:
+    rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+    shares = [row["front_share"] for row in rows]
+    assert all(0 <= share <= 1 for share in shares) and max(shares) == 1.0
+    assert all(np.isclose(share * 50, round(share * 50)) for share in shares)
+    assert rows == answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+
+
+def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
+    [plain] = answered(capsys, "pick", str(results))["rows"]
+    budget = f"energy_uj <= {plain['energy_uj'] * 1.001}"
+    [bold] = answered(capsys, "pick", str(results), "--budget", budget)["rows"]
+    assert (bold["trial"], bold["point"]) == (plain["trial"], plain["point"])
+    [sure] = answered(capsys, "pick", str(results), "--budget", budget, "--confidence", "0.95")["rows"]
+    assert sure["front_share"] >= 0.95
+    assert (sure["trial"], sure["point"]) != (bold["trial"], bold["point"]), "its range reaches beyond"
+    assert sure["energy_uj_low"] < sure["energy_uj"] < bold["energy_uj"]
+    none = answered(
+        capsys, "pick", str(results), "--budget", "energy_uj <= 1e-9", "--confidence", "0.5", code=3
+    )
+    assert none["notes"][0].startswith("no design point is within the budgets in 50% of the draws")
+    assert all(row["missed energy_uj<=1e-09"] > 0 for row in none["rows"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no hardware profile; known"),
+        (["skyline", "FOLDER", "--draws", "0"], "must be an integer >= 1, got '0'"),
+        (["skyline", "FOLDER", "--draws", "9999999"], "must be at most 100000, got 9999999"),
+        (["skyline", "FOLDER", "--battery-mwh", "9"], "--battery-mwh needs --contacts-per-hour"),
+        (["skyline", "FOLDER", "--contacts-per-hour", "-1"], "must be a finite number >= 0, got '-1'"),
+        (["pick", "TABLE", "--contacts-per-hour", "1"], "the points have no energy_throttled_uj"),
+        (["pick", "FOLDER", "--confidence", "1.5"], "must be a number above 0 and up to 1, got '1.5'"),
+        (["pick", "FOLDER", "--confidence", "sure"], "must be a number above 0 and up to 1, got 'sure'"),
+        (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to draw"),
+        (
+            ["skyline", "TABLE", "--hardware", "loihi1_silicon", "--objectives", "accuracy:max"],
+            "--hardware needs the folder of a study",
+        ),
+        (["skyline", "TABLE", "--draws", "9", "--objectives", "energy_uj:min"], "draws need the folder"),
+        (["pick", "TABLE", "--confidence", "0.9"], "draws need the folder of a study"),
+    ],
+)
+def test_what_cannot_be_asked(
+    results: Path, tmp_path: Path, capsys: Captured, arguments: list[str], message: str
+) -> None:
+    table = tmp_path / "points.csv"
+    table.write_text("trial,accuracy,energy_uj\n0,0.5,1\n")
+    places = {"FOLDER": str(results), "TABLE": str(table)}
+    try:
+        code = main([places.get(text, text) for text in arguments])
+    except SystemExit as error:
+        code = int(str(error.code))
+    assert code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_wrong_chip_is_found_before_any_work(tmp_path: Path, capsys: Captured) -> None:
+    text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
+    (tmp_path / "mine.yaml").write_text(text.replace("unit: mW", "unit: W"))
+    space = write_space(tmp_path, ("hardware: [loihi1_silicon]", "hardware: [loihi1_silicon, mine.yaml]"))
+    for command in (["check"], ["run", "--results", str(tmp_path / "results"), "--quiet"]):
+        assert main([command[0], str(space), *command[1:]]) == 2
+        assert "static_mw.unit must be 'mW', got 'W'" in capsys.readouterr().err
+    assert not (tmp_path / "results").exists()
+
+
+def test_battery_life_of_a_study_s_designs(results: Path, capsys: Captured) -> None:
+    asked = ("--contacts-per-hour", "60", "--battery-mwh", "1000", "--hardware", "loihi1_silicon")
+    rows = answered(capsys, "skyline", str(results), *asked, "--objectives", "accuracy:max,battery_h:max")[
+        "rows"
+    ]
+    for row in rows:
+        share = 60 * max(row["decision_latency_ms"], row["hardware_latency_ms"]) / 3.6e6
+        power = 60 * row["energy_throttled_uj"] / 3.6e6 + (1 - share) * 104
+        assert row["idle_mw"] == 104
+        assert row["power_mw"] == pytest.approx(power) and row["battery_h"] == pytest.approx(1000 / power)
+    [row] = answered(capsys, "pick", str(results), *asked, "--budget", "battery_h >= 9")["rows"]
+    assert row["battery_h"] >= 9
+    never = answered(capsys, "pick", str(results), *asked, "--budget", "battery_h >= 99", code=3)
+    assert all(row["missed battery_h>=99"] > 89 for row in never["rows"])
+
+
+def test_battery_life_that_is_not_known(results: Path, capsys: Captured) -> None:
+    notes = answered(
+        capsys,
+        *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin"),
+        *("--objectives", "accuracy:max,power_mw:min"),
+    )["notes"]
+    assert any("power_mw is NaN" in note for note in notes), "nobody published what it draws when idle"
+    crowded = answered(capsys, "skyline", str(results), "--contacts-per-hour", "1e9")["rows"]
+    assert all(row["power_mw"] is None for row in crowded), "contacts overlap"

@@ -1,0 +1,205 @@
+"""Jobs in worker processes: results, failures, deaths, and ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dse.study import workers as execution
+from dse.study.workers import THREADS, Failure, Workers, memory_budget
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def misbehave(job: str) -> str:
+    if job.isdigit():
+        os.kill(os.getpid(), int(job))
+    if job == "exit":
+        os._exit(3)
+    if job == "raise":
+        raise ValueError("phi must be at least 0")
+    if job == "memory":
+        raise MemoryError
+    if job == "print":
+        print("a library's chatter")
+    if job == "lambda":
+        return lambda: None  # type: ignore[return-value]
+    return job.upper()
+
+
+def environment(names: list[str]) -> list[str | None]:
+    return [os.environ.get(name) for name in names]
+
+
+def sleep(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_every_job_comes_back_once_with_its_result() -> None:
+    with Workers(2) as workers:
+        assert sorted(workers.map(square, range(7))) == [(x, x * x) for x in range(7)]
+        assert list(workers.map(square, [])) == []
+
+
+def test_a_dead_worker_costs_its_own_job_only() -> None:
+    jobs = ["a", str(int(signal.SIGKILL)), "b", str(int(signal.SIGSEGV)), "c", "exit", "d"]
+    with Workers(2) as workers:
+        results = dict(workers.map(misbehave, jobs))
+    assert {job: results[job] for job in "abcd"} == {job: job.upper() for job in "abcd"}
+    assert results["9"] == Failure("WorkerDied", "worker died: signal 9")
+    assert results["11"] == Failure("WorkerDied", "worker died: signal 11")
+    assert results["exit"] == Failure("WorkerDied", "worker died: exit code 3")
+
+
+def test_an_exception_is_a_failure_with_its_reason_and_its_traceback() -> None:
+    with Workers(1) as workers:
+        results = dict(workers.map(misbehave, ["raise", "memory", "lambda", "fine"]))
+    raised = results["raise"]
+    assert isinstance(raised, Failure)
+    assert (raised.error, raised.reason) == ("ValueError", "ValueError: phi must be at least 0")
+    assert "in misbehave" in raised.details
+    assert isinstance(results["memory"], Failure)
+    assert results["memory"].reason == "MemoryError"
+    assert isinstance(results["lambda"], Failure)
+    assert results["fine"] == "FINE"
+
+
+def count_to(job: tuple[int, str]) -> Iterator[int]:
+    n, end = job
+    yield from range(n)
+    misbehave(end)
+
+
+def wait_for(path: str) -> Iterator[str]:
+    yield "before"
+    _until(Path(path).exists)
+    yield "after"
+
+
+def test_parts_before_an_early_end_stand() -> None:
+    jobs = [(2, "fine"), (0, "fine"), (3, "raise"), (1, str(int(signal.SIGKILL))), (2, "fine")]
+    with Workers(2) as workers:
+        found = list(workers.stream(count_to, jobs))
+    parts = {job: [part for one, part in found if one == job] for job in jobs}
+    assert parts[2, "fine"] in ([0, 1, 0, 1], [0, 0, 1, 1])
+    assert parts[0, "fine"] == []
+    assert parts[3, "raise"][:3] == [0, 1, 2]
+    assert isinstance(failure := parts[3, "raise"][3], Failure)
+    assert failure.reason == "ValueError: phi must be at least 0"
+    assert parts[1, "9"] == [0, Failure("WorkerDied", "worker died: signal 9")]
+    assert len(found) == 2 + 2 + 4 + 2
+
+
+def test_parts_arrive_while_the_job_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "go on"
+    with Workers(1) as workers:
+        found = workers.stream(wait_for, [str(path)])
+        assert next(found) == (str(path), "before")
+        path.touch()
+        assert list(found) == [(str(path), "after")]
+
+
+def test_a_worker_may_take_what_is_stated_or_its_share(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert memory_budget(1.5, 4, "cpu") == 3 * 2**29
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert 0 < memory_budget(None, 1, "cpu") <= 3 * machine // 4
+    limits = [tmp_path / "unlimited", tmp_path / "limit", tmp_path / "absent"]
+    limits[0].write_text("max\n")
+    limits[1].write_text(f"{8 * 2**20}\n")
+    monkeypatch.setattr(execution, "_CONTAINER_LIMITS", limits)
+    assert memory_budget(None, 2, "cpu") == 3 * 2**20
+
+
+def test_workers_have_one_thread_each() -> None:
+    with Workers(1) as workers:
+        [(_, found)] = workers.map(environment, [list(THREADS)])
+    assert found == ["1"] * len(THREADS)
+
+
+def test_what_a_job_prints_never_reaches_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+    with Workers(1) as workers:
+        list(workers.map(misbehave, ["print"]))
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert "chatter" in captured.err
+
+
+def test_the_same_workers_serve_the_next_call() -> None:
+    with Workers(1) as workers:
+        [(_, first)] = workers.map(sleep, [0.0])
+        [(_, second)] = workers.map(sleep, [0.0])
+    assert first == second
+
+
+def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
+    with Workers(1) as workers:
+        [(_, pid)] = workers.map(sleep, [0.0])
+        assert isinstance(pid, int)
+        os.kill(pid, signal.SIGKILL)
+        _until(lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None)
+        assert list(workers.map(square, [3])) == [(3, 9)]
+
+
+def test_leaving_the_block_ends_a_running_job_at_once() -> None:
+    began = time.monotonic()
+    with Workers(2) as workers:
+        _, pid = next(workers.map(sleep, [0.0, 60.0]))
+    assert time.monotonic() - began < 30
+    assert isinstance(pid, int)
+    assert _gone(pid)
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    script = (
+        "import os, pathlib, sys\n"
+        "from dse.study.workers import Workers\n"
+        "from tests.study.test_workers import announce\n"
+        "with Workers(1) as workers: list(workers.map(announce, [sys.argv[1]]))\n"
+    )
+    path = tmp_path / "pid"
+    parent = subprocess.Popen([sys.executable, "-c", script, str(path)], cwd=Path(__file__).parents[2])
+    try:
+        _until(lambda: path.exists() and path.read_text() != "")
+    finally:
+        parent.kill()
+        parent.wait()
+    _until(lambda: _gone(int(path.read_text())))
+
+
+def announce(path: str) -> None:
+    Path(path).write_text(str(os.getpid()))
+    time.sleep(60)
+
+
+def test_jobs_below_one_are_refused() -> None:
+    with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
+        Workers(0)
+
+
+def _gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    status = Path(f"/proc/{pid}/stat")  # an orphan that nobody has reaped yet is a zombie
+    return status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z"
+
+
+def _until(condition: object, seconds: float = 20) -> None:
+    assert callable(condition)
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "waited too long"
+        time.sleep(0.02)
