@@ -302,7 +302,7 @@ def _columns(rows: pandas.DataFrame, limited: Sequence[str]) -> dict[str, list[A
     return {name: _values(numbers(rows, name), _DIGITS) for name in wanted if name in rows}
 
 
-def _values(values: Iterable[float | None], digits: int | None = None) -> list[Any]:
+def _values(values: Iterable[Any], digits: int | None = None) -> list[Any]:
     """Return numbers as JSON holds them: whole ones as such, None for what is missing."""
     given = values.tolist() if isinstance(values, np.ndarray) else values
     return [_value(x, digits) for x in given]

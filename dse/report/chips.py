@@ -155,7 +155,7 @@ def chips(part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()) -
         # What counts operations alone has no limits.
         held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
         runs = np.isfinite(energies[FLAT_OUT]).all(axis=0)
-        found.append(Chip(str(name), designs, energies, held & runs))
+        found.append(Chip(str(name), designs, energies, np.asarray(held & runs)))
     return found
 
 
