@@ -60,7 +60,10 @@ def room_for_two(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def started(code: str, root: Path) -> subprocess.Popen[str]:
     """Run code in another process, with the root as its argument; a line on stdout says that it is there."""
-    text = f"import sys, time; from pathlib import Path; from dse.dataset import cache\nroot = Path(sys.argv[1])\n{code}"
+    text = (
+        "import sys, time; from pathlib import Path; from dse.dataset import cache\n"
+        f"root = Path(sys.argv[1])\n{code}"
+    )
     return subprocess.Popen(
         [sys.executable, "-c", text, str(root)], cwd=ROOT, stdout=subprocess.PIPE, text=True
     )
