@@ -1,4 +1,4 @@
-"""The shape of the house: rooms, arrows, circles, loose files, lines, `Any`, string subscripts, long functions.
+"""The shape of the package: rooms, arrows, circles, loose files, `Any`, string subscripts, long functions.
 
 python -m benchmarks.structure [CHECKOUT]
 """
@@ -105,9 +105,11 @@ def main(root: Path) -> None:
     print(f"circles of files {len(inside)}: {inside}")
     print(f"Any {sum(isinstance(n, ast.Name) and n.id == 'Any' for n in nodes)}")
     texts = [
-        n for n in nodes
-        if isinstance(n, ast.Subscript) and isinstance(n.slice, ast.Constant) and isinstance(n.slice.value, str)
-    ]  # fmt: skip
+        node.slice.value
+        for node in nodes
+        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
+        if isinstance(node.slice.value, str)
+    ]
     print(f"string subscripts {len(texts)}")
     for word in ("found", "told", "said", "asked", "wanted", "kept", "own", "given"):
         uses = sum(isinstance(n, ast.Name) and n.id == word for n in nodes)
