@@ -1,19 +1,71 @@
 """YAML name -> component. A component is a frozen dataclass; its fields are its YAML keys.
 
-Adding one is adding one file to its package: the decorator gives the YAML name, `param` gives each
-key its unit, bounds and meaning, and `dse describe` prints them.
+Adding one is adding one file below the package of its section: the decorator gives the YAML name, `param`
+gives each key its unit, bounds and meaning, and `dse describe` prints them.
+
+A component may live outside `dse`: in a plugin, which is a module or a .py file that a search space names
+(`load_plugin`), or in a module that an installed distribution names in the entry-point group
+`dse.components`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib
-import pkgutil
+import importlib.metadata
+import re
+import sys
+import traceback
+import warnings
 from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+
+SECTIONS = {
+    "encoders": "dse.encoders",
+    "figures": "dse.figures",
+    "hardware.kinds": "dse.hardware.kinds",
+    "models": "dse.models",
+    "neurons": "dse.neurons",
+    "objectives": "dse.measure.objectives",
+    "recordings": "dse.recordings",
+    "recordings.formats": "dse.recordings.formats",
+    "scene.motions": "dse.scene.motions",
+    "search.samplers": "dse.search.samplers",
+    "targets": "dse.deploy",
+    "views": "dse.dashboard",
+}
+"""Section -> package. A component of a section lives at any depth below its package, in a module that calls
+`register("<section>", "<name>")` with the section written out; no other module is imported to find it."""
+
+ENTRY_POINTS = "dse.components"
+"""Entry-point group in which an installed distribution names its modules of components."""
+
 _components: dict[str, dict[str, type]] = {}
+_plugins: dict[str, Plugin] = {}
+_imported: set[str] = set()
+
+
+class PluginError(ValueError):
+    """A plugin cannot be loaded; the message is one sentence."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plugin:
+    """A module of components outside `dse`.
+
+    name: as it was named, in a search space or by an entry point.
+    source: a module name, or the absolute path of a file; `load_plugin(source)` loads it in another process.
+    components: (section, name) of every component that it registered.
+    """
+
+    name: str
+    source: str
+    components: tuple[tuple[str, str], ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,33 +89,177 @@ def param(default: Any = dataclasses.MISSING, **rule: Any) -> Any:
 
 def rule_of(field: dataclasses.Field[Any]) -> Rule:
     """Return the rule of a component's field."""
-    found = field.metadata.get("rule")
-    return found if isinstance(found, Rule) else Rule(doc="")
+    rule = field.metadata.get("rule")
+    return rule if isinstance(rule, Rule) else Rule(doc="")
 
 
 def register(section: str, name: str) -> Callable[[type[T]], type[T]]:
-    """Register a frozen dataclass under a YAML section and name.
+    """Register a frozen dataclass under a section and a name.
 
     Raises:
-        ValueError: the name is taken.
+        ValueError: no such section, or the name is taken.
         TypeError: the class is no frozen dataclass.
     """
 
     def decorate(cls: type[T]) -> type[T]:
+        if section not in SECTIONS:
+            raise ValueError(f"unknown section '{section}' of {cls.__name__}; known: {', '.join(SECTIONS)}")
         if not dataclasses.is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
             raise TypeError(f"{cls.__name__} must be a frozen dataclass")
-        known = _components.setdefault(section, {})
-        if name in known and known[name].__qualname__ != cls.__qualname__:
-            raise ValueError(f"{section} '{name}' is already registered by {known[name].__module__}")
-        known[name] = cls
+        if not _is_shipped(cls):
+            _import_section(section)  # so that a shipped name is never free
+        components = _components.setdefault(section, {})
+        holder = components.get(name, cls)
+        if (holder.__module__, holder.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise ValueError(f"{section} '{name}' is already registered by {holder.__module__}")
+        components[name] = cls
         return cls
 
     return decorate
 
 
 def known(section: str) -> dict[str, type]:
-    """Return the components of a section by name, importing every module of its package `dse.<section>`."""
-    package = importlib.import_module(f"dse.{section}")
-    for module in pkgutil.walk_packages(package.__path__, f"dse.{section}."):
-        importlib.import_module(module.name)
+    """Return the components of a section by name: those of `dse`, of installed distributions and of plugins.
+
+    Raises:
+        ValueError: no such section.
+    """
+    if section not in SECTIONS:
+        raise ValueError(f"unknown section '{section}'; known: {', '.join(SECTIONS)}")
+    _import_section(section)
+    _load_entry_points()
     return dict(sorted(_components.get(section, {}).items()))
+
+
+def load_plugin(name: str, base: Path | None = None) -> Plugin:
+    """Import a module of components; a plugin that is loaded already is not imported again.
+
+    The module of a file is named by its contents: objects of its classes can be pickled and unpickled by
+    every process that has loaded the same contents, and a file that has changed is loaded anew, in place of
+    what it registered before.
+
+    Args:
+        name: the name of an installed module, or a path that ends in .py.
+        base: folder that a path is relative to; absent: the current one.
+
+    Raises:
+        PluginError: there is no such module or file, it fails while it is imported, or the name of one of its
+            components is taken. Then nothing of it is registered.
+    """
+    if not name.endswith(".py"):
+        if not all(part.isidentifier() for part in name.split(".")):
+            raise PluginError(f"plugin '{name}' must be the name of a module or a path that ends in .py")
+        return _load(Plugin(name, name), name, lambda: importlib.import_module(name))
+    path = ((base or Path()) / Path(name).expanduser()).resolve()
+    try:
+        code = path.read_bytes()
+    except OSError as error:
+        raise PluginError(f"plugin '{name}': cannot read {path}: {error.strerror}") from None
+    stem, digest = re.sub(r"\W", "_", path.stem), hashlib.sha256(code).hexdigest()
+    module = f"dse_plugin_{stem}_{digest[:16]}"
+    return _load(Plugin(name, str(path)), module, lambda: _run_file(path, code, module))
+
+
+def _load(plugin: Plugin, module: str, import_module: Callable[[], object]) -> Plugin:
+    """Import a plugin's module, or leave the registry as it was."""
+    if module in _plugins:
+        return dataclasses.replace(plugin, components=_plugins[module].components)
+    before = _outside()
+    older = [name for name, loaded in _plugins.items() if loaded.source == plugin.source]
+    _replace({pair: cls for pair, cls in before.items() if cls.__module__ not in older})
+    try:
+        import_module()
+    except BaseException as error:
+        for cls in set(_outside().values()) - set(before.values()):
+            sys.modules.pop(cls.__module__, None)  # so that the next import registers again
+        _replace(before)
+        if isinstance(error, Exception | SystemExit):
+            raise PluginError(f"plugin '{plugin.name}': {_reason(error, plugin)}") from error
+        raise
+    for name in older:
+        del _plugins[name]
+    components = sorted(
+        pair
+        for pair, cls in _outside().items()
+        if before.get(pair) is not cls or f"{cls.__module__}.".startswith(f"{module}.")
+    )
+    _plugins[module] = dataclasses.replace(plugin, components=tuple(components))
+    return _plugins[module]
+
+
+def _run_file(path: Path, code: bytes, name: str) -> None:
+    """Run a file as a module of a name; unlike an import it leaves no compiled file beside it."""
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    sys.modules[name] = module
+    try:
+        exec(compile(code, str(path), "exec"), module.__dict__)
+    except BaseException:
+        del sys.modules[name]
+        raise
+
+
+def _reason(error: BaseException, plugin: Plugin) -> str:
+    """Return why a plugin's import failed, and in which line."""
+    if isinstance(error, ModuleNotFoundError) and f"{plugin.source}.".startswith(f"{error.name}."):
+        return f"no module '{error.name}' is installed; a file is named with its ending, {plugin.name}.py"
+    kind = type(error).__name__
+    if isinstance(error, SyntaxError):
+        return f"{kind} in line {error.lineno} of {error.filename}: {error.msg}"
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename != __file__ and not frame.filename.startswith("<frozen")
+    ]
+    of_file = [frame for frame in frames if frame.filename == plugin.source]
+    frame = (of_file or frames)[-1]
+    return f"{kind} in line {frame.lineno} of {frame.filename}: {error}"
+
+
+def _import_section(section: str) -> None:
+    """Import the modules below a section's package that register a component of it."""
+    if section in _imported:
+        return
+    package = importlib.import_module(SECTIONS[section])
+    registers = re.compile(rf'\bregister\(\s*"{re.escape(section)}"')
+    for folder in package.__path__:
+        for path in sorted(Path(folder).rglob("*.py")):
+            if registers.search(path.read_text(encoding="utf-8")):
+                parts = path.relative_to(folder).with_suffix("").parts
+                importlib.import_module(".".join((package.__name__, *parts)).removesuffix(".__init__"))
+    _imported.add(section)
+
+
+def _load_entry_points() -> None:
+    """Load the modules that installed distributions name; what fails is left out, with a warning."""
+    if ENTRY_POINTS in _imported:
+        return
+    _imported.add(ENTRY_POINTS)
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        try:
+            load_plugin(entry.module)
+        except PluginError as error:
+            distribution = entry.dist.name if entry.dist else "unknown"
+            warnings.warn(f"distribution {distribution}, entry point {entry.name}: {error}", stacklevel=3)
+
+
+def _is_shipped(cls: type) -> bool:
+    return cls.__module__.startswith("dse.")
+
+
+def _outside() -> dict[tuple[str, str], type]:
+    """Return the components outside `dse`: (section, name) -> class."""
+    return {
+        (section, name): cls
+        for section, components in _components.items()
+        for name, cls in components.items()
+        if not _is_shipped(cls)
+    }
+
+
+def _replace(outside: dict[tuple[str, str], type]) -> None:
+    """Make these the components outside `dse`."""
+    for section, name in _outside().keys() - outside.keys():
+        del _components[section][name]
+    for (section, name), cls in outside.items():
+        _components.setdefault(section, {})[name] = cls

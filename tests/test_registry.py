@@ -1,0 +1,254 @@
+"""Components by name: shipped ones, those of a plugin, those of an installed distribution."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dse import registry
+from dse.registry import PluginError, load_plugin
+
+ENCODER = """
+from dataclasses import dataclass
+from dse.registry import param, register
+
+@register("encoders", "{name}")
+@dataclass(frozen=True)
+class {cls}:
+    gain: float = param({gain}, doc="gain")
+"""
+
+
+@pytest.fixture(autouse=True)
+def registry_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Forget what a test loads."""
+    for section in registry.SECTIONS:
+        registry.known(section)
+    monkeypatch.setattr(registry, "_plugins", {})
+    monkeypatch.setattr(registry, "_components", {s: dict(c) for s, c in registry._components.items()})
+    yield
+    for name in list(sys.modules):
+        if name.endswith("_of_a_test") or name.startswith(("dse_plugin_", "rooms")):
+            del sys.modules[name]
+
+
+def write(folder: Path, text: str, name: str = "mine.py") -> Path:
+    (folder / name).write_text(text)
+    return folder
+
+
+def encoder(name: str = "mine", cls: str = "Mine", gain: float = 1.0) -> str:
+    return ENCODER.format(name=name, cls=cls, gain=gain)
+
+
+def fault(name: str, base: Path | None = None) -> str:
+    with pytest.raises(PluginError) as error:
+        load_plugin(name, base)
+    return str(error.value)
+
+
+def test_a_section_names_the_package_of_its_components():
+    for section, package in registry.SECTIONS.items():
+        assert all(f"{cls.__module__}.".startswith(f"{package}.") for cls in registry.known(section).values())
+
+
+@pytest.mark.parametrize("section", ["encoders", "hardware.kinds", "models", "recordings", "scene.motions"])
+def test_shipped_components_are_found(section):
+    assert registry.known(section)
+
+
+def test_only_modules_that_register_are_imported(tmp_path, monkeypatch):
+    for path in ("rooms/__init__.py", "rooms/deep/__init__.py", "rooms/other.py"):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text("import dse.registry\n")
+    (tmp_path / "rooms" / "deep" / "mine.py").write_text(encoder().replace("encoders", "rooms"))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(registry.SECTIONS, "rooms", "rooms")
+    assert list(registry.known("rooms")) == ["mine"]
+    assert "rooms.other" not in sys.modules
+
+
+def test_an_unknown_section_is_refused():
+    with pytest.raises(ValueError, match="unknown section 'encoder'; known: encoders, figures"):
+        registry.known("encoder")
+    with pytest.raises(ValueError, match="unknown section 'encoder' of Mine"):
+        registry.register("encoder", "mine")(type("Mine", (), {}))
+
+
+def test_a_file_is_loaded(tmp_path):
+    plugin = load_plugin("mine.py", write(tmp_path, encoder()))
+    assert plugin.name == "mine.py"
+    assert plugin.source == str(tmp_path / "mine.py")
+    assert plugin.components == (("encoders", "mine"),)
+    assert registry.known("encoders")["mine"]().gain == 1.0
+
+
+def test_a_file_is_loaded_once(tmp_path):
+    first = load_plugin("mine.py", write(tmp_path, encoder()))
+    cls = registry.known("encoders")["mine"]
+    assert load_plugin(str(tmp_path / "mine.py")).components == first.components
+    assert registry.known("encoders")["mine"] is cls
+
+
+def test_a_copy_of_a_file_is_the_same_plugin(tmp_path):
+    load_plugin("mine.py", write(tmp_path, encoder()))
+    cls = registry.known("encoders")["mine"]
+    (tmp_path / "copy").mkdir()
+    copy = load_plugin("mine.py", write(tmp_path / "copy", encoder()))
+    assert copy.source == str(tmp_path / "copy" / "mine.py")
+    assert copy.components == (("encoders", "mine"),)
+    assert registry.known("encoders")["mine"] is cls
+
+
+def test_a_file_that_changed_replaces_what_it_registered(tmp_path):
+    load_plugin("mine.py", write(tmp_path, encoder() + encoder("other", "Other")))
+    plugin = load_plugin("mine.py", write(tmp_path, encoder(gain=2.0)))
+    assert plugin.components == (("encoders", "mine"),)
+    assert registry.known("encoders")["mine"]().gain == 2.0
+    assert "other" not in registry.known("encoders")
+
+
+def test_a_file_leaves_nothing_beside_it(tmp_path):
+    load_plugin("mine.py", write(tmp_path, encoder()))
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.py"]
+
+
+def test_objects_of_a_file_are_unpickled_by_another_process_that_loaded_it(tmp_path):
+    plugin = load_plugin("mine.py", write(tmp_path, encoder()))
+    (tmp_path / "object.pickle").write_bytes(pickle.dumps(registry.known("encoders")["mine"](gain=3.0)))
+    code = (
+        "import pickle, sys; from pathlib import Path; from dse import registry; "
+        f"registry.load_plugin({plugin.source!r}); "
+        f"print(pickle.loads(Path({str(tmp_path / 'object.pickle')!r}).read_bytes()).gain)"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "3.0"
+
+
+def test_a_module_is_loaded(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    write(tmp_path, encoder(), "mine_of_a_test.py")
+    plugin = load_plugin("mine_of_a_test")
+    assert (plugin.name, plugin.source) == ("mine_of_a_test", "mine_of_a_test")
+    assert plugin.components == (("encoders", "mine"),)
+    assert load_plugin("mine_of_a_test") == plugin
+
+
+def test_a_module_that_was_imported_before_is_a_plugin_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    write(tmp_path, encoder(), "mine_of_a_test.py")
+    importlib.import_module("mine_of_a_test")
+    assert load_plugin("mine_of_a_test").components == (("encoders", "mine"),)
+
+
+def test_shipped_components_that_a_plugin_imports_are_not_its_own(tmp_path):
+    text = "import dse.models.counts.knn\n" + encoder()
+    assert load_plugin("mine.py", write(tmp_path, text)).components == (("encoders", "mine"),)
+
+
+def test_a_missing_file(tmp_path):
+    text = f"plugin 'mine.py': cannot read {tmp_path / 'mine.py'}: No such file or directory"
+    assert fault("mine.py", tmp_path) == text
+
+
+def test_a_missing_module():
+    text = "plugin 'mine_of_a_test': no module 'mine_of_a_test' is installed; a file is named with its ending"
+    assert fault("mine_of_a_test").startswith(text)
+
+
+def test_neither_a_module_nor_a_file():
+    assert fault("my-module") == "plugin 'my-module' must be the name of a module or a path that ends in .py"
+
+
+@pytest.mark.parametrize(
+    ("last_line", "reason"),
+    [
+        ("gain = 1 / 0", "ZeroDivisionError in line 9 of {path}: division by zero"),
+        (
+            "import nowhere",
+            "ModuleNotFoundError in line 9 of {path}: No module named 'nowhere'",
+        ),
+        ("gain = (", "SyntaxError in line 9 of {path}: '(' was never closed"),
+        ("raise SystemExit(1)", "SystemExit in line 9 of {path}: 1"),
+    ],
+)
+def test_a_file_that_fails_registers_nothing(tmp_path, last_line, reason):
+    before = registry.known("encoders")
+    write(tmp_path, encoder() + last_line)
+    assert fault("mine.py", tmp_path) == f"plugin 'mine.py': {reason.format(path=tmp_path / 'mine.py')}"
+    assert registry.known("encoders") == before
+    load_plugin("mine.py", write(tmp_path, encoder()))
+    assert "mine" in registry.known("encoders")
+
+
+def test_a_changed_file_that_fails_leaves_what_was_loaded(tmp_path):
+    load_plugin("mine.py", write(tmp_path, encoder()))
+    write(tmp_path, encoder(gain=2.0) + "1 / 0")
+    assert "ZeroDivisionError" in fault("mine.py", tmp_path)
+    assert registry.known("encoders")["mine"]().gain == 1.0
+
+
+def test_a_module_that_fails_is_imported_anew(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    write(tmp_path, encoder(), "part_of_a_test.py")
+    write(tmp_path, "import part_of_a_test\n1 / 0\n", "mine_of_a_test.py")
+    where = tmp_path / "mine_of_a_test.py"
+    assert fault("mine_of_a_test").endswith(f"ZeroDivisionError in line 2 of {where}: division by zero")
+    assert "mine" not in registry.known("encoders")
+    assert load_plugin("part_of_a_test").components == (("encoders", "mine"),)
+
+
+def test_a_shipped_name_is_taken(tmp_path):
+    write(tmp_path, encoder("threshold"))
+    assert fault("mine.py", tmp_path).endswith(
+        f"ValueError in line 5 of {tmp_path / 'mine.py'}: "
+        "encoders 'threshold' is already registered by dse.encoders.threshold"
+    )
+    assert registry.known("encoders")["threshold"].__module__ == "dse.encoders.threshold"
+
+
+def test_a_shipped_name_is_taken_before_it_is_imported(tmp_path):
+    write(tmp_path, encoder("threshold"))
+    code = f"from dse import registry; registry.load_plugin({str(tmp_path / 'mine.py')!r})"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "encoders 'threshold' is already registered by dse.encoders.threshold" in answer.stderr
+
+
+def test_the_name_of_another_plugin_is_taken(tmp_path):
+    load_plugin("mine.py", write(tmp_path, encoder()))
+    write(tmp_path, encoder(gain=2.0), "other.py")
+    assert "encoders 'mine' is already registered by dse_plugin_mine_" in fault("other.py", tmp_path)
+
+
+@pytest.fixture
+def distribution(tmp_path, monkeypatch):
+    """Return a function that makes a distribution with an entry point to a module of some text."""
+
+    def make(text: str) -> None:
+        write(tmp_path, text, "mine_of_a_test.py")
+        folder = tmp_path / "mine_of_a_test-1.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: mine-of-a-test\nVersion: 1.0\n")
+        (folder / "entry_points.txt").write_text("[dse.components]\nmine = mine_of_a_test\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.setattr(registry, "_imported", registry._imported - {registry.ENTRY_POINTS})
+
+    return make
+
+
+def test_an_installed_distribution_is_found(distribution):
+    distribution(encoder())
+    assert "mine" in registry.known("encoders")
+
+
+def test_a_distribution_that_fails_is_a_warning(distribution):
+    distribution("1 / 0")
+    with pytest.warns(UserWarning, match="distribution mine-of-a-test, entry point mine: plugin"):
+        assert "threshold" in registry.known("encoders")
+    assert "threshold" in registry.known("encoders")  # and no second warning
