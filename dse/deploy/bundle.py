@@ -136,7 +136,7 @@ def weights(fitted: Network | Parameters) -> dict[str, Array]:
 
     An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.cuba_lif.quantise).
     """
-    arrays = store.fitted_arrays(fitted)
+    arrays = store.record_arrays(fitted)
     for k, layer in enumerate(fitted.layers if isinstance(fitted, Network) else ()):
         for name, matrix in (("weight", layer.weight), ("recurrent", layer.recurrent)):
             if matrix is not None:

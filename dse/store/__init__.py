@@ -12,12 +12,11 @@ therefore either complete or absent, and its presence is what makes the run fini
 """
 
 from dse.store.arrays import (
-    answers_arrays,
-    fitted_arrays,
+    DAMAGED_ARCHIVE,
     fitted_of,
     load_arrays,
-    network_arrays,
-    network_of,
+    record_arrays,
+    record_of,
     response_arrays,
     response_of,
     save_arrays,
@@ -40,21 +39,20 @@ from dse.store.files import (
 from dse.store.runs import SCHEMA, load_run, run_folder, save_run
 
 __all__ = [
+    "DAMAGED_ARCHIVE",
     "SCHEMA",
     "WARNINGS",
     "StoreError",
-    "answers_arrays",
     "checksum",
     "exclusive",
     "explained",
-    "fitted_arrays",
     "fitted_of",
     "load_arrays",
     "load_run",
-    "network_arrays",
-    "network_of",
     "published",
     "read_json",
+    "record_arrays",
+    "record_of",
     "remove",
     "response_arrays",
     "response_of",

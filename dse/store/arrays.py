@@ -1,21 +1,45 @@
-"""Records as named arrays in .npz files: what was trained, and what it answered."""
+"""Records as named arrays in .npz files: what was trained, and what it answered.
+
+A record is a frozen dataclass. Each field is one array of the field's name, except:
+
+    X | None                absent where the field is None
+    a record                its own arrays under `<field>/`
+    tuple of records        their number as `n_<field>`, the arrays of record k under `<field>/<k>/`
+    Mapping of arrays       its arrays under `<field>/`
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import types
+import typing
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dse.records import Answers, Arithmetic, Array, Layer, Network, Operations, Parameters, Response, Workload
+from dse.records import Answers, Array, Ints, Network, Operations, Parameters, Response, Workload
 from dse.store.files import StoreError
 
-# In front of the names of a family's own arrays, and of those of its work.
-_OWN = "own/"
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    Record = TypeVar("Record", bound=DataclassInstance)
+else:
+    Record = TypeVar("Record")
+
+DAMAGED_ARCHIVE = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
+"""Everything that reading a damaged .npz file may raise."""
+
+# Fields whose arrays lie elsewhere than under `<field>/`.
+_PREFIXES: Mapping[tuple[type, str], str] = {(Network, "layers"): "", (Parameters, "arrays"): "own/"}
 _WORK = "work/"
+_SCALARS = (bool, int, float, str)
+_DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
@@ -31,123 +55,120 @@ def load_arrays(path: Path) -> dict[str, Array]:
         StoreError: the file is missing or damaged.
     """
     try:
-        # Opened here: numpy leaves a file open that turns out to be damaged.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        # Opened here: numpy leaves a damaged file open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except DAMAGED_ARCHIVE as error:
         raise StoreError(f"{path}: cannot be read: {error}") from error
 
 
-def network_arrays(network: Network) -> dict[str, Array]:
-    """Return a network as named arrays, layer k's under `<k>/`; `network_of` reads them back."""
-    arrays: dict[str, Array] = {
-        "n_layers": np.array(len(network.layers)),
-        "n_channels": np.array(network.n_channels),
-        "delays": np.array(network.delays, np.int64),
-        "steps_per_sample": np.array(network.steps_per_sample),
-        "arithmetic": np.array(network.arithmetic),
-    }
-    for k, layer in enumerate(network.layers):
-        arrays[f"{k}/weight"] = layer.weight
-        if layer.recurrent is not None:
-            arrays[f"{k}/recurrent"] = layer.recurrent
-        arrays[f"{k}/decay_current"] = layer.decay_current
-        arrays[f"{k}/decay_voltage"] = layer.decay_voltage
-        arrays[f"{k}/threshold"] = np.array(layer.threshold)
+def record_arrays(record: DataclassInstance, prefix: str = "") -> dict[str, Array]:
+    """Return a record as named arrays; `record_of` reads them back.
+
+    Args:
+        record: a dataclass of arrays, scalars, tuples of scalars, records and tuples of records.
+        prefix: precedes every name.
+
+    Raises:
+        TypeError: a field is of another type.
+    """
+    kind = type(record)
+    arrays: dict[str, Array] = {}
+    for name, hint in _hints(kind).items():
+        value = getattr(record, name)
+        if value is None:
+            continue
+        under = prefix + _PREFIXES.get((kind, name), f"{name}/")
+        element = _element(hint)
+        if dataclasses.is_dataclass(hint):
+            arrays |= record_arrays(value, under)
+        elif dataclasses.is_dataclass(element):
+            arrays[f"{prefix}n_{name}"] = np.array(len(value))
+            for k, each in enumerate(value):
+                arrays |= record_arrays(each, f"{under}{k}/")
+        elif _is_mapping(hint):
+            arrays |= {f"{under}{key}": np.asarray(x) for key, x in value.items()}
+        elif element is not None:
+            arrays[prefix + name] = np.array(value, _DTYPES[element])
+        else:
+            arrays[prefix + name] = np.asarray(value)
     return arrays
 
 
-def network_of(arrays: Mapping[str, Array]) -> Network:
-    """Return the network of `network_arrays`.
+def record_of(kind: type[Record], arrays: Mapping[str, Array], prefix: str = "") -> Record:
+    """Return the record of `record_arrays`; further arrays are ignored.
+
+    Args:
+        kind: its class.
+        arrays: named arrays.
+        prefix: precedes every name.
 
     Raises:
         StoreError: an array is missing.
+        TypeError: a field of the class is of a type that cannot be stored.
     """
-    try:
-        layers = tuple(
-            Layer(
-                weight=arrays[f"{k}/weight"],
-                recurrent=arrays.get(f"{k}/recurrent"),
-                decay_current=arrays[f"{k}/decay_current"],
-                decay_voltage=arrays[f"{k}/decay_voltage"],
-                threshold=int(arrays[f"{k}/threshold"]),
-            )
-            for k in range(int(arrays["n_layers"]))
-        )
-        return Network(
-            layers=layers,
-            n_channels=int(arrays["n_channels"]),
-            delays=tuple(int(x) for x in arrays["delays"]),
-            steps_per_sample=int(arrays["steps_per_sample"]),
-            arithmetic=cast(Arithmetic, str(arrays["arithmetic"])),
-        )
-    except KeyError as error:
-        raise StoreError(f"a network needs the array {error}") from error
-
-
-def fitted_arrays(fitted: Network | Parameters) -> dict[str, Array]:
-    """Return what a family trained as named arrays; `fitted_of` reads them back."""
-    if isinstance(fitted, Network):
-        return network_arrays(fitted)
-    own = {f"{_OWN}{name}": np.asarray(x) for name, x in fitted.arrays.items()}
-    return {"n_channels": np.array(fitted.n_channels), **own}
+    optional = _optional(kind)
+    values: dict[str, Any] = {}
+    for name, hint in _hints(kind).items():
+        under = prefix + _PREFIXES.get((kind, name), f"{name}/")
+        element = _element(hint)
+        if _is_mapping(hint):
+            values[name] = {key.removeprefix(under): x for key, x in arrays.items() if key.startswith(under)}
+        elif dataclasses.is_dataclass(hint):
+            absent = name in optional and not any(key.startswith(under) for key in arrays)
+            values[name] = None if absent else record_of(typing.cast(type[Any], hint), arrays, under)
+        elif dataclasses.is_dataclass(element):
+            record = typing.cast(type[Any], element)
+            n = int(_array(kind, arrays, f"{prefix}n_{name}"))
+            values[name] = tuple(record_of(record, arrays, f"{under}{k}/") for k in range(n))
+        elif name in optional and prefix + name not in arrays:
+            values[name] = None
+        else:
+            array = _array(kind, arrays, prefix + name)
+            if element is not None:
+                values[name] = tuple(array.tolist())
+            else:
+                values[name] = array if _is_array(hint) else array.item()
+    return kind(**values)
 
 
 def fitted_of(arrays: Mapping[str, Array]) -> Network | Parameters:
-    """Return what `fitted_arrays` was given.
+    """Return the trained network or classifier of `record_arrays`.
 
     Raises:
         StoreError: an array is missing.
     """
-    if "n_layers" in arrays:
-        return network_of(arrays)
-    if "n_channels" not in arrays:
-        raise StoreError("a trained classifier needs the array 'n_channels'")
-    own = {name.removeprefix(_OWN): x for name, x in arrays.items() if name.startswith(_OWN)}
-    return Parameters(own, int(arrays["n_channels"]))
+    return record_of(Network, arrays) if "n_layers" in arrays else record_of(Parameters, arrays)
 
 
-def answers_arrays(answers: Answers, index: Array) -> dict[str, Array]:
-    """Return answers as named arrays; `index` (n,) are the numbers of the samples."""
-    return {"index": np.asarray(index), **{name: np.asarray(x) for name, x in vars(answers).items()}}
-
-
-def response_arrays(response: Response, index: Array) -> dict[str, Array]:
-    """Return a response as named arrays; `response_of` reads them back.
+def response_arrays(response: Response | Answers, index: Ints) -> dict[str, Array]:
+    """Return what a classifier answered as named arrays; `response_of` reads a Response back.
 
     Args:
-        response: its output spikes are binary, so eight go into a byte.
+        response: the output spikes of a Response are binary: eight of them are stored in a byte.
         index: (n,) sample numbers that were answered.
     """
-    return {
-        "index": np.asarray(index),
-        "shape": np.array(response.output.shape),
-        "output": np.packbits(response.output),
-        "spikes": response.spikes,
-        "updates": response.updates,
-        "step_ms": np.array(response.step_ms),
-        "peak_state": np.array(response.peak_state),
-        **({} if response.synapses is None else {"synapses": np.array(response.synapses)}),
-    }
+    arrays = {"index": np.asarray(index), **record_arrays(response)}
+    if isinstance(response, Response):
+        arrays |= {"shape": np.array(response.output.shape), "output": np.packbits(response.output)}
+    return arrays
 
 
 def response_of(arrays: Mapping[str, Array]) -> Response:
-    """Return the response of `response_arrays`."""
-    shape = tuple(int(n) for n in arrays["shape"])
-    output = np.unpackbits(arrays["output"], count=int(np.prod(shape))).reshape(shape)
-    return Response(
-        output,
-        arrays["spikes"],
-        arrays["updates"],
-        float(arrays["step_ms"]),
-        int(arrays["peak_state"]),
-        tuple(arrays["synapses"].tolist()) if "synapses" in arrays else None,
-    )
+    """Return the response of `response_arrays`.
+
+    Raises:
+        StoreError: an array is missing.
+    """
+    packed = record_of(Response, arrays)
+    shape = tuple(_array(Response, arrays, "shape").tolist())
+    output = np.unpackbits(packed.output, count=int(np.prod(shape))).reshape(shape)
+    return dataclasses.replace(packed, output=output)
 
 
 def work_arrays(load: Workload | Operations) -> dict[str, Array]:
     """Return a load as named arrays under `work/`; `work_of` reads them back."""
-    return {f"{_WORK}{name}": np.asarray(x) for name, x in vars(load).items() if x is not None}
+    return record_arrays(load, _WORK)
 
 
 def work_of(arrays: Mapping[str, Array]) -> Workload | Operations:
@@ -156,27 +177,71 @@ def work_of(arrays: Mapping[str, Array]) -> Workload | Operations:
     Raises:
         StoreError: an array is missing.
     """
-    own = {name.removeprefix(_WORK): x for name, x in arrays.items() if name.startswith(_WORK)}
-    try:
-        if "macs" in own:
-            return Operations(
-                macs=own["macs"],
-                additions=own["additions"],
-                updates=own["updates"],
-                n_weights=own["n_weights"],
-                duration_ms=own["duration_ms"],
-                number_bits=int(own["number_bits"]),
-            )
-        return Workload(
-            sizes=tuple(own["sizes"].tolist()),
-            recurrent=tuple(own["recurrent"].tolist()),
-            n_steps=own["n_steps"],
-            spikes=own["spikes"],
-            updates=own.get("updates"),
-            step_ms=float(own["step_ms"]),
-            weight_bits=int(own["weight_bits"]),
-            synapses=tuple(own["synapses"].tolist()) if "synapses" in own else None,
-            stored=tuple(own["stored"].tolist()) if "stored" in own else None,
-        )
-    except KeyError as error:
-        raise StoreError(f"work needs the array {error}") from error
+    if f"{_WORK}macs" in arrays:
+        return record_of(Operations, arrays, _WORK)
+    return record_of(Workload, arrays, _WORK)
+
+
+def _array(kind: type, arrays: Mapping[str, Array], name: str) -> Array:
+    if name not in arrays:
+        raise StoreError(f"{kind.__name__} needs the array '{name}'")
+    return arrays[name]
+
+
+@functools.cache
+def _annotations(kind: type) -> dict[str, Any]:
+    """Return the annotation of each field."""
+    hints = typing.get_type_hints(kind)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    """Return the type of each field, without `| None`.
+
+    Raises:
+        TypeError: a field is of a type that cannot be stored.
+    """
+    hints = {name: _present(hint) for name, hint in _annotations(kind).items()}
+    for name, hint in hints.items():
+        literal = typing.get_origin(hint) is typing.Literal
+        if not (
+            literal
+            or hint in _SCALARS
+            or dataclasses.is_dataclass(hint)
+            or _is_array(hint)
+            or _is_mapping(hint)
+            or _element(hint) is not None
+        ):
+            raise TypeError(f"{kind.__name__}.{name}: {hint} cannot be stored as arrays")
+    return hints
+
+
+@functools.cache
+def _optional(kind: type) -> frozenset[str]:
+    """Return the names of the fields that may be None."""
+    return frozenset(name for name, hint in _annotations(kind).items() if _present(hint) is not hint)
+
+
+def _present(hint: Any) -> Any:
+    """Return X of `X | None`, and any other type as it is."""
+    if typing.get_origin(hint) not in (types.UnionType, typing.Union):
+        return hint
+    options = [option for option in typing.get_args(hint) if option is not types.NoneType]
+    return options[0] if len(options) == 1 else hint
+
+
+def _element(hint: Any) -> Any:
+    """Return X of `tuple[X, ...]` where X is a scalar type or a record, else None."""
+    arguments = typing.get_args(hint)
+    if typing.get_origin(hint) is not tuple or len(arguments) != 2 or arguments[1] is not ...:
+        return None
+    return arguments[0] if arguments[0] in _SCALARS or dataclasses.is_dataclass(arguments[0]) else None
+
+
+def _is_array(hint: Any) -> bool:
+    return typing.get_origin(hint) is np.ndarray
+
+
+def _is_mapping(hint: Any) -> bool:
+    return typing.get_origin(hint) is Mapping

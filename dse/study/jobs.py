@@ -209,7 +209,7 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
         "of_heads": {name: numbers(head, leak) for name, head in found.heads.items()},
     }
     arrays = {
-        "weights.npz": store.fitted_arrays(outcome.network),
+        "weights.npz": store.record_arrays(outcome.network),
         "response.npz": _said(outcome.validation, data, data.validation),
         "history.npz": dict(outcome.history),
         **arrays_of(job, found, ""),
@@ -224,10 +224,7 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
 
 def _said(said: Response | Answers, data: Dataset, index: Array) -> dict[str, Array]:
     """Return what was said about some samples, with their numbers and their (joint) classes, `target`."""
-    kept = (
-        store.answers_arrays(said, index) if isinstance(said, Answers) else store.response_arrays(said, index)
-    )
-    return {**kept, "target": np.asarray(data.target[index])}
+    return {**store.response_arrays(said, index), "target": np.asarray(data.target[index])}
 
 
 def numbers(found: Measurement, leak: str) -> dict[str, Any]:

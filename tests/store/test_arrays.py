@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dse import store
-from dse.records import Answers, Layer, Network, Parameters, Response
+from dse.records import Answers, Array, Floats, Layer, Network, Operations, Parameters, Response, Workload
 
 
 def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:
@@ -30,8 +33,8 @@ def test_a_network_survives_the_disk(tmp_path: Path) -> None:
         for m, n, ring in ((6, 5, np.eye(5, dtype=np.float32)), (5, 3, None))
     )
     network = Network(layers, n_channels=3, delays=(0, 2), steps_per_sample=2, arithmetic="ideal")
-    store.save_arrays(tmp_path / "w.npz", store.network_arrays(network))
-    found = store.network_of(store.load_arrays(tmp_path / "w.npz"))
+    store.save_arrays(tmp_path / "w.npz", store.record_arrays(network))
+    found = store.record_of(Network, store.load_arrays(tmp_path / "w.npz"))
     assert (found.n_channels, found.delays, found.steps_per_sample, found.arithmetic) == (
         3,
         (0, 2),
@@ -44,7 +47,7 @@ def test_a_network_survives_the_disk(tmp_path: Path) -> None:
             assert np.array_equal(getattr(got, name), getattr(put, name))
     assert np.array_equal(found.layers[0].recurrent, np.eye(5))
     with pytest.raises(store.StoreError, match="needs the array '1/weight'"):
-        store.network_of({k: v for k, v in store.network_arrays(network).items() if k != "1/weight"})
+        store.record_of(Network, {k: v for k, v in store.record_arrays(network).items() if k != "1/weight"})
 
 
 def test_a_response_survives_the_disk(tmp_path: Path) -> None:
@@ -76,14 +79,14 @@ def test_what_a_pruned_net_reached_survives_the_disk() -> None:
 
 def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
     own = {"n_layers": np.array([3, 4]), "names": np.array(["felt", "silk"]), "0/weight": np.eye(2)}
-    store.save_arrays(tmp_path / "w.npz", store.fitted_arrays(Parameters(own, 7)))
+    store.save_arrays(tmp_path / "w.npz", store.record_arrays(Parameters(own, 7)))
     found = store.fitted_of(store.load_arrays(tmp_path / "w.npz"))
     assert isinstance(found, Parameters)
     assert found.n_channels == 7 and set(found.arrays) == set(own)
     assert all(np.array_equal(found.arrays[name], x) for name, x in own.items())
     layer = Layer(np.eye(2, dtype=np.float32), None, np.ones(2, np.int32), np.ones(2, np.int32), 80)
     network = Network((layer,), 2, (0,), 1, "integer")
-    assert isinstance(store.fitted_of(store.fitted_arrays(network)), Network)
+    assert isinstance(store.fitted_of(store.record_arrays(network)), Network)
     with pytest.raises(store.StoreError, match="needs the array 'n_channels'"):
         store.fitted_of({"own/x": np.eye(2)})
 
@@ -91,7 +94,82 @@ def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
 def test_answers_are_stored_with_their_samples(tmp_path: Path) -> None:
     k = np.arange(2)
     answers = Answers(np.eye(2, dtype=np.int64), k + 1.0, k, k * 1.0, k * 2.0, np.eye(2, dtype=np.int64))
-    store.save_arrays(tmp_path / "a.npz", store.answers_arrays(answers, np.array([4, 9])))
+    store.save_arrays(tmp_path / "a.npz", store.response_arrays(answers, np.array([4, 9])))
     found = store.load_arrays(tmp_path / "a.npz")
     assert found.pop("index").tolist() == [4, 9]
     assert all(np.array_equal(x, vars(answers)[name]) for name, x in found.items()) and len(found) == 6
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A record within records."""
+
+    gain: Floats
+    name: str
+    bias: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Net:
+    """A record of every kind of field that can be stored."""
+
+    cells: tuple[Cell, ...]
+    first: Cell
+    spare: Cell | None
+    sizes: tuple[int, ...]
+    shares: tuple[float, ...] | None
+    names: tuple[str, ...]
+    on: bool
+    extra: Mapping[str, Array]
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_any_record_survives_the_disk(tmp_path: Path, full: bool) -> None:
+    cell = Cell(np.arange(3.0), "a", np.eye(2) if full else None)
+    net = Net(
+        cells=(cell, Cell(np.zeros(0), "b")) if full else (),
+        first=cell,
+        spare=cell if full else None,
+        sizes=(3, 4) if full else (),
+        shares=(0.5, 2.0) if full else None,
+        names=("felt", "silk"),
+        on=full,
+        extra={"x/y": np.arange(2)} if full else {},
+    )
+    store.save_arrays(tmp_path / "net.npz", store.record_arrays(net, "net/"))
+    arrays = store.load_arrays(tmp_path / "net.npz")
+    loaded = store.record_of(Net, arrays | {"other": np.arange(2)}, "net/")
+    assert repr(loaded) == repr(net)
+    assert {name.removeprefix("net/") for name in arrays} == {
+        "n_cells", "first/gain", "first/name", "sizes", "names", "on",
+        *(["cells/0/gain", "cells/0/name", "cells/0/bias", "cells/1/gain", "cells/1/name"] if full else []),
+        *(["first/bias", "spare/gain", "spare/name", "spare/bias", "shares", "extra/x/y"] if full else []),
+    }  # fmt: skip
+    del arrays["net/first/gain"]
+    with pytest.raises(store.StoreError, match="Cell needs the array 'net/first/gain'"):
+        store.record_of(Net, arrays, "net/")
+
+
+def test_a_field_that_cannot_be_stored_is_named() -> None:
+    @dataclass(frozen=True)
+    class Odd:
+        health: dict[str, Any]
+
+    with pytest.raises(TypeError, match=r"Odd\.health: .*dict.* cannot be stored as arrays"):
+        store.record_arrays(Odd({}))
+    with pytest.raises(TypeError, match=r"Odd\.health"):
+        store.record_of(Odd, {})
+
+
+def test_work_survives_the_disk_beside_other_arrays(tmp_path: Path) -> None:
+    steps = np.arange(3.0)
+    loads: list[Workload | Operations] = [
+        Workload(
+            sizes=(4, 3), recurrent=(True,), n_steps=steps, spikes=np.ones((3, 2)), updates=None, step_ms=2.5,
+            stored=(12,), delay_bits=6, cores=(2,), pipeline_steps=1,
+        ),
+        Operations(steps, steps, steps, steps, steps, number_bits=16),
+    ]  # fmt: skip
+    for load in loads:
+        store.save_arrays(tmp_path / "x.npz", {"accuracy": steps, **store.work_arrays(load)})
+        assert repr(store.work_of(store.load_arrays(tmp_path / "x.npz"))) == repr(load)

@@ -290,5 +290,5 @@ def test_work_is_written_and_read_back(tmp_path: Path) -> None:
         assert json.dumps(vars(again), default=np.ndarray.tolist) == json.dumps(
             vars(work), default=np.ndarray.tolist
         )
-    with pytest.raises(store.StoreError, match="work needs the array 'sizes'"):
+    with pytest.raises(store.StoreError, match="Workload needs the array 'work/sizes'"):
         store.work_of({"accuracy": np.zeros(1)})

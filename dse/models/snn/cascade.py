@@ -91,12 +91,7 @@ class Cascade(Stack):
     def respond(self, fitted: Parameters, dataset: Dataset, samples: Array) -> Response:
         """Run both stacks on the evaluated windows of some samples; outputs are in the order of the heads."""
         number = self._first_of(dataset)
-        first, second = (
-            store.network_of(
-                {k.removeprefix(name): x for k, x in fitted.arrays.items() if k.startswith(name)}
-            )
-            for name in ("first/", "second/")
-        )
+        first, second = (store.record_of(Network, fitted.arrays, name) for name in ("first/", "second/"))
         n = len(samples)
         start = np.zeros(n, np.int32)
         window = cut(dataset.spikes, samples, dataset.start[samples], np.full(n, dataset.n_steps))
@@ -218,11 +213,7 @@ def _named(rngs: Generators, name: str) -> Generators:
 
 
 def _stored(first: Network, second: Network, n_channels: int) -> Parameters:
-    arrays = {
-        f"{name}/{key}": x
-        for name, network in (("first", first), ("second", second))
-        for key, x in store.network_arrays(network).items()
-    }
+    arrays = store.record_arrays(first, "first/") | store.record_arrays(second, "second/")
     return Parameters({**arrays, "n_weights": np.array(first.n_weights + second.n_weights)}, n_channels)
 
 

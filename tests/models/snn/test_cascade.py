@@ -15,7 +15,7 @@ from dse.measure import heads
 from dse.models.snn.cascade import Cascade, beside, cut
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.records import Dataset, Outcome, Parameters, Response, Spikes
+from dse.records import Dataset, Network, Outcome, Parameters, Response, Spikes
 from tests.joint_data import joint
 from tests.models.snn.test_family import rngs
 
@@ -69,7 +69,7 @@ def test_further_channels_stand_after_the_others() -> None:
 
 def of(fitted: Any, name: str) -> Any:
     assert isinstance(fitted, Parameters)
-    return store.network_of({k.removeprefix(name): x for k, x in fitted.arrays.items() if k.startswith(name)})
+    return store.record_of(Network, fitted.arrays, name)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_what_comes_later_changes_nothing_before() -> None:
 def test_stored_arrays_answer_as_the_fit_did_and_the_same_seed_gives_the_same() -> None:
     data, model = joint(margin=3), Cascade(**SMALL, cross_fit=3)
     outcome, again, other = (fit(model, data, seed=seed) for seed in (0, 0, 1))
-    kept = store.fitted_of(store.fitted_arrays(outcome.network))
+    kept = store.fitted_of(store.record_arrays(outcome.network))
     assert isinstance(kept, Parameters) and kept.n_channels == 12
     found = model.respond(kept, data, data.validation)
     for name in ("output", "spikes", "updates"):
