@@ -35,6 +35,18 @@ def imports(tree: ast.Module, names: set[str]) -> Iterator[str]:
             yield from (alias.name for alias in node.names if alias.name in names)
 
 
+def named_by_strings(name: str, tree: ast.Module, names: set[str]) -> Iterator[tuple[int, str]]:
+    """Yield (line, module) for every text that is the name of a module or class: "dse.a.b" or "dse.a.b:C".
+
+    A package's own name, as for its data files, is left out.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            module = node.value.partition(":")[0]
+            if module in names and module != "dse" and not f"{name}.".startswith(f"{module}."):
+                yield node.lineno, module
+
+
 def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
     """Return the strongly connected components of two or more nodes (Tarjan, SIAM J. Comput. 1, 1972)."""
     index: dict[str, int] = {}
