@@ -21,13 +21,17 @@ from typing import Literal
 
 import numpy as np
 
+from dse.neurons.fixed_point import (
+    DECAY_SCALE,
+    STATE_LIMIT,
+    STATE_SCALE,
+    WEIGHT_SCALE,
+    quantise,
+    quantise_passes,
+)
 from dse.records import Array
 
-STATE_SCALE = 4096
-WEIGHT_SCALE = 64
-DECAY_SCALE = 4096
-STATE_LIMIT = 2**23 - 1
-"""Largest |u| or |v| (integer units) that Loihi's signed 24-bit state registers hold."""
+__all__ = ["DECAY_SCALE", "STATE_LIMIT", "STATE_SCALE", "WEIGHT_SCALE", "quantise", "quantise_passes"]
 
 Arithmetic = Literal["integer", "ideal"]
 
@@ -149,20 +153,6 @@ def shift(spikes: Array) -> Array:
     out = np.zeros_like(spikes)
     out[:, 1:] = spikes[:, :-1]
     return out
-
-
-def quantise(weight: Array) -> Array:
-    """Round weights to 8 bits: half to even on a grid of 1/32, clipped to [-4, 254/64], float32."""
-    grid = np.float32(2 / WEIGHT_SCALE)
-    rounded = np.round(np.asarray(weight, np.float32) / grid) * grid
-    return np.clip(rounded, -256 / WEIGHT_SCALE, 254 / WEIGHT_SCALE).astype(np.float32)
-
-
-def quantise_passes(weight: Array) -> Array:
-    """Return where the straight-through gradient of `quantise` survives: inside the clip, ends included."""
-    grid = np.float32(2 / WEIGHT_SCALE)
-    rounded = np.round(np.asarray(weight, np.float32) / grid) * grid
-    return np.asarray((rounded >= -256 / WEIGHT_SCALE) & (rounded <= 254 / WEIGHT_SCALE))
 
 
 def backward(grad_spikes: Array, surrogate_gradient: Array, population: Params) -> Array:
