@@ -40,7 +40,9 @@ def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table
     """Add `--format` and its short form `--json`."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
-        "--format", choices=formats, help="default: table on a terminal, else text or CSV; json: one document"
+        "--format",
+        choices=formats,
+        help="output format (default: table on a terminal, otherwise text or CSV); json prints one document",
     )
     group.add_argument(
         "--json", action="store_const", const="json", dest="format", help="same as --format json"

@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
+import pkgutil
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 
 import dse
+from dse.cli import commands
 from dse.cli.answer import Answer, show
-from dse.cli.commands import check, cost, dashboard, describe, evaluate, pick, report, run, simulate, skyline
 from dse.config import ConfigError
 
-COMMANDS = (check, run, skyline, pick, evaluate, report, dashboard, simulate, cost, describe)
+GROUPS = ("search", "choose", "deploy", "look up")  # the order of `dse --help`
 _BAD_INPUT = 2
 _STOPPED = 130
-_GOES_ON = "stopped; what was finished is kept, and the same command goes on"
+_RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code; users' mistakes are one line each on stderr."""
-    given = _parser().parse_args(arguments)
+    """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
+    parsed = _parser().parse_args(arguments)
     try:
-        answer: Answer = given.answer(given)
-        show(answer, given.command, getattr(given, "format", None))
+        answer: Answer = parsed.answer(parsed)
+        show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
-        print(*(stopped.args or (_GOES_ON,)), file=sys.stderr)
+        print(*(stopped.args or (_RESUMABLE,)), file=sys.stderr)
         return _STOPPED
     except BrokenPipeError:
-        # The reader (`| head`) has gone; the interpreter must not try to flush into it again.
+        # The reader (`| head`) has closed the pipe; the interpreter must not flush into it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ConfigError as error:
@@ -46,8 +49,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return answer.code
 
 
+def commands_by_name() -> dict[str, ModuleType]:
+    """Return the modules of `dse.cli.commands` by the name of their command, in the order of `dse --help`."""
+    modules = {
+        name: importlib.import_module(f"{commands.__name__}.{name}")
+        for _, name, _ in pkgutil.iter_modules(commands.__path__)
+    }
+    return dict(sorted(modules.items(), key=lambda item: (GROUPS.index(item[1].GROUP), item[0])))
+
+
 def _users_mistakes() -> tuple[type[Exception], ...]:
-    """Return the errors whose text is written for users; imported only once something went wrong."""
+    """Return the errors whose text is written for users; imported only after an error."""
     from dse.deploy.bundle import BundleError
     from dse.recordings import RecordingError
     from dse.skyline.constraints import ExpressionError
@@ -64,10 +76,9 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"dse {dse.__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in COMMANDS:
-        name = module.__name__.rsplit(".", 1)[-1]
-        one = commands.add_parser(name, help=module.HELP, description=module.HELP, allow_abbrev=False)
-        module.add_arguments(one)
-        one.set_defaults(answer=module.answer)
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, module in commands_by_name().items():
+        subparser = subparsers.add_parser(name, help=module.HELP, description=module.HELP, allow_abbrev=False)
+        module.add_arguments(subparser)
+        subparser.set_defaults(answer=module.answer)
     return parser

@@ -1,4 +1,4 @@
-"""A front as an answer: all columns as data, the telling ones on a terminal."""
+"""A front as an answer: every column as data, the columns that differ on a terminal."""
 
 from __future__ import annotations
 
@@ -12,8 +12,18 @@ if TYPE_CHECKING:
 
 Objective = tuple[str, str]
 
-# Columns beside the axes that tell rows apart.
-_ABOUT = ("phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware", "fits", "task", "family")
+# Columns beside the axes that identify a design point.
+_IDENTITY = (
+    "phi",
+    "theta",
+    "read_out_ms",
+    "weight_bits",
+    "pruned_after",
+    "hardware",
+    "fits",
+    "task",
+    "family",
+)
 
 
 def front(
@@ -22,8 +32,9 @@ def front(
     """Return the non-dominated rows of a table of points (`dse.skyline.front.skyline`)."""
     from dse.skyline.front import skyline
 
-    found = skyline(points, objectives, where, by)
-    return Answer(records(found.rows), found.notes, columns(found.rows, objectives))
+    non_dominated = skyline(points, objectives, where, by)
+    rows = non_dominated.rows
+    return Answer(records(rows), non_dominated.notes, columns(rows, objectives))
 
 
 def records(frame: pandas.DataFrame) -> list[dict[str, Any]]:
@@ -32,7 +43,7 @@ def records(frame: pandas.DataFrame) -> list[dict[str, Any]]:
 
 
 def columns(rows: pandas.DataFrame, objectives: Sequence[Objective]) -> list[str]:
-    """Return the columns that tell designs apart, and the objectives with what belongs to accuracy."""
+    """Return the columns in which designs differ, and the objectives (accuracy with error and test value)."""
     names = [name for name, _ in objectives]
     if "accuracy" in names:
         extra = [
@@ -40,13 +51,13 @@ def columns(rows: pandas.DataFrame, objectives: Sequence[Objective]) -> list[str
         ]
         place = names.index("accuracy") + 1
         names[place:place] = [name for name in extra if name not in names]
-    # An axis of one family says little in a table of several; every other format has it.
-    # Columns of missed budgets may have a point in their numbers; no axis has a space.
+    # An axis that only one family has is left out of a table of several; the other formats have every column.
+    # Axes have a point in their names; names of missed budgets may have one too, but also a space.
     dotted = [name for name in map(str, rows.columns) if "." in name and " " not in name]
     axes = [name for name in dotted if rows[name].notna().all()]
-    if "family" in rows:  # says the same, of studies of a single family too
+    if "family" in rows:  # the same, and also in studies of a single family
         axes = [name for name in axes if name != "model.kind"]
-    parameters = [name for name in map(str, rows.columns) if name in axes or name in _ABOUT]
+    parameters = [name for name in map(str, rows.columns) if name in axes or name in _IDENTITY]
     varied = [name for name in parameters if rows[name].astype(str).nunique(dropna=False) > 1]
     chosen = [*(["trial"] if "trial" in rows else []), *varied, *names]
     return [name for name in dict.fromkeys(chosen) if name in rows]

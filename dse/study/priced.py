@@ -31,7 +31,7 @@ def on_duty(
 
     if contacts_per_hour is None:
         if battery_mwh is not None:
-            raise StoreError("--battery-mwh needs --contacts-per-hour (0: idle all the time)")
+            raise StoreError("--battery-mwh needs --contacts-per-hour (0: always idle)")
         return frame
     needed = ("energy_throttled_uj", "idle_mw", "hardware_latency_ms", "decision_latency_ms")
     lacking = [name for name in needed if name not in frame]

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.cli.command_line import COMMANDS
+from dse.cli.command_line import commands_by_name
 from dse.config.sections import SECTIONS
 from dse.study import explore
 from dse.study.results import Study
@@ -140,7 +140,7 @@ def test_a_page_that_cannot_be_written_fails_no_run(
     [note] = [note for note in found["notes"] if "page" in note]
     assert note == (
         "the page could not be written: 'hardware'; "
-        f"dse dashboard {tmp_path / 'r' / 'tiny'} --html FILE tries again"
+        f"try again with dse dashboard {tmp_path / 'r' / 'tiny'} --html FILE"
     )
 
 
@@ -181,7 +181,7 @@ def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.Mon
     assert main(["run", str(write_space(tmp_path))]) == 130
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "stopped; what was finished is kept, and the same command goes on\n"
+    assert captured.err == "stopped; finished trials are kept, and the same command resumes the study\n"
 
 
 def test_a_bug_is_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,7 +247,7 @@ def test_skyline_of_several_tables_and_of_a_study(results: Path, table: Path, ca
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["skyline", "{table}"], "a table has no objectives; name them"),
+        (["skyline", "{table}"], "a table has no objectives of its own; state them"),
         (["skyline", "{table}", "--objectives", "accuracy"], "must be followed by :max or :min"),
         (["skyline", "{table}", "--objectives", "acuracy:max"], "Did you mean 'accuracy'?"),
         (
@@ -282,7 +282,7 @@ def test_pick_within_budgets(table: Path, capsys: Captured) -> None:
 def test_pick_says_when_it_went_across_tasks(table: Path, capsys: Captured) -> None:
     assert main(["pick", str(table), "--budget", "n_weights<=200", "--json"]) == 0
     (note,) = document(capsys.readouterr().out)["notes"]
-    assert note == "best over the tasks a, b; --budget \"task == 'a'\" picks within one"
+    assert note == "this is the best over the tasks a, b; restrict it to one with --budget \"task == 'a'\""
     assert main(["pick", str(table), "--budget", "task == 'b'", "--json"]) == 0
     assert document(capsys.readouterr().out)["notes"] == []
 
@@ -291,7 +291,10 @@ def test_pick_says_when_it_went_across_hardware(tmp_path: Path, capsys: Captured
     (tmp_path / "x.csv").write_text("accuracy,energy_uj,hardware\n0.9,40,chip\n0.9,0.1,counted\n")
     assert main(["pick", str(tmp_path / "x.csv"), "--budget", "energy_uj <= 50", "--json"]) == 0
     (note,) = document(capsys.readouterr().out)["notes"]
-    assert note.startswith("best over the hardware profiles chip, counted; --budget \"hardware == 'chip'\"")
+    assert note == (
+        "this is the best over the hardware profiles chip, counted; "
+        "restrict it to one with --budget \"hardware == 'chip'\""
+    )
 
 
 def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: Captured) -> None:
@@ -299,7 +302,7 @@ def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: C
     found = document(capsys.readouterr().out)
     assert found["rows"][0]["trial"] == 0
     assert found["rows"][0]["missed n_weights<=30"] == 10
-    assert found["notes"][0] == "no design point is within the budgets; these come nearest"
+    assert found["notes"][0] == "no design point meets every budget; the nearest are shown"
     assert main(["pick", str(table), "--budget", "n_weights<=30", "--format", "table"]) == 3
     assert "missed n_weights<=30" in capsys.readouterr().out
 
@@ -315,7 +318,7 @@ def test_pick_exports_what_evaluate_runs(results: Path, tmp_path: Path, capsys: 
     (row,) = found["rows"]
     assert row["recordings"] == row["labelled"] == 24
     assert 0 <= row["accuracy"] <= 1
-    assert all(" of 12 right" in note for note in found["notes"]) and len(found["notes"]) == 2
+    assert all(" of 12 correct" in note for note in found["notes"]) and len(found["notes"]) == 2
     assert main(["evaluate", str(bundle), "--data", str(data), "--each", "--json"]) == 0
     each = document(capsys.readouterr().out)["rows"]
     assert [r["recording"] for r in each] == list(range(24))
@@ -371,7 +374,7 @@ def test_help_and_version(capsys: Captured) -> None:
     for arguments in (
         ["--help"],
         ["--version"],
-        *([module.__name__.rsplit(".", 1)[-1], "--help"] for module in COMMANDS),
+        *([name, "--help"] for name in commands_by_name()),
     ):
         with pytest.raises(SystemExit) as caught:
             main(arguments)

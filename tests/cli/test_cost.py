@@ -303,7 +303,7 @@ def test_every_mistake_at_once(net: Path, tmp_path: Path, capsys: Captured) -> N
         (["--contacts-per-hour", "-1"], "--contacts-per-hour: must be a finite number >= 0, got -1"),
         (["--contacts-per-hour", "nan"], "--contacts-per-hour: must be a finite number >= 0, got nan"),
         (["--draws", "100001"], "--draws: must be at most 100000, got 100001"),
-        (["--battery-mwh", "5"], "--battery-mwh: needs --contacts-per-hour (0: idle all the time)"),
+        (["--battery-mwh", "5"], "--battery-mwh: needs --contacts-per-hour (0: always idle)"),
         (
             ["--contacts-per-hour", "1", "--battery-mwh", "inf"],
             "--battery-mwh: must be a finite number >= 0, got inf",

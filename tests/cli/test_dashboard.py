@@ -156,7 +156,7 @@ def test_a_taken_port_is_one_line(
         (["--host", "192.0.2.1", "--port", "0"], "192.0.2.1:0: Cannot assign requested address\n"),
         (
             ["--html", "page.html", "--port", "1"],
-            "--port: is for a page that is served, and --html writes a file",
+            "--port: applies to a served page and cannot be combined with --html",
         ),
         (["--html", "page.html", "--host", "x"], "--host: is for a page that is served"),
     ],
@@ -191,9 +191,9 @@ def test_a_page_definition_is_read_before_anything_else(
     lines = error.splitlines()
     assert out == "", "no server was started"
     assert not Path("page.html").exists()
-    assert lines[: len(lines) - 2] == ["--port: is for a page that is served, and --html writes a file"] * (
-        1 if more else 0
-    )
+    assert lines[: len(lines) - 2] == [
+        "--port: applies to a served page and cannot be combined with --html"
+    ] * (1 if more else 0)
     assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: front, ")
     assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
 

@@ -67,7 +67,7 @@ def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
     for wrong in ("Z", "BZ", " "):
         assert main(["report", str(results), "--system", wrong]) == 2
         told = capsys.readouterr()
-        assert told.err == f"--system must be letters of A, B, C, D, E, F, G, such as DE, got '{wrong}'\n"
+        assert told.err == f"--system must be letters among A, B, C, D, E, F, G, e.g. DE, got '{wrong}'\n"
         assert told.out == ""
     assert main(["report", str(results), "--system", "C", "--json"]) == 1, "nothing to show"
 
@@ -83,7 +83,8 @@ def test_what_is_no_study_is_one_line(results: Path, tmp_path: Path, capsys: Cap
     for path in (results / "notes", tmp_path / "nowhere", results / "nets" / "points.parquet"):
         assert main(["report", str(path)]) == 2
         assert (
-            capsys.readouterr().err == f"{path}: must be the folder of a study with results, or hold some\n"
+            capsys.readouterr().err
+            == f"{path}: must be the folder of a study with results, or contain such folders\n"
         )
     (results / "nets" / "trials.parquet").unlink()
     assert main(["report", str(results / "nets")]) == 2
@@ -157,10 +158,7 @@ def test_chips_are_set_against_each_other(
 
 def test_chips_are_named_twice_or_more_and_exist(results: Path, capsys: Captured) -> None:
     assert main(["report", str(results), "--hardware", "loihi1_silicon"]) == 2
-    assert (
-        capsys.readouterr().err
-        == "--hardware must be said of two profiles or more, got 'loihi1_silicon' alone\n"
-    )
+    assert capsys.readouterr().err == "--hardware must name two profiles or more, got only 'loihi1_silicon'\n"
     folder = results / "nets"
     open_study(folder).points().assign(point=0).to_parquet(folder / "points.parquet")
     assert main(["report", str(folder), "--hardware", "loihi1_silicon", "--hardware", "lohi"]) == 2

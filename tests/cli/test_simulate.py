@@ -142,7 +142,9 @@ def test_warnings_of_the_scene_are_notes(scene: Path, tmp_path: Path, capsys: Ca
     assert found["notes"][0].startswith("no pixel can send an event")
     out = str(tmp_path / "touch.npz")
     assert main(["simulate", str(scene), "--out", out, *blind, "--trials", ":3", "--quiet", "--json"]) == 0
-    assert "3 of 3 trials sent no event, the first is 0" in document(capsys.readouterr().out)["notes"][1]
+    assert (
+        "3 of 3 trials sent no event, the first is trial 0" in document(capsys.readouterr().out)["notes"][1]
+    )
 
 
 def test_the_page_shows_the_trial_that_is_asked_for(
@@ -181,7 +183,7 @@ def test_the_page_shows_the_trial_that_is_asked_for(
         (["--out", "{folder}/t.npz", "--trials", "4"], "--trials 4: must be FIRST:END"),
         (["--out", "{folder}/t.npz", "--trials=-1:2"], "--trials -1:2: must be FIRST:END"),
         (["--out", "{folder}/t.npz", "--trials", "a:b"], "--trials a:b: must be FIRST:END"),
-        (["--out", "{folder}/t.npz", "--trial", "1"], "--trial 1: says which trial --figure shows"),
+        (["--out", "{folder}/t.npz", "--trial", "1"], "--trial 1: needs --figure"),
         (["--figure", "{folder}/p.html", "--trial", "16"], "--trial 16: must be one of the trials 0 to 15"),
         (["--figure", "{folder}/p.html", "--trial", "x"], "--trial x: must be one of the trials 0 to 15"),
         (["--out", "{folder}/t.npz", "--set", "trials"], "--set trials: must be KEY=VALUE"),
@@ -252,7 +254,7 @@ def test_stopped_half_way_leaves_what_was_there(scene: Path, tmp_path: Path, how
     assert list(folder.iterdir()) == [out]
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert stderr.splitlines()[-1] == "stopped; a file appears only when it is whole"
+        assert stderr.splitlines()[-1] == "stopped; no incomplete file was written"
     else:
         assert process.returncode == -how
 

@@ -117,7 +117,7 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
     none = answered(
         capsys, "pick", str(results), "--budget", "energy_uj <= 1e-9", "--confidence", "0.5", code=3
     )
-    assert none["notes"][0].startswith("no design point is within the budgets in 50% of the draws")
+    assert none["notes"][0].startswith("no design point meets every budget in 50% of the samples")
     assert all(row["missed energy_uj<=1e-09"] > 0 for row in none["rows"])
 
 
@@ -130,8 +130,8 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
         (["skyline", "FOLDER", "--battery-mwh", "9"], "--battery-mwh needs --contacts-per-hour"),
         (["skyline", "FOLDER", "--contacts-per-hour", "-1"], "must be a finite number >= 0, got '-1'"),
         (["pick", "TABLE", "--contacts-per-hour", "1"], "the points have no energy_throttled_uj"),
-        (["pick", "FOLDER", "--confidence", "1.5"], "must be a number above 0 and up to 1, got '1.5'"),
-        (["pick", "FOLDER", "--confidence", "sure"], "must be a number above 0 and up to 1, got 'sure'"),
+        (["pick", "FOLDER", "--confidence", "1.5"], "must be a number > 0 and <= 1, got '1.5'"),
+        (["pick", "FOLDER", "--confidence", "sure"], "must be a number > 0 and <= 1, got 'sure'"),
         (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to draw"),
         (
             ["skyline", "TABLE", "--hardware", "loihi1_silicon", "--objectives", "accuracy:max"],

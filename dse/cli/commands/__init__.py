@@ -1,1 +1,1 @@
-"""One file per command of `dse`; what it must define: `dse.cli`."""
+"""One module per command; `dse.cli` says what it must define."""

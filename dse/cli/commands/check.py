@@ -1,4 +1,4 @@
-"""`dse check`: every fault of a search space, and what a run of it would be."""
+"""`dse check`: every fault of a search space, and what a run would do."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import sys
 from typing import Any
 
 from dse.cli.answer import Answer, add_format
-from dse.cli.spaces import add_space, load
+from dse.cli.options import add_space, load
 from dse.config import ConfigError
 from dse.study.preview import preview
 
-HELP = "list every fault of a search space without doing its work"
+GROUP = "search"
+HELP = "check a search space without training: list every fault, or what a run would do"
 _BAD_INPUT = 2
 
 
@@ -22,10 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Return a preview of the study, or the faults, which also go to stderr.
+    """Return a preview of the study, or with `--json` its faults, which are printed on stderr too.
 
     Raises:
-        ConfigError: faults, where no JSON document was asked for.
+        ConfigError: the faults, without `--json`.
     """
     try:
         row = preview(load(arguments))
@@ -34,12 +35,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
             raise
         print(error, file=sys.stderr)
         return Answer([vars(fault) for fault in error.faults], code=_BAD_INPUT)
-    return Answer([row], text="\n".join(f"{name:<16}{_words(value)}" for name, value in row.items()))
+    return Answer([row], text="\n".join(f"{name:<16}{_text(value)}" for name, value in row.items()))
 
 
-def _words(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value)) or "none"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_words(inner)}" for name, inner in value.items())
+        return ", ".join(f"{name} {_text(inner)}" for name, inner in value.items())
     return "unlimited" if value is None else str(value)

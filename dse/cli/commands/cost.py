@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from dse.hardware.inference import Inference
     from dse.hardware.profile import Profile
 
-HELP = "price an inference on hardware from a workload file: energy, time, cores, and whether it fits"
+GROUP = "look up"
+HELP = "compute energy, time and cores of an inference on hardware from a workload file, without training"
 _DEFAULT = "loihi1_silicon"
 
 
@@ -32,11 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a profile's name or file; repeatable (default: {_DEFAULT})",
     )
     parser.add_argument(
-        "--contacts-per-hour", type=float, metavar="N", help="inferences per hour, for the mean power"
+        "--contacts-per-hour", type=float, metavar="N", help="inferences per hour; adds mean power"
     )
-    parser.add_argument("--battery-mwh", type=float, metavar="M", help="capacity, for the battery life")
     parser.add_argument(
-        "--draws", type=positive, metavar="N", help="draw the profile's numbers from their ranges"
+        "--battery-mwh", type=float, metavar="M", help="battery capacity in mWh; adds battery life"
+    )
+    parser.add_argument(
+        "--draws", type=positive, metavar="N", help="sample the profile's uncertain numbers N times"
     )
     add_format(parser)
 
@@ -67,7 +70,7 @@ def _option_faults(arguments: argparse.Namespace) -> list[Fault]:
     if arguments.draws is not None and arguments.draws > MOST_DRAWS:
         faults.append(Fault("--draws", 0, f"must be at most {MOST_DRAWS}, got {arguments.draws}"))
     if battery is not None and contacts is None:
-        faults.append(Fault("--battery-mwh", 0, "needs --contacts-per-hour (0: idle all the time)"))
+        faults.append(Fault("--battery-mwh", 0, "needs --contacts-per-hour (0: always idle)"))
     return faults
 
 

@@ -1,4 +1,4 @@
-"""`dse describe`: what a search space, a page and a scene hold: components, keys, units and ranges."""
+"""`dse describe`: the components and keys of search spaces, pages and scenes, with units and ranges."""
 
 from __future__ import annotations
 
@@ -10,17 +10,21 @@ from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
 from dse.config.locate import is_hardware_file
 
-HELP = "print what a search space, a page or a scene may hold: sections, components, keys, units, ranges"
+GROUP = "look up"
+HELP = "document the sections, components and keys of search spaces, pages and scenes, with units and ranges"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("section", nargs="?", metavar="SECTION", help="such as model")
+    parser.add_argument("section", nargs="?", metavar="SECTION", help="e.g. model")
     parser.add_argument(
-        "name", nargs="?", metavar="NAME", help="a component of it, such as snn, or a hardware file"
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="a component of the section, e.g. snn; of hardware also a YAML file",
     )
     parser.add_argument(
-        "--schema", action="store_true", help="print the JSON Schema of a search space, for editors"
+        "--schema", action="store_true", help="print the JSON Schema of search spaces, for editors"
     )
     add_format(parser)
 
@@ -29,7 +33,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the sections, the components of one, or the keys of one component.
 
     Raises:
-        ConfigError: there is no such section or component; what is wrong with a hardware file.
+        ConfigError: the section or component is unknown, or a hardware file has faults.
     """
     if arguments.schema:
         from dse.config.schema import json_schema
@@ -42,8 +46,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     known = names(arguments.section)
     if arguments.name is None and known:
         return Answer(known, text=_listing(known, "name", "doc"))
-    own_file = arguments.section == "hardware" and is_hardware_file(arguments.name)
-    if known and not own_file:
+    is_file = arguments.section == "hardware" and is_hardware_file(arguments.name)
+    if known and not is_file:
         _expect(arguments.section, arguments.name, [row["name"] for row in known])
     rows = keys(arguments.section, arguments.name)
     return Answer(rows, remarks(arguments.section, arguments.name), all_rows=True)

@@ -6,46 +6,57 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse.cli import priced
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import Objective, columns, records
-from dse.cli.numbers import draws, share
-from dse.study import priced as study_priced
+from dse.cli.numbers import draws, fraction
+from dse.cli.options import add_duty, add_hardware
+from dse.study import priced
 
 if TYPE_CHECKING:
     import pandas
 
-HELP = "pick the best design point within budgets, and export it"
+GROUP = "choose"
+HELP = "pick the best design point that meets all budgets, and export it as a bundle"
 _NOTHING_FEASIBLE = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "results", metavar="RESULTS", help="folder of a study, or a CSV, Parquet or JSON file"
+        "results", metavar="RESULTS", help="folder of a study, or a CSV, Parquet or JSON table"
     )
     parser.add_argument(
-        "--budget", action="append", default=[], metavar="EXPR", help='such as "energy_uj<=50"; repeatable'
+        "--budget",
+        action="append",
+        default=[],
+        metavar="EXPR",
+        help='condition that the pick must meet, e.g. "energy_uj<=50"; repeatable',
     )
-    parser.add_argument("--maximise", default="accuracy", metavar="COLUMN", help="default: accuracy")
-    priced.add_hardware(parser)
-    priced.add_duty(parser)
+    parser.add_argument(
+        "--maximise", default="accuracy", metavar="COLUMN", help="column to maximise (default: accuracy)"
+    )
+    add_hardware(parser)
+    add_duty(parser)
     parser.add_argument(
         "--confidence",
-        type=share,
-        metavar="SHARE",
-        help="such as 0.9: in so many draws of the hardware's figures the pick is within each budget, and no "
-        "design beats it in every objective",
+        type=fraction,
+        metavar="P",
+        help="require confidence, e.g. 0.9: in 90 %% of the samples of the chip's uncertain numbers the pick "
+        "meets every budget and is non-dominated",
     )
     parser.add_argument(
-        "--draws", type=draws, default=200, metavar="N", help="draws for --confidence (default: 200)"
+        "--draws",
+        type=draws,
+        default=200,
+        metavar="N",
+        help="number of samples for --confidence (default: 200)",
     )
-    parser.add_argument("--export", metavar="DIR", help="write the design as a bundle")
+    parser.add_argument("--export", metavar="DIR", help="write the picked design to this folder as a bundle")
     add_format(parser)
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Return the picked row; without one, the nearest rows and by how much they miss each budget."""
+    """Return the picked row, or if no row meets every budget the nearest rows and by how much they miss."""
     from dse.skyline import front
     from dse.store import StoreError
     from dse.study import results
@@ -53,33 +64,31 @@ def answer(arguments: argparse.Namespace) -> Answer:
     is_study = Path(arguments.results).is_dir()
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
-    [points] = study_priced.points([arguments.results], arguments.hardware)
-    points = study_priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
+    [points] = priced.points([arguments.results], arguments.hardware)
+    points = priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
     objectives: list[Objective] = results.open(arguments.results).objectives if is_study else []
     ties = [(name, way) for name, way in objectives if name != arguments.maximise and name in points]
     goals = [(arguments.maximise, "max"), *ties]
     if arguments.confidence is None:
-        found = front.pick(points, arguments.budget, arguments.maximise, ties)
+        picked = front.pick(points, arguments.budget, arguments.maximise, ties)
     else:
         names = [*(name for name, _ in goals), *front.budgeted(arguments.budget)]
-        drawing = study_priced.draws(
-            [arguments.results], [points], arguments.hardware, names, arguments.draws
-        )
+        drawing = priced.draws([arguments.results], [points], arguments.hardware, names, arguments.draws)
         apart = [name for name in ("task",) if name in points]
-        found = front.sure_pick(
+        picked = front.sure_pick(
             points, arguments.budget, arguments.maximise, ties, drawing, arguments.confidence, apart
         )
-    if found.row is None:
-        missed = [str(name) for name in found.nearest.columns if str(name).startswith("missed ")]
-        sure = "" if arguments.confidence is None else f" in {arguments.confidence:.0%} of the draws"
-        notes = [f"no design point is within the budgets{sure}; these come nearest", *found.notes]
-        shown = [*columns(found.nearest, goals), *missed]
-        return Answer(records(found.nearest), notes, shown, code=_NOTHING_FEASIBLE)
-    row: dict[str, Any] = {str(name): value for name, value in found.row.items()}
-    # Accuracies of tasks do not compare; nor do energies of a chip and of counted operations.
+    if picked.row is None:
+        missed = [str(name) for name in picked.nearest.columns if str(name).startswith("missed ")]
+        sure = "" if arguments.confidence is None else f" in {arguments.confidence:.0%} of the samples"
+        notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes]
+        shown = [*columns(picked.nearest, goals), *missed]
+        return Answer(records(picked.nearest), notes, shown, code=_NOTHING_FEASIBLE)
+    row: dict[str, Any] = {str(name): value for name, value in picked.row.items()}
+    # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
-        *found.notes,
-        *_unheld(row),
+        *picked.notes,
+        *_misfit(row),
         *_others(points, arguments.budget, "task", "tasks"),
         *_others(points, arguments.budget, "hardware", "hardware profiles"),
     ]
@@ -88,38 +97,42 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
         evaluate.export(results.open(arguments.results), row, arguments.export)
         notes.append(f"bundle: {arguments.export}")
-    return Answer([row], notes, _telling(row, goals))
+    return Answer([row], notes, _shown(row, goals))
 
 
-def _unheld(row: dict[str, Any]) -> list[str]:
-    """Return a hint where the pick's chip cannot run it or hold it."""
+def _misfit(row: dict[str, Any]) -> list[str]:
+    """Return a hint if the chip cannot run the picked design, or the design does not fit it."""
     import pandas
 
     if "energy_uj_high" in row and pandas.isna(row["energy_uj_high"]):
-        return [f'{row["hardware"]} cannot run this design; --budget "energy_uj_high >= 0" leaves such out']
+        return [
+            f"{row['hardware']} cannot run this design; "
+            'exclude such designs with --budget "energy_uj_high >= 0"'
+        ]
     if pandas.notna(row.get("fits")) and not row["fits"]:
-        return [f"this design does not fit {row['hardware']}; --budget fits leaves such out"]
+        return [f"this design does not fit {row['hardware']}; exclude such designs with --budget fits"]
     return []
 
 
 def _others(points: pandas.DataFrame, budgets: list[str], column: str, plural: str) -> list[str]:
-    """Return a hint where the pick went across values of a column whose rows do not compare."""
+    """Return a hint if the pick compared rows that differ in a column whose values cannot be compared."""
     values = list(dict.fromkeys(map(str, points[column]))) if column in points else []
     if len(values) < 2 or any(column in budget for budget in budgets):
         return []
     return [
-        f"best over the {plural} {', '.join(values)}; --budget \"{column} == '{values[0]}'\" picks within one"
+        f"this is the best over the {plural} {', '.join(values)}; restrict it to one with "
+        f"--budget \"{column} == '{values[0]}'\""
     ]
 
 
-def _telling(row: dict[str, Any], goals: list[Objective]) -> list[str]:
+def _shown(row: dict[str, Any], goals: list[Objective]) -> list[str]:
     """Return the columns of one row that a table shows: the design and the objectives."""
     import pandas
 
-    about = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
+    identity = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
     axes = [
         name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
     ]
-    design = [name for name in row if name in about or name in axes]
-    asked = ("power_mw", "battery_h", "front_share")
-    return [name for name in dict.fromkeys([*design, *(goal for goal, _ in goals), *asked]) if name in row]
+    design = [name for name in row if name in identity or name in axes]
+    optional = ("power_mw", "battery_h", "front_share")
+    return [name for name in dict.fromkeys([*design, *(goal for goal, _ in goals), *optional]) if name in row]

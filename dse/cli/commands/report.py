@@ -11,7 +11,8 @@ from dse.cli.answer import FORMATS, Answer, add_format
 if TYPE_CHECKING:
     from dse.study.results import Study
 
-HELP = "print the figures of the published systems beside those of studies"
+GROUP = "choose"
+HELP = "compare studies with published systems, spiking with other families, and chips with each other"
 _SHOWN = (
     *("system", "figure", "task", "published", "ours", "se", "low", "high", "test", "runs"),
     *("hardware", "family", "trial", "study"),
@@ -22,16 +23,17 @@ _NOTHING = 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "results", nargs="+", metavar="RESULTS", help="folders of studies, or a folder that holds some"
+        "results", nargs="+", metavar="RESULTS", help="folders of studies, or a folder that contains some"
     )
     parser.add_argument(
-        "--system", metavar="LETTERS", help="rows of these published systems only, such as A or DE"
+        "--system", metavar="LETTERS", help="print the rows of these published systems only, e.g. A or DE"
     )
     parser.add_argument(
         "--hardware",
         action="append",
         metavar="NAME",
-        help="set this profile, a name or file, against others; repeatable (default: those of each study)",
+        help="compare this hardware profile (name or YAML file) with others; repeatable (default: the "
+        "profiles of each study)",
     )
     add_format(parser, FORMATS)
 
@@ -72,7 +74,7 @@ def _wanted(text: str | None, known: list[str]) -> set[str] | None:
     wanted = dict.fromkeys(text.upper().replace(",", "").replace(" ", ""))
     unknown = [name for name in wanted if name not in known]
     if unknown or not wanted:
-        raise ExpressionError(f"--system must be letters of {', '.join(known)}, such as DE, got '{text}'")
+        raise ExpressionError(f"--system must be letters among {', '.join(known)}, e.g. DE, got '{text}'")
     return set(wanted)
 
 
@@ -86,7 +88,7 @@ def _chips(names: list[str] | None) -> list[str]:
 
     chips = list(dict.fromkeys(names or []))
     if len(chips) == 1:
-        raise ExpressionError(f"--hardware must be said of two profiles or more, got '{chips[0]}' alone")
+        raise ExpressionError(f"--hardware must name two profiles or more, got only '{chips[0]}'")
     return chips
 
 
@@ -98,5 +100,5 @@ def _studies(path: Path) -> list[Study]:
         return [results.open(path)]
     inside = sorted(x.parent for x in path.glob("*/points.parquet")) if path.is_dir() else []
     if not inside:
-        raise StoreError(f"{path}: must be the folder of a study with results, or hold some")
+        raise StoreError(f"{path}: must be the folder of a study with results, or contain such folders")
     return [results.open(folder) for folder in inside]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.numbers import positive
-from dse.cli.spaces import add_set, overrides_of
+from dse.cli.options import add_set, overrides_of
 from dse.config import ConfigError, Fault
 from dse.study import progress
 
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from dse.scene.scene import Scene
     from dse.scene.simulate import Flags
 
-HELP = "simulate the trials of a scene: a file of events, and a page that shows one of them"
+GROUP = "look up"
+HELP = "simulate the trials of a scene; write their events to a file, and one trial as a page"
 
 _WARM_UP_MS = 100.0
 
@@ -40,18 +41,22 @@ class _Made:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("scene", metavar="SCENE", help="a YAML file, or the name of a scene of the package")
-    parser.add_argument("--out", type=Path, metavar="FILE.npz", help="write the events of the trials here")
+    parser.add_argument("scene", metavar="SCENE", help="a YAML file, or the name of a shipped scene")
     parser.add_argument(
-        "--trials", metavar="FIRST:END", help="trials to simulate, END not among them (default: all)"
+        "--out", type=Path, metavar="FILE.npz", help="write the events of the trials to this file"
+    )
+    parser.add_argument(
+        "--trials", metavar="FIRST:END", help="trials to simulate, from FIRST to END - 1 (default: all)"
     )
     add_set(parser, "trials=2 or 'textures=[denim, wool]'")
     parser.add_argument(
-        "--jobs", type=positive, metavar="N", help="trials simulated at a time (default: one per core)"
+        "--jobs", type=positive, metavar="N", help="trials simulated in parallel (default: one per core)"
     )
-    parser.add_argument("--figure", type=Path, metavar="PAGE.html", help="write a page that shows one trial")
-    parser.add_argument("--trial", metavar="K", help="which trial --figure shows (default: the first)")
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    parser.add_argument(
+        "--figure", type=Path, metavar="PAGE.html", help="write a page that shows one trial to this file"
+    )
+    parser.add_argument("--trial", metavar="K", help="the trial that --figure shows (default: the first)")
+    parser.add_argument("--quiet", action="store_true", help="print no progress on stderr")
     add_format(parser)
 
 
@@ -77,12 +82,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
                 made = _write(scene, trials, arguments.out, arguments.jobs or _cores(), told)
                 notes += _empty(trials, made)
                 notes.append(
-                    f"to train on it, put into a search space: {_data_section(scene, arguments.out)}"
+                    f"to train on this file, write into a search space: {_data_section(scene, arguments.out)}"
                 )
             if arguments.figure is not None:
                 notes.append(f"page of trial {shown}: {_draw(scene, shown, arguments.figure)}")
     except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; a file appears only when it is whole") from None
+        raise KeyboardInterrupt("stopped; no incomplete file was written") from None
     return Answer(_rows(scene, made), notes)
 
 
@@ -105,7 +110,7 @@ def _wanted(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
     first = trials[0] if trials else 0
     shown = arguments.trial if arguments.trial is not None else str(first)
     if arguments.trial is not None and arguments.figure is None:
-        faults.append(Fault(f"--trial {shown}", 0, "says which trial --figure shows, and needs it"))
+        faults.append(Fault(f"--trial {shown}", 0, "needs --figure, whose trial it selects"))
     elif not (shown.isascii() and shown.isdigit() and int(shown) < n_trials):
         faults.append(Fault(f"--trial {shown}", 0, f"must be one of the trials 0 to {n_trials - 1}"))
     if faults or trials is None:
@@ -193,8 +198,8 @@ def _empty(trials: range, made: Sequence[_Made]) -> list[str]:
     if not empty:
         return []
     return [
-        f"{len(empty)} of {len(made)} trials sent no event, the first is {empty[0]}; a search space "
-        "must leave them out of its split"
+        f"{len(empty)} of {len(made)} trials sent no event, the first is trial {empty[0]}; exclude them "
+        "from the split of a search space"
     ]
 
 

@@ -1,17 +1,18 @@
-"""`dse skyline`: the Pareto front of a study, under constraints."""
+"""`dse skyline`: the Pareto front of studies or tables, under constraints."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from dse.cli import priced
 from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import Objective, columns, records
 from dse.cli.numbers import draws
-from dse.study import priced as study_priced
+from dse.cli.options import add_duty, add_hardware
+from dse.study import priced
 
-HELP = "print the non-dominated design points of a study or of any table of points"
+GROUP = "choose"
+HELP = "print the skyline: the non-dominated design points of studies or of any tables"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,30 +21,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "results",
         nargs="+",
         metavar="RESULTS",
-        help="folder of a study, or a CSV, Parquet or JSON file; repeatable",
+        help="folder of a study, or a CSV, Parquet or JSON table; several are concatenated",
     )
     parser.add_argument(
         "--objectives",
         metavar="LIST",
-        help="such as accuracy:max,energy_uj:min (default: those of the study)",
+        help="e.g. accuracy:max,energy_uj:min (default: the objectives of the study)",
     )
     parser.add_argument(
-        "--where", metavar="EXPR", help='condition, such as "n_weights <= 100000 and phi > 2"'
+        "--where",
+        metavar="EXPR",
+        help='keep the points that meet this condition, e.g. "n_weights <= 100000 and phi > 2"',
     )
     parser.add_argument(
         "--by",
         metavar="COLUMN",
-        help="one front for each value of this column, such as task; several with commas. Costs on different "
-        "hardware never share a front",
+        help="compute one front per value of this column, e.g. task; separate several columns by commas. "
+        "Costs on different hardware are never compared",
     )
-    priced.add_hardware(parser)
-    priced.add_duty(parser)
+    add_hardware(parser)
+    add_duty(parser)
     parser.add_argument(
         "--draws",
         type=draws,
         metavar="N",
-        help="draw the figures of the hardware so often: column front_share is the share of draws in which a "
-        "point stays non-dominated",
+        help="sample the chip's uncertain numbers N times; column front_share is the fraction of samples in "
+        "which a point stays non-dominated",
     )
     add_format(parser, FORMATS)
 
@@ -54,30 +57,30 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
     from dse.skyline import front
 
-    frames = study_priced.points(arguments.results, arguments.hardware)
+    frames = priced.points(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    frame = study_priced.on_duty(
+    frame = priced.on_duty(
         pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
     )
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
-    found = front.skyline(frame, objectives, arguments.where, by)
-    rows, shown = found.rows, columns(found.rows, objectives)
+    skyline = front.skyline(frame, objectives, arguments.where, by)
+    rows, shown = skyline.rows, columns(skyline.rows, objectives)
     shown += [name for name in ("power_mw", "battery_h") if name in rows and name not in shown]
     if arguments.draws:
         names = [name for name, _ in objectives]
-        drawing = study_priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
-        among = front.comparable(frame, objectives, arguments.where, by).rows
-        share = front.front_share(among, objectives, drawing, by)
-        rows = rows.assign(front_share=pandas.Series(share, among.index)[rows.index])
+        drawing = priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
+        candidates = front.comparable(frame, objectives, arguments.where, by).rows
+        share = front.front_share(candidates, objectives, drawing, by)
+        rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
         shown = [*shown, "front_share"]
-    return Answer(records(rows), found.notes, shown)
+    return Answer(records(rows), skyline.notes, shown)
 
 
 def objectives_of(text: str | None, results: str) -> list[Objective]:
-    """Return the objectives as given, else those of the study in a folder.
+    """Return the objectives of the option `--objectives`, or those of the study if the option is absent.
 
     Raises:
-        ExpressionError: they cannot be read, or a plain table has none.
+        ExpressionError: the objectives cannot be parsed, or a table has none.
     """
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.front import parse_objectives
@@ -87,6 +90,6 @@ def objectives_of(text: str | None, results: str) -> list[Objective]:
         return parse_objectives(text)
     if not Path(results).is_dir():
         raise ExpressionError(
-            f"{results}: a table has no objectives; name them: --objectives accuracy:max,..."
+            f"{results}: a table has no objectives of its own; state them: --objectives accuracy:max,..."
         )
     return open_study(results).objectives

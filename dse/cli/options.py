@@ -1,0 +1,91 @@
+"""Arguments and options that several commands share: SPACE, --set, --repair, --hardware, the duty cycle."""
+
+from __future__ import annotations
+
+import argparse
+
+from dse.cli.numbers import amount
+from dse.config import ConfigError, Fault, SearchSpace, load_space
+
+REPAIR = "repair damaged event files or leave them out, with a warning for each, instead of stopping"
+
+
+def add_space(parser: argparse.ArgumentParser) -> None:
+    """Add SPACE, `--set` and `--repair`."""
+    parser.add_argument("space", metavar="SPACE", help="a YAML file, or the name of a shipped search space")
+    add_set(parser, "data.file=touch.npz or 'model.hidden={choice: [50, 100]}'")
+    parser.add_argument("--repair", action="store_true", help=f"{REPAIR}; short for --set data.repair=true")
+
+
+def add_set(parser: argparse.ArgumentParser, example: str) -> None:
+    """Add `--set`."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="overrides",
+        help=f"replace the value of a key, e.g. {example}; repeatable",
+    )
+
+
+def add_hardware(parser: argparse.ArgumentParser) -> None:
+    """Declare `--hardware`."""
+    parser.add_argument(
+        "--hardware",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="compute costs on this hardware profile (name or YAML file); nothing is retrained; repeatable",
+    )
+
+
+def add_duty(parser: argparse.ArgumentParser) -> None:
+    """Declare `--contacts-per-hour` and `--battery-mwh`."""
+    parser.add_argument(
+        "--contacts-per-hour",
+        type=amount,
+        metavar="N",
+        help="inferences per hour; adds the column power_mw, mean power at the sensor's step period, idle "
+        "time included",
+    )
+    parser.add_argument(
+        "--battery-mwh",
+        type=amount,
+        metavar="M",
+        help="battery capacity in mWh; adds the column battery_h, battery life in hours "
+        "(needs --contacts-per-hour)",
+    )
+
+
+def load(arguments: argparse.Namespace) -> SearchSpace:
+    """Return the search space that the arguments name; its data files and hardware profiles are checked too.
+
+    Raises:
+        ConfigError: every fault.
+    """
+    from dse.hardware.profile import load_all
+
+    overrides = overrides_of(arguments)
+    if arguments.repair:
+        overrides["data.repair"] = "true"
+    space = load_space(arguments.space, overrides, check_data=True)
+    load_all(space.hardware, space.source.parent)
+    return space
+
+
+def overrides_of(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return key -> value of each `--set`.
+
+    Raises:
+        ConfigError: every `--set` that is not KEY=VALUE.
+    """
+    overrides, faults = {}, []
+    for text in arguments.overrides:
+        key, equals, value = text.partition("=")
+        if not equals:
+            faults.append(Fault(f"--set {text}", 0, "must be KEY=VALUE, e.g. execution.jobs=2"))
+        overrides[key.strip()] = value
+    if faults:
+        raise ConfigError(faults)
+    return overrides
