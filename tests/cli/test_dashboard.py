@@ -158,7 +158,7 @@ def test_a_taken_port_is_one_line(
             ["--html", "page.html", "--port", "1"],
             "--port: applies to a served page and cannot be combined with --html",
         ),
-        (["--html", "page.html", "--host", "x"], "--host: is for a page that is served"),
+        (["--html", "page.html", "--host", "x"], "--host: applies to a served page"),
     ],
 )
 def test_what_cannot_be_served_is_said(
