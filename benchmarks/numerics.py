@@ -45,6 +45,7 @@ from rich.table import Table
 import dse
 from benchmarks import hots
 from dse import dataset, seeds
+from dse.config.settings import Preprocessing
 from dse.encoders.receptors import Receptors, parameters
 from dse.engine.events import Rows, dense, gather
 from dse.engine.layers import Weights, forward, prepare, weights
@@ -57,7 +58,8 @@ from dse.models.surfaces.time_surfaces import NEVER, Field, Memory, Stream
 from dse.models.training import Training
 from dse.native.compiled import compiled
 from dse.neurons import cuba_lif, izhikevich
-from dse.preprocessing import Preprocessing, pool, pooling
+from dse.preprocessing import pool
+from dse.recordings.pooling import pooling
 from dse.records import Array, Block, Dataset, Signals, Spikes
 
 MATCH_WITHIN = 5.0

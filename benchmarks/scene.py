@@ -35,7 +35,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dse.preprocessing import Pooling, Preprocessing, pooling
+from dse.config.settings import Preprocessing
+from dse.preprocessing import Pooling
+from dse.recordings.pooling import pooling
 from dse.records import Block
 from dse.scene import reference, simulate
 from dse.scene.camera import start_phases

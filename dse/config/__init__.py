@@ -9,7 +9,7 @@ from dse.config.axes import Axis
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.load import load_space
 from dse.config.locate import shipped_spaces
-from dse.config.sections import ExecutionSettings
+from dse.config.settings import ExecutionSettings
 from dse.config.space import DecisionGrid, Design, SearchSettings, SearchSpace
 
 __all__ = [

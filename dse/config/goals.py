@@ -15,15 +15,8 @@ from dse.config.device import missing
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.sections import (
-    HELD_BACK,
-    OF_HARDWARE,
-    Decision,
-    ExecutionSettings,
-    Precision,
-    Search,
-    known_objectives,
-)
+from dse.config.sections import HELD_BACK, OF_HARDWARE, known_objectives
+from dse.config.settings import Decision, ExecutionSettings, Precision, Search
 from dse.config.space import DecisionGrid, PrecisionSettings, SearchSettings
 from dse.config.values import Report, echo, read_fields
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from dse.config.axes import Axis, is_axis, parse_axis
 from dse.config.faults import known_names
-from dse.config.sections import WITH_AXES, Task, components, settings_class
+from dse.config.sections import WITH_AXES, components, settings_class
+from dse.config.settings import Task
 from dse.config.values import INVALID, Report, dotted, echo, read, read_fields, read_given, wanted
 from dse.config.yaml_lines import Path
 from dse.registry import Rule

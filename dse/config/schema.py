@@ -19,10 +19,10 @@ from dse.config.sections import (
     FAMILIES,
     SECTIONS,
     WITH_AXES,
-    Search,
     known_objectives,
     settings_class,
 )
+from dse.config.settings import Search
 from dse.config.values import is_list
 from dse.registry import Rule, rule_of
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from dse.config.axes import Axis, Branching, branchings, n_combinations
-from dse.config.sections import SECTIONS, ExecutionSettings
+from dse.config.sections import SECTIONS
+from dse.config.settings import ExecutionSettings
 from dse.config.values import echo
 from dse.config.yaml_lines import dump
 

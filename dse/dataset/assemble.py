@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dse.config.settings import Split, Window
 from dse.dataset import cache, encoding
 from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key
@@ -18,9 +19,8 @@ from dse.dataset.parts import Part, Result, Telling, count, cropped, place_signa
 from dse.dataset.sections import Resolved, component, section
 from dse.recordings import Placed, RecordingError, Recordings, Source, leakage
 from dse.recordings.cutting import cut
-from dse.recordings.splits import Split, leak, split
+from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, target, target_columns
-from dse.recordings.windows import Window
 from dse.records import Array, Dataset, Signals
 
 

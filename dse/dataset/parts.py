@@ -11,10 +11,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dse import preprocessing
+from dse.config.settings import Preprocessing, Window
 from dse.dataset.sections import Resolved, component, refusals, section
-from dse.preprocessing import Pooling, Preprocessing, PreprocessingError
+from dse.preprocessing import Pooling
 from dse.recordings import EventSource, RecordingError, Recordings, Repaired, Simulated
-from dse.recordings.windows import Window, mean_levels, place, signal_onset, without_mean
+from dse.recordings.pooling import pooling
+from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
 from dse.records import Array, Rasters, Signals, Spikes
 
 Result = TypeVar("Result")
@@ -110,10 +112,7 @@ def pooling_of(source: EventSource, resolved: Resolved) -> Pooling:
         raise
     except ValueError as error:
         raise RecordingError(f"preprocessing.{error}") from None
-    try:
-        return preprocessing.pooling(settings, source.width, source.height, pins)
-    except PreprocessingError as error:
-        raise RecordingError(str(error)) from None
+    return pooling(settings, source.width, source.height, pins)
 
 
 def cropped(source: Recordings, resolved: Resolved, train: Array) -> Telling[dict[str, Any]]:

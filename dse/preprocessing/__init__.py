@@ -8,27 +8,22 @@ Bins are half open: an event on a border belongs to the later bin. t_0 is the re
 wherever it lies, so that the wait for it tells nothing; a simulated trial has t_0 = 0. `time_ms` keeps events
 with start <= t - t_0 < end; the last bin may be partly empty. A pixel counts in every pool that holds it:
 pools overlap where the stride is smaller than the kernel, and leave pixels out where it is larger
-(`pools.pooling` states their places, with padding and crop). Counts stop at 255. Spike channel
+(`dse.recordings.pooling` states their places, with padding and crop). Counts stop at 255. Spike channel
 (p height + j) width + i of the pooled frame; p is 0 for OFF and 1 for ON where polarities are split, else 0.
 A recording without events has no bins; bins without events have no spikes.
 """
 
 from dse.preprocessing.pins import count_pixels, pin_rectangle
-from dse.preprocessing.pools import END_OF_TIME_US, Pooling, pooling
-from dse.preprocessing.settings import POLARITIES, Preprocessing, PreprocessingError
+from dse.preprocessing.pools import END_OF_TIME_US, Pooling
 from dse.preprocessing.streaming import Survey, pool, survey, without_quiet
 
 __all__ = [
     "END_OF_TIME_US",
-    "POLARITIES",
     "Pooling",
-    "Preprocessing",
-    "PreprocessingError",
     "Survey",
     "count_pixels",
     "pin_rectangle",
     "pool",
-    "pooling",
     "survey",
     "without_quiet",
 ]

@@ -4,119 +4,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from dse import seeds
 from dse.config.faults import known_names
+from dse.config.settings import KFold, Split, Stratified, Window
 from dse.recordings import RecordingError
-from dse.recordings.windows import Window
 from dse.records import Array
-from dse.registry import param
 
 ORIGINAL, NUMBER = "recording", "window"
 """Columns of windows that were cut: the number of the recording that each is from, and its own within it."""
-
-
-@dataclass(frozen=True)
-class Stratified:
-    """A random draw of the same fraction of every class."""
-
-    validation: float = param(
-        doc="fraction of every class", low=0, low_open=True, high=1, high_open=True, axis=False
-    )
-    test: float = param(0.0, doc="fraction of every class", low=0, high=1, high_open=True, axis=False)
-    seed: int = param(0, doc="seed of the draw", low=0, axis=False)
-    group: str | None = param(
-        None,
-        doc="label column; recordings of one value stay together, fractions as near as that allows",
-        axis=False,
-    )
-
-
-@dataclass(frozen=True)
-class KFold:
-    """Every recording outside the test set validates in one of k folds and trains in the others.
-
-    The test set is the same in all folds.
-    """
-
-    k: int = param(10, doc="number of folds", low=2, axis=False)
-    group: str | None = param(None, doc="label column; recordings of one value are in one part", axis=False)
-    test: float | Mapping[str, Any] | None = param(
-        None,
-        doc="fraction of every class, or column -> value or values, of a separate test set",
-        low=0,
-        low_open=True,
-        high=1,
-        high_open=True,
-        axis=False,
-    )
-    seed: int = param(1, doc="seed of the draw", low=0, axis=False)
-    fold: int = param(0, doc="fold that validates; run r of a study takes r modulo k", low=0, axis=False)
-
-    def __post_init__(self) -> None:
-        """Check what one key alone cannot say."""
-        if self.fold >= self.k:
-            raise RecordingError(f"split.k_fold.fold must be below k = {self.k}, got {self.fold}")
-
-
-@dataclass(frozen=True)
-class LeaveOut:
-    """One group validates, the rest trains."""
-
-    column: str = param(doc="label column of the groups", axis=False)
-    value: Any = param(doc="the group left out", axis=False)  # noqa: RUF009
-
-
-@dataclass(frozen=True)
-class Split:
-    """One of four: `train` and `validation` (and `test`) by column values, or one of the other keys."""
-
-    train: Mapping[str, Any] | None = param(
-        None, doc="column -> value or values of training recordings", axis=False
-    )
-    validation: Mapping[str, Any] | None = param(
-        None, doc="column -> value or values that validate", axis=False
-    )
-    test: Mapping[str, Any] | None = param(
-        None, doc="column -> value or values of test recordings", axis=False
-    )
-    stratified: Stratified | None = param(  # noqa: RUF009
-        None, doc="drawn, the same fraction of every class; keys validation, test, seed, group", axis=False
-    )
-    k_fold: KFold | None = param(  # noqa: RUF009
-        None,
-        doc="cross-validation, one fold validates and the others train; keys k, group, test, seed",
-        axis=False,
-    )
-    leave_out: LeaveOut | None = param(  # noqa: RUF009
-        None, doc="one group validates, the rest trains; keys column, value", axis=False
-    )
-
-    def __post_init__(self) -> None:
-        """Check that there is one rule, and a whole one."""
-        by_column = self.train is not None or self.validation is not None or self.test is not None
-        others = (self.stratified, self.k_fold, self.leave_out)
-        if by_column + sum(rule is not None for rule in others) != 1:
-            raise RecordingError(
-                "split must be one of: train and validation by column, stratified, k_fold, leave_out"
-            )
-        if by_column and not (self.train and self.validation):
-            raise RecordingError("split must name columns for both train and validation")
-
-    def columns(self) -> tuple[str, ...]:
-        """Return the label columns that the split reads."""
-        named: list[str | None] = [*(self.train or {}), *(self.validation or {}), *(self.test or {})]
-        if self.stratified is not None:
-            named.append(self.stratified.group)
-        if self.k_fold is not None:
-            named += [self.k_fold.group, *(self.k_fold.test if isinstance(self.k_fold.test, Mapping) else ())]
-        if self.leave_out is not None:
-            named.append(self.leave_out.column)
-        return tuple(dict.fromkeys(name for name in named if name is not None))
 
 
 def split(

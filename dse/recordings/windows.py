@@ -6,47 +6,9 @@ import dataclasses
 
 import numpy as np
 
+from dse.config.settings import Window
 from dse.recordings import RecordingError
 from dse.records import Array, Signals
-from dse.registry import param
-
-
-@dataclasses.dataclass(frozen=True)
-class Window:
-    """A window of fixed length; training crops may begin up to `jitter_steps` to either side of it."""
-
-    n_steps: int | None = param(None, doc="window length; absent: whole recordings", unit="steps", low=1)
-    at: str = param("middle", doc="where it lies", choices=("start", "middle", "contact_onset"))
-    jitter_steps: int = param(0, doc="training crops begin up to this far around it", unit="steps", low=0)
-    onset_threshold: float = param(
-        3.0,
-        doc="contact: a channel differs this much from its first sample, or a bin has this many events",
-        low=0,
-        low_open=True,
-    )
-    remove_mean: bool = param(
-        False,
-        doc="subtract each channel's mean over the window (sampled signals; encoders of changes need it not)",
-    )
-    cut_steps: int | None = param(
-        None,
-        doc="first cut every recording into windows of this length, recordings of their own; columns "
-        "'recording' and 'window' number the original and the window in it; absent: do not",
-        unit="steps",
-        low=1,
-    )
-    every_steps: int | None = param(
-        None, doc="distance of the first steps of two such windows; absent: cut_steps", unit="steps", low=1
-    )
-
-    def __post_init__(self) -> None:
-        """Check what one key alone cannot say."""
-        if self.cut_steps is None and self.every_steps is not None:
-            raise RecordingError("window.every_steps needs window.cut_steps, which is absent")
-        if self.cut_steps is not None and self.n_steps is not None and self.n_steps > self.cut_steps:
-            raise RecordingError(
-                f"window.n_steps must be at most window.cut_steps = {self.cut_steps}, got {self.n_steps}"
-            )
 
 
 def place(

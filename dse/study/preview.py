@@ -48,13 +48,13 @@ def preview(space: SearchSpace) -> dict[str, Any]:
 
 def _from_data(space: SearchSpace) -> dict[str, Any]:
     """Return recordings, classes and the range of the number of weights, as far as they are known early."""
+    from dse.config.settings import Split, Window
     from dse.dataset.parts import pooling_of
     from dse.dataset.sections import component, section
     from dse.recordings import RecordingError, Repaired, Simulated
     from dse.recordings.cutting import cut
-    from dse.recordings.splits import Split, split
+    from dse.recordings.splits import split
     from dse.recordings.targets import heads, target
-    from dse.recordings.windows import Window
     from dse.records import Events, Rasters, Signals
 
     first = space.resolve(next(corners(space, (), 1)))

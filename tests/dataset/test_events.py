@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from dse import preprocessing, registry
+from dse.config.settings import Preprocessing
 from dse.dataset import as_prepared, build, build_for, cache, hold, load, prepare, warnings
 from dse.dataset.assemble import _result
 from dse.dataset.files import read_meta, write_spikes
 from dse.dataset.parts import Part, in_order, placed
 from dse.recordings import RecordingError
+from dse.recordings.pooling import pooling
 from dse.records import Array, Block
 from tests.dataset.encoders import encoders  # noqa: F401
 from tests.saved_data import in_a_row
@@ -124,8 +126,8 @@ def expected(
     source: Any, i: int, design: Mapping[str, Any], first: int, n: int, t0_us: int = 0
 ) -> list[list[int]]:
     """Return the channels of bins first .. first + n - 1, pooled from the whole event list."""
-    settings = preprocessing.Preprocessing(**design["preprocessing"])
-    found = preprocessing.pooling(settings, SIZE, SIZE, (4, 4, 4, 4))
+    settings = Preprocessing(**design["preprocessing"])
+    found = pooling(settings, SIZE, SIZE, (4, 4, 4, 4))
     counts, channels = preprocessing.pool(source.blocks(i), found, t0_us, first, n)
     return [part.tolist() for part in np.split(channels, np.cumsum(counts)[:-1])]
 
@@ -168,8 +170,8 @@ def test_settings_mean_the_same_for_scenes_and_files(settings: dict[str, Any]):
 
 
 def recorded_bins(source: Any, design: Mapping[str, Any], i: int) -> int:
-    settings = preprocessing.Preprocessing(**design["preprocessing"])
-    found = preprocessing.pooling(settings, SIZE, SIZE)
+    settings = Preprocessing(**design["preprocessing"])
+    found = pooling(settings, SIZE, SIZE)
     return preprocessing.survey(source.blocks(i), found, 1).n_bins
 
 

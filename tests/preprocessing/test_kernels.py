@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.preprocessing import Preprocessing, pooling
+from dse.config.settings import Preprocessing
 from dse.preprocessing.kernels import MOST, add, flush
+from dse.recordings.pooling import pooling
 
 
 def bins(n_slots, found):

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dse.preprocessing import POLARITIES, Preprocessing, pool, pooling, survey, without_quiet
-from dse.preprocessing.settings import pair
+from dse.config.settings import POLARITIES, Preprocessing, pair
+from dse.preprocessing import pool, survey, without_quiet
 from dse.recordings.events import EventFile
+from dse.recordings.pooling import pooling
 from dse.records import Block
 
 NEVER = 10**9

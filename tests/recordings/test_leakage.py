@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsClassifier
 
+from dse.config.settings import Split, Window
 from dse.recordings import RecordingError, leakage
-from dse.recordings.splits import Split, split
+from dse.recordings.splits import split
 from dse.recordings.targets import target
 from dse.recordings.time_series import TimeSeries
-from dse.recordings.windows import Window, mean_levels, place
+from dse.recordings.windows import mean_levels, place
 
 RNG = np.random.default_rng(11)
 CODES = np.repeat([0, 1, 2], 30)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dse.config.settings import KFold, LeaveOut, Split, Stratified, Window
 from dse.recordings import RecordingError
-from dse.recordings.splits import KFold, LeaveOut, Split, Stratified, leak, split
-from dse.recordings.windows import Window
+from dse.recordings.splits import leak, split
 
 COLUMNS = {
     "repetition": np.array([0, 1, 2, 0, 1, 2], dtype=np.int8),
@@ -79,7 +79,7 @@ def test_a_class_missing_from_train_is_named(name):
     ],
 )
 def test_exactly_one_form(keys):
-    with pytest.raises(RecordingError, match="split must"):
+    with pytest.raises(ValueError, match="split must"):
         Split(**keys)
 
 
@@ -245,7 +245,7 @@ def test_a_class_in_one_fold_only_is_named_with_its_fold():
 
 
 def test_fold_must_be_below_k():
-    with pytest.raises(RecordingError, match=r"split\.k_fold\.fold must be below k = 3, got 3"):
+    with pytest.raises(ValueError, match=r"split\.k_fold\.fold must be below k = 3, got 3"):
         KFold(k=3, fold=3)
 
 

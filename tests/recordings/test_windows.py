@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.config.settings import Window
 from dse.recordings import RecordingError
-from dse.recordings.windows import Window, mean_levels, place, signal_onset, without_mean
+from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
 from dse.records import Signals
 
 SIGNALS = Signals(
@@ -98,7 +99,7 @@ def test_levels_are_means_over_the_window_and_can_be_removed():
     ],
 )
 def test_lengths_that_do_not_go_together(keys, message):
-    with pytest.raises(RecordingError, match=message):
+    with pytest.raises(ValueError, match=message):
         Window(**keys)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dse import preprocessing
-from dse.preprocessing import Preprocessing, pooling
+from dse.config.settings import Preprocessing
+from dse.recordings.pooling import pooling
 from dse.records import Block
 from dse.scene import checks, reference, simulate
 from dse.scene.scene import Method, Sensor, Texture, Variation

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dse import preprocessing
-from dse.preprocessing import Preprocessing, pooling
+from dse.config.settings import Preprocessing
+from dse.recordings.pooling import pooling
 from dse.records import Block
 from dse.scene import reference, simulate
 from dse.scene.scene import Method, Variation

@@ -3,7 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.preprocessing import END_OF_TIME_US, Preprocessing, PreprocessingError, pooling
+from dse.config.settings import Preprocessing
+from dse.preprocessing import END_OF_TIME_US
+from dse.recordings import RecordingError
+from dse.recordings.pooling import pooling
 
 
 def members(first: np.ndarray, n: np.ndarray, n_pools: int) -> list[list[int]]:
@@ -75,13 +78,13 @@ def test_a_crop_outside_the_frame_is_a_fault(crop):
         f"preprocessing.crop must lie in the frame of 8 x 4 pixels, got x {x} to {x + width - 1} and "
         f"y {y} to {y + height - 1}"
     )
-    with pytest.raises(PreprocessingError) as fault:
+    with pytest.raises(RecordingError) as fault:
         pooling(Preprocessing(1, crop=crop), 8, 4)
     assert str(fault.value) == text
 
 
 def test_unknown_pins_are_a_fault():
-    with pytest.raises(PreprocessingError, match="where no pins are known, got pins"):
+    with pytest.raises(RecordingError, match="where no pins are known, got pins"):
         pooling(Preprocessing(1, crop="pins"), 8, 4)
 
 

@@ -8,8 +8,8 @@ import pytest
 from dse.config import parts
 from dse.config.axes import Axis
 from dse.config.schema import json_schema
+from dse.config.settings import Preprocessing
 from dse.config.values import dotted
-from dse.preprocessing import Preprocessing
 from dse.registry import rule_of
 
 

@@ -1,0 +1,282 @@
+"""Protocols of the components of sections data, encoder and model: what the rest of `dse` may call.
+
+A component is a frozen dataclass, registered in its section (`dse.registry`); its fields are its YAML keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from dse.config.settings import Training
+from dse.records import (
+    Answers,
+    Array,
+    Block,
+    Dataset,
+    Ints,
+    Network,
+    Outcome,
+    Parameters,
+    Rasters,
+    Response,
+    Signals,
+    Spikes,
+)
+
+Generators = Callable[..., np.random.Generator]
+"""`rngs(purpose, *index)`: the random generator of one purpose of one design."""
+
+
+class EventSource(Protocol):
+    """Event recordings that need not all be in memory; `records.Events` is one that is."""
+
+    @property
+    def width(self) -> int:
+        """Addresses x are below."""
+
+    @property
+    def height(self) -> int:
+        """Addresses y are below."""
+
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        """Label columns, each (n,)."""
+
+    @property
+    def n_recordings(self) -> int:
+        """Number n of recordings."""
+
+    def blocks(self, i: int) -> Iterator[Block]:
+        """Yield recording i from its begin, block by block; time never falls. It may be asked for again.
+
+        Raises:
+            ValueError: anything wrong with the recording.
+        """
+
+
+@runtime_checkable
+class Repaired(EventSource, Protocol):
+    """Event recordings that may be read on after what is not sound in them."""
+
+    def notes(self) -> list[str]:
+        """Return what was repaired in what was read so far, a sentence each."""
+
+
+Recordings = Signals | Rasters | EventSource
+
+
+class Source(Protocol):
+    """A component of section `data`: where recordings lie and how they are read.
+
+    A fault is a `ValueError` of one sentence (`dse.recordings.RecordingError`).
+    """
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """Label column -> its name in the file."""
+
+    def check(self, base: Path) -> list[str]:
+        """Return the faults that the file's headers show; no samples are read."""
+
+    def with_columns_found(self, base: Path) -> Self:
+        """Return the component with only those label columns that its file holds."""
+
+    def content(self, base: Path) -> str:
+        """Return a hash of what lies at the component's `PLACES`, or of more that the recordings follow from.
+
+        Raises:
+            ValueError: a file is not found.
+        """
+
+    def read(self, base: Path) -> Recordings:
+        """Return the recordings.
+
+        Raises:
+            ValueError: anything wrong with the file.
+        """
+
+
+@runtime_checkable
+class Placed(Protocol):
+    """A component of sampled signals or of spikes; where events lie follows from their addresses."""
+
+    def channel_positions(self, base: Path) -> Array:
+        """Return x, y and plane of every channel, (n_channels, 3) int32.
+
+        Raises:
+            ValueError: the file cannot be read, or positions are given for another number of taxels.
+        """
+
+
+class Encoder(Protocol):
+    """A component of section `encoder`: sampled signals in, spikes out; a step of one is a step of the other.
+
+    Recordings that are spikes already, rasters and events after preprocessing, may pass an encoder too. They
+    are signals of 0 and 1 then, without label columns. An encoder raises a `ValueError` of one sentence for
+    what it cannot do.
+    """
+
+    def n_channels(self, n_in: int) -> int:
+        """Return the number of spike channels that n_in sampled channels become.
+
+        Raises:
+            ValueError: it follows from what the encoder learns, and it has not been fitted.
+        """
+
+    def positions(self, inputs: Ints) -> Ints:
+        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
+
+        Args:
+            inputs: (n_in, 3) int32, those of the sampled channels; planes tell copies of a channel apart.
+        """
+
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
+        """Return the spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
+
+        Args:
+            signals: n recordings. What an encoder does at a step follows from the steps up to it.
+            first: (n,) first step to keep.
+            length: (n,) steps to keep; rows after them are empty, so 0 is a recording without spikes.
+
+        Raises:
+            ValueError: the encoder has not been fitted.
+        """
+
+
+@runtime_checkable
+class LearningEncoder(Encoder, Protocol):
+    """An encoder that learns from training recordings.
+
+    An encoder may also have the property `transductive`: whether it reads the label of the recording that it
+    encodes. Such an encoder is shown the labels of all recordings of the split, and the same signals in
+    `fitted` and in one call of `encode_all`.
+    """
+
+    def fitted(
+        self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
+    ) -> Self:
+        """Return the encoder with what it learns, in fields of its own, `param(axis=False)`.
+
+        What is learnt are numbers, texts or nested tuples of them: they are recorded with the design, and new
+        recordings are encoded with them.
+
+        Args:
+            signals: n recordings.
+            first: (n,) first step of the evaluated windows.
+            n_steps: length of the windows.
+            target: (n,) classes of the training recordings; -1 for all others.
+            n_classes: number of classes.
+            train: indices of the training recordings.
+
+        Raises:
+            ValueError: nothing can be learnt from them.
+        """
+
+
+def is_transductive(encoder: Encoder | None) -> bool:
+    """Return whether an encoder, if there is one, reads the label of what it encodes."""
+    return bool(getattr(encoder, "transductive", False))
+
+
+class Family(Protocol):
+    """A component of section `model`: a classifier that trains and responds.
+
+    A family whose answer is a `Response` spikes; any other gives `Answers` after several input lengths, with
+    the numbers that it stores and the operations that it does, counted by a rule that it states.
+    """
+
+    def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
+        """Train on `dataset.train`; answer on validation and, where there is one, on test.
+
+        The result follows from the arguments alone: all chance comes from `rngs`.
+
+        Raises:
+            ValueError: the family cannot be trained on these data.
+            TrainingDiverged: loss, gradient or weights are beyond use (`dse.models.training`).
+        """
+
+    def respond(self, fitted: Network | Parameters, dataset: Dataset, samples: Ints) -> Response | Answers:
+        """Answer on the evaluated windows of some samples with what `fit` returned as `Outcome.network`.
+
+        On `dataset.validation` the answer is that of the `Outcome`.
+
+        Raises:
+            ValueError: the data set has other channels or another length than was trained on.
+        """
+
+
+class FitRequest(NamedTuple):
+    """A design in a cohort: its family, the settings of its training, its own random generators."""
+
+    model: Family
+    training: Training
+    rngs: Generators
+
+
+@runtime_checkable
+class CohortFamily(Family, Protocol):
+    """A family whose designs can train on the same batches; a design gives the same result in any cohort.
+
+    Sizes: n_channels are input channels, delayed copies not counted; n_classes are the outputs of all heads;
+    n_steps is the window's length in input steps.
+    """
+
+    @property
+    def input_delays(self) -> tuple[int, ...]:
+        """Input steps by which copies of the input are delayed."""
+
+    @property
+    def steps_per_sample(self) -> int:
+        """Network steps per input step."""
+
+    def shares(self, training: Training) -> tuple[Hashable, ...]:
+        """Return what designs must have in common to train in one cohort."""
+
+    def n_weights(self, n_channels: int, n_classes: int) -> int:
+        """Return the number of weights W_t before pruning."""
+
+    def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
+        """Return the memory that a design holds while its cohort trains, without what the cohort shares."""
+
+    def workspace_bytes(
+        self, n_channels: int, n_classes: int, n_steps: int, training: Training, threads: int = 1
+    ) -> int:
+        """Return the memory that the designs of a cohort use one at a time."""
+
+    def cost(
+        self, n_channels: int, n_classes: int, n_steps: int, n_events: float, n_train: int, training: Training
+    ) -> float:
+        """Return an estimate of the CPU seconds of a training.
+
+        Args:
+            n_channels: input channels.
+            n_classes: outputs.
+            n_steps: length of the window.
+            n_events: mean input spikes of a window.
+            n_train: training samples.
+            training: settings of the training.
+        """
+
+    def fit_cohort(
+        self,
+        dataset: Dataset,
+        designs: Sequence[FitRequest],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> Iterator[tuple[int, Outcome | Exception]]:
+        """Train designs on the same batches; yield the place of a design and its outcome, or why it has none.
+
+        A static method: the designs bring their families along.
+
+        Args:
+            dataset: what they train on.
+            designs: what `shares` returns is the same for all of them.
+            shared: random generators of what they share, such as the order of samples.
+            device: 'cpu' or 'cuda'.
+            threads: on the CPU; they change no bit of a result.
+        """

@@ -1,0 +1,370 @@
+"""What the sections of a search space say that name no component: one frozen dataclass each.
+
+What the settings mean is done elsewhere: windows and splits in `dse.recordings`, training in `dse.models`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from dse.config.device import DEVICES
+from dse.registry import param
+
+POLARITIES = ("split", "merge", "ignore_off", "ignore_on")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A label column as (part of) the target."""
+
+    column: str = param(doc="name of a label column")
+    abs: bool = param(False, doc="its absolute value")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is predicted."""
+
+    target: str | Column | tuple[str | Column, ...] = param(  # noqa: RUF009
+        doc="a label column, `{column: name, abs: true}`, or a list of these: their combination"
+    )
+    joint: bool = param(
+        False,
+        doc="with a list of columns: also report each of them, and let models have a part for each",
+        axis=False,
+    )
+    name: str = param("", doc="name of the task in tables; absent: the target's columns", axis=False)
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window of fixed length; training crops may begin up to `jitter_steps` to either side of it."""
+
+    n_steps: int | None = param(None, doc="window length; absent: whole recordings", unit="steps", low=1)
+    at: str = param("middle", doc="where it lies", choices=("start", "middle", "contact_onset"))
+    jitter_steps: int = param(0, doc="training crops begin up to this far around it", unit="steps", low=0)
+    onset_threshold: float = param(
+        3.0,
+        doc="contact: a channel differs this much from its first sample, or a bin has this many events",
+        low=0,
+        low_open=True,
+    )
+    remove_mean: bool = param(
+        False,
+        doc="subtract each channel's mean over the window (sampled signals; encoders of changes need it not)",
+    )
+    cut_steps: int | None = param(
+        None,
+        doc="first cut every recording into windows of this length, recordings of their own; columns "
+        "'recording' and 'window' number the original and the window in it; absent: do not",
+        unit="steps",
+        low=1,
+    )
+    every_steps: int | None = param(
+        None, doc="distance of the first steps of two such windows; absent: cut_steps", unit="steps", low=1
+    )
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        if self.cut_steps is None and self.every_steps is not None:
+            raise ValueError("window.every_steps needs window.cut_steps, which is absent")
+        if self.cut_steps is not None and self.n_steps is not None and self.n_steps > self.cut_steps:
+            raise ValueError(
+                f"window.n_steps must be at most window.cut_steps = {self.cut_steps}, got {self.n_steps}"
+            )
+
+
+@dataclass(frozen=True)
+class Stratified:
+    """A random draw of the same fraction of every class."""
+
+    validation: float = param(
+        doc="fraction of every class", low=0, low_open=True, high=1, high_open=True, axis=False
+    )
+    test: float = param(0.0, doc="fraction of every class", low=0, high=1, high_open=True, axis=False)
+    seed: int = param(0, doc="seed of the draw", low=0, axis=False)
+    group: str | None = param(
+        None,
+        doc="label column; recordings of one value stay together, fractions as near as that allows",
+        axis=False,
+    )
+
+
+@dataclass(frozen=True)
+class KFold:
+    """Every recording outside the test set validates in one of k folds and trains in the others.
+
+    The test set is the same in all folds.
+    """
+
+    k: int = param(10, doc="number of folds", low=2, axis=False)
+    group: str | None = param(None, doc="label column; recordings of one value are in one part", axis=False)
+    test: float | Mapping[str, Any] | None = param(
+        None,
+        doc="fraction of every class, or column -> value or values, of a separate test set",
+        low=0,
+        low_open=True,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
+    seed: int = param(1, doc="seed of the draw", low=0, axis=False)
+    fold: int = param(0, doc="fold that validates; run r of a study takes r modulo k", low=0, axis=False)
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        if self.fold >= self.k:
+            raise ValueError(f"split.k_fold.fold must be below k = {self.k}, got {self.fold}")
+
+
+@dataclass(frozen=True)
+class LeaveOut:
+    """One group validates, the rest trains."""
+
+    column: str = param(doc="label column of the groups", axis=False)
+    value: Any = param(doc="the group left out", axis=False)  # noqa: RUF009
+
+
+@dataclass(frozen=True)
+class Split:
+    """One of four: `train` and `validation` (and `test`) by column values, or one of the other keys."""
+
+    train: Mapping[str, Any] | None = param(
+        None, doc="column -> value or values of training recordings", axis=False
+    )
+    validation: Mapping[str, Any] | None = param(
+        None, doc="column -> value or values that validate", axis=False
+    )
+    test: Mapping[str, Any] | None = param(
+        None, doc="column -> value or values of test recordings", axis=False
+    )
+    stratified: Stratified | None = param(  # noqa: RUF009
+        None, doc="drawn, the same fraction of every class; keys validation, test, seed, group", axis=False
+    )
+    k_fold: KFold | None = param(  # noqa: RUF009
+        None,
+        doc="cross-validation, one fold validates and the others train; keys k, group, test, seed",
+        axis=False,
+    )
+    leave_out: LeaveOut | None = param(  # noqa: RUF009
+        None, doc="one group validates, the rest trains; keys column, value", axis=False
+    )
+
+    def __post_init__(self) -> None:
+        """Check that there is one rule, and a whole one."""
+        by_column = self.train is not None or self.validation is not None or self.test is not None
+        others = (self.stratified, self.k_fold, self.leave_out)
+        if by_column + sum(rule is not None for rule in others) != 1:
+            raise ValueError(
+                "split must be one of: train and validation by column, stratified, k_fold, leave_out"
+            )
+        if by_column and not (self.train and self.validation):
+            raise ValueError("split must name columns for both train and validation")
+
+    def columns(self) -> tuple[str, ...]:
+        """Return the label columns that the split reads."""
+        named: list[str | None] = [*(self.train or {}), *(self.validation or {}), *(self.test or {})]
+        if self.stratified is not None:
+            named.append(self.stratified.group)
+        if self.k_fold is not None:
+            named += [self.k_fold.group, *(self.k_fold.test if isinstance(self.k_fold.test, Mapping) else ())]
+        if self.leave_out is not None:
+            named.append(self.leave_out.column)
+        return tuple(dict.fromkeys(name for name in named if name is not None))
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """How event recordings become spikes; a pair is [along x, along y], one number stands for both."""
+
+    bin_ms: float = param(doc="width of a time bin: one step, to the microsecond", unit="ms", low=0.001)
+    pool: int | tuple[int, int] = param(1, doc="sides of the pooling kernel", unit="pixels", low=1)
+    stride: int | tuple[int, int] | None = param(
+        None, doc="distance of pools; absent: the kernel's sides", unit="pixels", low=1
+    )
+    padding: int | tuple[int, int] = param(
+        0, doc="empty pixels added on every side, fewer than the kernel's", unit="pixels", low=0
+    )
+    pool_threshold: int = param(
+        1,
+        doc="events in a pool and bin that make a spike; counts stop at 255",
+        unit="events",
+        low=1,
+        high=254,
+    )
+    exceeds: bool = param(False, doc="true: a spike takes strictly more events than pool_threshold")
+    polarity: str = param(
+        "split", doc="ON and OFF apart, together, ON alone or OFF alone", choices=POLARITIES
+    )
+    crop: Literal["pins"] | tuple[int, int, int, int] | None = param(
+        None,
+        doc="[x, y, width, height] of the pixels to keep, or pins: the rectangle that sees pins (recorded "
+        "events: where the training recordings have events)",
+        unit="pixels",
+        low=0,
+    )
+    time_ms: tuple[float, float] | None = param(
+        None,
+        doc="[from, to): events to keep, from a recording's first event (a simulated trial: from its start)",
+        unit="ms",
+        low=0,
+    )
+    rate_floor_hz: float = param(
+        0.0,
+        doc="pooled channels of a recording below this mean rate over the kept bins are silent; it looks at "
+        "the whole window, so a device that answers while events come in cannot do it",
+        unit="Hz",
+        low=0,
+    )
+
+    def __post_init__(self) -> None:
+        """Check what one key's bounds cannot say."""
+        pool, padding = pair(self.pool), pair(self.padding)
+        if any(edge >= side for edge, side in zip(padding, pool, strict=True)):
+            raise ValueError(
+                f"padding must be smaller than pool ({_shown(self.pool)}), else pools see no pixel; "
+                f"got {_shown(self.padding)}"
+            )
+        if isinstance(self.crop, tuple) and min(self.crop[2:]) < 1:
+            raise ValueError(
+                f"crop must be [x, y, width, height] of at least one pixel, got {_shown(self.crop)}"
+            )
+        if self.time_ms is not None and self.time_ms[1] - self.time_ms[0] < 0.001:
+            raise ValueError(
+                f"time_ms must end at least 0.001 ms after it begins, got [{self.time_ms[0]:g}, "
+                f"{self.time_ms[1]:g}]"
+            )
+
+    @property
+    def bin_us(self) -> int:
+        """Width of a bin in whole microseconds."""
+        return round(self.bin_ms * 1000)
+
+
+def pair(value: int | tuple[int, int]) -> tuple[int, int]:
+    """Return one number as the same number along x and y."""
+    return (value, value) if isinstance(value, int) else (value[0], value[1])
+
+
+def _shown(value: int | tuple[int, ...]) -> str:
+    return str(value if isinstance(value, int) else list(value))
+
+
+@dataclass(frozen=True)
+class Training:
+    """Adam with a stepped schedule; every default is a published or a measured value."""
+
+    epochs: int = param(60, low=1, doc="passes over the training samples")
+    batch_size: int = param(32, low=1, doc="samples per weight update; an epoch's last batch may be smaller")
+    learning_rate: float = param(0.03, low=0, low_open=True, doc="Adam's step size in units of `step_unit`")
+    step_unit: str = param(
+        "initial",
+        choices=("initial", "weight"),
+        doc="initial: each neuron's root mean square weight at start; weight: plain weight units, as SLAYER",
+    )
+    warmup_epochs: float = param(0.0, low=0, unit="epochs", doc="the learning rate rises from 0 meanwhile")
+    lr_factor: float = param(0.67, low=0, low_open=True, high=1, doc="learning rate factor at each step")
+    lr_every: int = param(20, low=1, unit="epochs", doc="epochs between steps of the learning rate")
+    average_epochs: int = param(1, low=1, unit="epochs", doc="weights are the mean over the last epochs")
+    dropout: float = param(
+        0.1, low=0, high=1, high_open=True, doc="share of hidden neurons silenced per sample"
+    )
+    clip_norm: float | None = param(
+        None, low=0, low_open=True, doc="a longer gradient is scaled down to this norm; absent: never"
+    )
+    silent_epochs: int = param(
+        20,
+        low=0,
+        unit="epochs",
+        doc="training ends where a layer was silent or saturated for so long; 0: never",
+    )
+
+    def rate(self, epoch: float) -> float:
+        """Return the learning rate at a time in epochs (fractions count in the warm-up)."""
+        rising = min(1.0, (epoch + 1e-3) / self.warmup_epochs) if self.warmup_epochs else 1.0
+        return self.learning_rate * rising * self.lr_factor ** (int(epoch) // self.lr_every)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Grid of decision parameters; each is a value, a list, a choice or a stepped range. Never trained."""
+
+    phi: int = param(0, doc="output spikes that must be exceeded before deciding", unit="spikes", low=0)
+    theta: float = param(0.5, doc="smallest share of the leading class in them", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Weights of fewer bits, and fewer weights, of trained spiking networks. Never trained; absent: none."""
+
+    weight_bits: tuple[int, ...] = param(
+        doc="bits per weight, with a scale per layer; 8 is what is trained",
+        unit="bits",
+        low=2,
+        high=8,
+        axis=False,
+    )
+    pruned: tuple[float, ...] = param(
+        (0.0,),
+        doc="share of every matrix removed by magnitude after training",
+        low=0,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
+    within: float = param(
+        0.02,
+        doc="accuracy that a design may lie below the front of its task and family to be evaluated still",
+        low=0,
+        high=1,
+        axis=False,
+    )
+
+
+@dataclass(frozen=True)
+class Search:
+    """How designs are proposed and how often each is trained. A sampler adds its own keys."""
+
+    sampler: str = param(
+        "", doc="component of search.samplers; absent: grid where every axis has a step, else tpe", axis=False
+    )
+    n_trials: int | None = param(None, doc="designs to train; absent: the whole grid", low=1, axis=False)
+    batch: int | None = param(
+        None,
+        doc="designs proposed at a time; absent: the whole grid for sampler grid, else 8",
+        low=1,
+        axis=False,
+    )
+    repeats: int | None = param(
+        None,
+        doc="trainings of every design, each with its own seed; absent: 1, or one per fold of split.k_fold",
+        low=1,
+        axis=False,
+    )
+    repeats_on_front: int = param(
+        1, doc="trainings of the designs on the front of each task and family", low=1, axis=False
+    )
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """How the work is spread; but for the rounding of another device it changes no result."""
+
+    jobs: int = param(1, doc="processes at a time", low=1, axis=False)
+    threads: int = param(
+        1, doc="threads of each process on the CPU; they share the samples of a batch", low=1, axis=False
+    )
+    device: str = param(
+        "cpu", choices=DEVICES, doc="what trains; with cuda all processes share the first GPU", axis=False
+    )
+    memory_gib: float | None = param(
+        None,
+        doc="memory of the device that each process may take; a design that needs more is not trained; "
+        "absent: three quarters of all there is, divided by jobs",
+        unit="GiB",
+        low=0,
+        low_open=True,
+        axis=False,
+    )
