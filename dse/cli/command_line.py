@@ -63,7 +63,7 @@ def _users_mistakes() -> tuple[type[Exception], ...]:
     from dse.deploy.bundle import BundleError
     from dse.recordings import RecordingError
     from dse.skyline.constraints import ExpressionError
-    from dse.skyline.front import TableError
+    from dse.skyline.table import TableError
     from dse.store import StoreError
 
     return ExpressionError, BundleError, RecordingError, TableError, StoreError

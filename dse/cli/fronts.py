@@ -10,7 +10,7 @@ from dse.cli.answer import Answer
 if TYPE_CHECKING:
     import pandas
 
-Objective = tuple[str, str]
+    from dse.skyline.goals import Goal
 
 # Columns beside the axes that identify a design point.
 _IDENTITY = (
@@ -27,7 +27,7 @@ _IDENTITY = (
 
 
 def front(
-    points: pandas.DataFrame, objectives: Sequence[Objective], where: str | None = None, by: str | None = None
+    points: pandas.DataFrame, objectives: Sequence[Goal], where: str | None = None, by: str | None = None
 ) -> Answer:
     """Return the non-dominated rows of a table of points (`dse.skyline.front.skyline`)."""
     from dse.skyline.front import skyline
@@ -42,7 +42,7 @@ def records(frame: pandas.DataFrame) -> list[dict[str, Any]]:
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
-def columns(rows: pandas.DataFrame, objectives: Sequence[Objective]) -> list[str]:
+def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
     """Return the columns in which designs differ, and the objectives (accuracy with error and test value)."""
     names = [name for name, _ in objectives]
     if "accuracy" in names:

@@ -9,8 +9,8 @@ import numpy as np
 
 from dse.figures.front import numbers
 from dse.records import Array
+from dse.skyline.admissible import honest
 from dse.skyline.constraints import ExpressionError, split_budgets
-from dse.skyline.front import honest
 from dse.skyline.pareto import non_dominated
 
 if TYPE_CHECKING:

@@ -12,10 +12,12 @@ import numpy as np
 from dse.dashboard.bins import gather_bins
 from dse.dashboard.budgets import contenders, gather_budgets
 from dse.dashboard.definition import Definition, definition_for, load
-from dse.figures.front import design_columns, front_mask, interval, numbers
+from dse.figures.front import design_columns, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
-from dse.skyline.front import admissible, honest
+from dse.skyline.admissible import admissible, honest
+from dse.skyline.front import front_mask
+from dse.skyline.table import group_numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -119,18 +121,12 @@ def _failed(frame: pandas.DataFrame) -> Array:
 def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, Array]:
     """Return the row numbers on the front over all objectives and over each two or three of them."""
     by = [column for column in ("task", "hardware") if column in points.columns]
-    if by:
-        groups = list(points.groupby(by, sort=False, dropna=False).indices.values())
-    else:
-        groups = [np.arange(len(points))]
-    usable = admissible(points)
-    groups = [group[usable[group]] for group in map(np.asarray, groups)]
-    compared = points[list(objectives)]  # taking rows of all columns is slow
+    group, usable = group_numbers(points, by), admissible(points)
+    compared = points[list(objectives)]  # a table of few columns is quicker to read
 
     def rows(columns: Sequence[str]) -> Array:
-        chosen = {column: objectives[column] for column in columns}
-        found = [group[front_mask(compared.iloc[group], chosen)] for group in groups if len(group)]
-        return np.sort(np.concatenate(found)) if found else np.zeros(0, np.int64)
+        goals = [(column, objectives[column]) for column in columns]
+        return np.flatnonzero(front_mask(compared, goals, group, usable))
 
     if not objectives:
         return {"all": np.zeros(0, np.int64)}

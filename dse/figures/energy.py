@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures.front import front_mask, interval, numbers
+from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
+from dse.skyline.front import front_mask
 
 if TYPE_CHECKING:
     import pandas
@@ -83,7 +84,7 @@ def gather_energy(
         low=np.column_stack([low for low, _ in ends]),
         high=np.column_stack([high for _, high in ends]),
         labels=tuple(short(value) for value in points[parameter].tolist()),
-        on_front=front_mask(points, {x: directions[x], y: directions[y]}),
+        on_front=front_mask(points, [(x, directions[x]), (y, directions[y])]),
         n_left_out=int((~shown).sum()),
     )
 

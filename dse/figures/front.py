@@ -11,7 +11,7 @@ import numpy as np
 
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
-from dse.skyline.pareto import non_dominated
+from dse.skyline.front import front_mask
 
 if TYPE_CHECKING:
     import pandas
@@ -42,37 +42,6 @@ class Front:
     groups: tuple[str, ...]
     hover: tuple[str, ...]
     n_left_out: int
-
-
-def front_mask(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
-    """Return which rows are non-dominated over the objectives.
-
-    Rows with a NaN or infinite objective are never on the front. Equal rows are kept together.
-
-    Args:
-        frame: one row per design point.
-        objectives: column -> 'max' or 'min'; every column must be in the frame.
-
-    Returns:
-        (row,) bool.
-
-    Raises:
-        ValueError: no objective, an unknown column or a direction other than 'max' and 'min'.
-    """
-    if not objectives:
-        raise ValueError("objectives must name at least one column, got none")
-    for column, direction in objectives.items():
-        if column not in frame.columns:
-            raise ValueError(f"objective must be a column of the table, got '{column}'")
-        if direction not in ("max", "min"):
-            raise ValueError(f"direction of '{column}' must be 'max' or 'min', got '{direction}'")
-    sign = np.array([-1.0 if direction == "max" else 1.0 for direction in objectives.values()])
-    points = np.column_stack([numbers(frame, column) for column in objectives]) * sign
-    mask = np.zeros(len(points), bool)
-    comparable = np.isfinite(points).all(axis=1)
-    if comparable.any():
-        mask[comparable] = non_dominated(points[comparable])
-    return mask
 
 
 def numbers(frame: pandas.DataFrame, column: str) -> Array:
@@ -134,10 +103,7 @@ def gather_front(
     names = points[by].astype(str) if by in points.columns else None
     groups = ("",) if names is None else tuple(dict.fromkeys(names))
     group = np.zeros(len(points), int) if names is None else np.array([groups.index(x) for x in names], int)
-    on_front = np.zeros(len(points), bool)
-    for index in range(len(groups)):
-        mine = group == index
-        on_front[mine] = front_mask(points[mine], {column: objectives[column] for column in columns})
+    on_front = front_mask(points, [(column, objectives[column]) for column in columns], group)
     ends = [interval(points, column) for column in columns]
     return Front(
         columns=tuple(columns),

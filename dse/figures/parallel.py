@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures.front import front_mask, numbers
+from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
-from dse.skyline.front import admissible
+from dse.skyline.admissible import admissible
+from dse.skyline.front import front_mask
+from dse.skyline.table import group_numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -115,17 +117,7 @@ def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
 def _fronts(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
     """Return which rows no other of the same task and chip beats, of those that a skyline compares."""
     by = [name for name in ("task", "hardware") if name in frame.columns]
-    whole = np.arange(len(frame))
-    groups: Iterable[Array] = (
-        map(np.asarray, frame.groupby(by, sort=False, dropna=False).indices.values()) if by else [whole]
-    )
-    usable = admissible(frame)
-    mask = np.zeros(len(frame), bool)
-    front_mask(frame.head(0), objectives)  # wrong objectives are told of an empty table too
-    for group in groups:
-        rows = group[usable[group]]
-        mask[rows] = front_mask(frame.take(rows), objectives)
-    return mask
+    return front_mask(frame, objectives.items(), group_numbers(frame, by), admissible(frame))
 
 
 def _axis(frame: pandas.DataFrame, column: str) -> tuple[Array, tuple[str, ...] | None]:

@@ -12,7 +12,7 @@ import numpy as np
 from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
-from dse.skyline.front import fitting, honest
+from dse.skyline.admissible import fitting, honest
 from dse.skyline.pareto import hypervolume, non_dominated
 
 if TYPE_CHECKING:

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from dse.config.faults import known_names
+from dse.records import Array, Bools, Floats
 
 _OPERATORS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
     ast.LtE: ("<=", operator.le),
@@ -50,21 +50,21 @@ class Budget:
 
     @property
     def direction(self) -> str:
-        """Which way the column is better as far as this budget is concerned: 'min', 'max' or ''."""
+        """The direction in which this budget is easier to meet: 'min', 'max', or '' for ==."""
         return {"<": "min", ">": "max"}.get(self.operator[0], "")
 
-    def met(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def met(self, values: Floats) -> Bools:
         """Return which values are within the limit."""
         compare = next(function for sign, function in _OPERATORS.values() if sign == self.operator)
         return np.asarray(compare(values, self.limit), dtype=bool)
 
-    def excess(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def excess(self, values: Floats) -> Floats:
         """Return by how much each value misses the limit, in the column's unit; 0 at the limit itself."""
         over = {"min": values - self.limit, "max": self.limit - values}
-        return np.maximum(over.get(self.direction, np.abs(values - self.limit)), 0.0)
+        return np.asarray(np.maximum(over.get(self.direction, np.abs(values - self.limit)), 0.0))
 
 
-def matches(expression: str, frame: pd.DataFrame) -> NDArray[np.bool_]:
+def matches(expression: str, frame: pd.DataFrame) -> Bools:
     """Return which rows of a table satisfy a condition.
 
     Raises:
@@ -91,6 +91,18 @@ def split_budgets(expressions: Sequence[str]) -> tuple[list[Budget], list[str]]:
             elif budget not in budgets:
                 budgets.append(budget)
     return budgets, rest
+
+
+def named_columns(expressions: Iterable[str]) -> frozenset[str]:
+    """Return the columns that conditions name.
+
+    "family != 'fits' and model.hidden > 2" names family and model.hidden: quoted text names no column, and a
+    dotted name is one column.
+
+    Raises:
+        ExpressionError: a text is no condition.
+    """
+    return frozenset(name for expression in expressions for name in _names(_parse(expression)))
 
 
 def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
@@ -134,7 +146,7 @@ def _budget(node: ast.expr) -> Budget | None:
     return Budget(name, sign, float(limit))
 
 
-def _name(node: ast.expr) -> str | None:
+def _name(node: ast.AST) -> str | None:
     """Return a column name; `model.hidden` parses as an attribute of a name."""
     if isinstance(node, ast.Name):
         return node.id
@@ -142,6 +154,16 @@ def _name(node: ast.expr) -> str | None:
         owner = _name(node.value)
         return None if owner is None else f"{owner}.{node.attr}"
     return None
+
+
+def _names(node: ast.AST) -> Iterator[str]:
+    """Yield every column name below a node, a dotted one whole."""
+    name = _name(node)
+    if name is not None:
+        yield name
+        return
+    for child in ast.iter_child_nodes(node):
+        yield from _names(child)
 
 
 def _constant(node: ast.expr) -> Any:
@@ -154,7 +176,7 @@ def _constant(node: ast.expr) -> Any:
     return None
 
 
-def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> NDArray[np.bool_]:
+def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
     if isinstance(node, ast.BoolOp):
         join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
         result = _rows(node.values[0], frame, text)
@@ -176,17 +198,15 @@ def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> NDArray[np.bool_]:
     raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is no comparison")
 
 
-def _compare(
-    left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFrame, text: str
-) -> NDArray[np.bool_]:
+def _compare(left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
     first = _operand(left, frame, text)
     if isinstance(sign, ast.In | ast.NotIn):
         if not isinstance(right, ast.List | ast.Tuple | ast.Set):
             raise ExpressionError(f"condition '{text}': 'in' must be followed by a list such as [1, 2]")
-        found = np.zeros(len(frame), dtype=bool)
+        equal = np.zeros(len(frame), dtype=bool)
         for item in right.elts:
-            found |= _test(operator.eq, first, _operand(item, frame, text), text)
-        return found if isinstance(sign, ast.In) else first.present & ~found
+            equal |= _test(operator.eq, first, _operand(item, frame, text), text)
+        return equal if isinstance(sign, ast.In) else first.present & ~equal
     if type(sign) not in _OPERATORS:
         raise ExpressionError(f"condition '{text}' may compare with ==, !=, <, <=, >, >= and in only")
     return _test(_OPERATORS[type(sign)][1], first, _operand(right, frame, text), text)
@@ -196,14 +216,12 @@ def _compare(
 class _Operand:
     """One side of a comparison, over all rows; `is_text` is None where no row has a value."""
 
-    values: NDArray[Any]
-    present: NDArray[np.bool_]
+    values: Array
+    present: Bools
     is_text: bool | None
 
 
-def _test(
-    compare: Callable[[Any, Any], Any], left: _Operand, right: _Operand, text: str
-) -> NDArray[np.bool_]:
+def _test(compare: Callable[[Any, Any], Any], left: _Operand, right: _Operand, text: str) -> Bools:
     if None not in (left.is_text, right.is_text) and left.is_text != right.is_text:
         raise ExpressionError(f"condition '{text}' compares text with a number")
     result = left.present & right.present

@@ -1,216 +1,179 @@
-"""Tables of design points: the skyline under constraints, and the pick within budgets.
+"""The front of a table of design points, under constraints.
 
 A table is a pandas DataFrame with one row per design point; columns are named as in the record of
-a trial. Objectives are (column, 'max' or 'min') pairs. Rows whose objective is NaN or infinite
-cannot be compared: they are left out, and the notes say how many and which. So are transductive rows,
-unless a condition names that column.
+a trial. Goals are (column, 'max' or 'min') pairs. A row with a NaN or infinite goal is left out, and the
+notes say how many and which. A row that is not admissible (`dse.skyline.admissible`) is left out too, unless
+the condition names the column that says so.
 """
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from dse.config.sections import OF_HARDWARE
-from dse.skyline.constraints import ExpressionError, column, matches, split_budgets
-from dse.skyline.pareto import non_dominated
-
-Objective = tuple[str, str]
-
-_NAMED = 5  # rows that a note names before it says how many more there are
-
-
-class TableError(ValueError):
-    """A file that is no table of points."""
+from dse.records import Bools, Floats, Ints
+from dse.skyline.admissible import (
+    leave_out_copies,
+    leave_out_leaky,
+    leave_out_misfits,
+    leave_out_unmeasured,
+)
+from dse.skyline.constraints import column, matches, named_columns, split_budgets
+from dse.skyline.goals import Goal, checked_goals, costs_of
+from dse.skyline.pareto import members_of, non_dominated, non_dominated_by_group
+from dse.skyline.table import group_numbers, numbers
 
 
 class Skyline(NamedTuple):
-    """The non-dominated rows, and what was left out."""
+    """The non-dominated rows, and notes on what was left out."""
 
     rows: pd.DataFrame
     notes: list[str]
 
 
-class Pick(NamedTuple):
-    """The best row within the budgets, or the rows that come nearest.
-
-    row: None where no row meets every budget.
-    nearest: only then: rows ranked by `shortfall`, the sum over the budgets of miss / |limit|
-        (miss itself where the limit is 0); one column `missed <budget>` each, in the budget's unit.
-        A strict limit that is hit exactly is missed by 0.
-    notes: what could not be compared.
-    """
-
-    row: pd.Series[Any] | None
-    nearest: pd.DataFrame
-    notes: list[str]
-
-
 class Draws(NamedTuple):
-    """What some columns of a table are under draws of what they depend on.
+    """How to sample columns that depend on uncertain numbers.
 
-    columns: which; of those, `<column>_low` and `<column>_high` are the ends of what a draw may give.
+    columns: which; `<column>_low` and `<column>_high` of the table are the ends of what a draw may give.
     of: rows -> column -> (draw, row).
     """
 
     columns: Sequence[str]
-    of: Callable[[pd.DataFrame], Mapping[str, NDArray[np.float64]]]
-
-
-def read(path: str | Path) -> pd.DataFrame:
-    """Read a table of points: CSV, Parquet, JSON (rows, or a `dse` document), or a study's folder.
-
-    Raises:
-        TableError: no such file, another kind of file, a damaged or an empty one.
-    """
-    file = Path(path)
-    if file.is_dir():
-        file = file / "points.parquet"
-    if not file.is_file():
-        raise TableError(f"{file}: no such file")
-    try:
-        frame = _read(file)
-    except TableError:
-        raise
-    except Exception as error:  # each reader has its own kinds; what users need is the file and the reason
-        raise TableError(f"{file}: no readable table: {str(error).strip().splitlines()[0]}") from error
-    if frame.empty:
-        raise TableError(f"{file}: the table has no rows")
-    return frame
-
-
-def _read(file: Path) -> pd.DataFrame:
-    kind = file.suffix.lower()
-    if kind == ".csv":
-        return pd.read_csv(file)
-    if kind in (".parquet", ".pq"):
-        return pd.read_parquet(file)
-    if kind == ".json":
-        content = json.loads(file.read_text(encoding="utf-8"))
-        if isinstance(content, dict) and "rows" not in content:
-            raise TableError(f"{file}: must hold a list of rows, or an object with 'rows'")
-        return pd.DataFrame(content["rows"] if isinstance(content, dict) else content)
-    raise TableError(f"{file}: must be .csv, .parquet, .json or the folder of a study")
-
-
-def parse_objectives(text: str) -> list[Objective]:
-    """Return the objectives that "accuracy:max,energy_uj:min" names.
-
-    Raises:
-        ExpressionError: a direction is missing or unknown, or a column is named twice.
-    """
-    objectives = []
-    for part in text.split(","):
-        name, _, direction = (x.strip() for x in part.partition(":"))
-        objectives.append((name, direction))
-    _check(objectives)
-    return objectives
+    of: Callable[[pd.DataFrame], Mapping[str, Floats]]
 
 
 def skyline(
     frame: pd.DataFrame,
-    objectives: Sequence[Objective],
+    goals: Sequence[tuple[str, str]],
     where: str | None = None,
     by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the rows that meet a condition and that no other such row dominates.
 
-    Costs on different hardware do not compare: each has a front of its own. Rows with equal objectives do
+    Costs on different hardware do not compare: each has a front of its own. Rows with equal goals do
     not dominate each other: all of them are kept, one after the other. Rows come group by group, best first
-    objective first; the index says where they stood in the table.
+    goal first; the index says where they stood in the table.
 
     Args:
         frame: design points.
-        objectives: (column, 'max' or 'min') pairs.
+        goals: (column, 'max' or 'min') pairs.
         where: condition in the language of `dse.skyline.constraints`.
         by: columns whose values are compared among themselves only (a front per task, or task and chip).
 
     Raises:
         ExpressionError: an unknown column or direction, or a condition that cannot be read.
     """
-    rows, notes = comparable(frame, objectives, where, by)
-    costs = _costs(rows, objectives)
-    group = _groups(rows, _apart(rows, by))
-    on_front = _on_front(costs, group)
+    rows, notes = comparable(frame, goals, where, by)
+    costs = costs_of(rows, checked_goals(goals))
+    group = group_numbers(rows, _front_columns(rows, by))
+    on_front = non_dominated_by_group(costs, group)
     order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
     return Skyline(rows[on_front].iloc[order], notes)
 
 
 def comparable(
     frame: pd.DataFrame,
-    objectives: Sequence[Objective],
-    where: str | None = None,
+    goals: Sequence[tuple[str, str]],
+    where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
+    named: Iterable[str] = (),
 ) -> Skyline:
-    """Return the rows that a front is sought among: those that meet a condition and have every objective.
+    """Return the rows that a front is sought among: those that meet a condition and have every goal.
 
-    Rows that do not fit their hardware are left out where others do, whatever limits the condition sets,
-    unless it names `fits`. Where no objective depends on hardware and the table holds the same points on
-    several, the first serves.
+    Whether rows fit their hardware does not depend on the limits that the condition sets. Where no goal
+    depends on hardware and the table holds the same points on several, the first serves.
 
     Args:
         frame: design points.
-        objectives: (column, 'max' or 'min') pairs.
-        where: condition in the language of `dse.skyline.constraints`.
+        goals: (column, 'max' or 'min') pairs.
+        where: condition in the language of `dse.skyline.constraints`, or several, all of which must be met.
         by: as of `skyline`.
+        named: columns that the caller's own conditions name, such as budgets.
 
     Raises:
         ExpressionError: as of `skyline`.
     """
-    _check(objectives)
+    names = [goal.column for goal in checked_goals(goals)]
+    conditions = _as_list(where or None)
+    named = {*named, *named_columns(conditions)}
     rows = frame
-    for condition in split_budgets([where])[1] if where else ():
+    for condition in split_budgets(conditions)[1]:
         rows = rows[matches(condition, rows)]
-    names = [name for name, _ in objectives]
-    rows, once = _once(rows, [*names, *([by] if isinstance(by, str) else by or [])], where or "")
-    rows, leaky = _honest(rows, where or "")
-    rows, misfits = _fitting(rows, where or "")
-    if where:  # as of a pick, what fits does not depend on limits
-        rows = rows[matches(where, rows)]
-    rows, notes = _comparable(rows, names)
-    return Skyline(rows, once + leaky + misfits + notes)
+    rows, copies = leave_out_copies(rows, {*named, *names, *_as_list(by)})
+    rows, leaky = leave_out_leaky(rows, named)
+    rows, misfits = leave_out_misfits(rows, named)
+    for condition in conditions:
+        rows = rows[matches(condition, rows)]
+    rows, unmeasured = leave_out_unmeasured(rows, names)
+    return Skyline(rows, copies + leaky + misfits + unmeasured)
+
+
+def front_mask(
+    frame: pd.DataFrame,
+    goals: Iterable[tuple[str, str]],
+    group: Ints | None = None,
+    among: Bools | None = None,
+) -> Bools:
+    """Return which rows no other row of their group dominates, (row,).
+
+    A row without a finite value of every goal, or not `among`, is on no front and dominates nothing. Values
+    that are no numbers count as missing.
+
+    Args:
+        frame: design points, admissible or not.
+        goals: (column, 'max' or 'min') pairs.
+        group: (row,) group numbers, as of `group_numbers`; None: one group.
+        among: (row,) which rows to compare, such as `admissible(frame)`; None: all.
+
+    Raises:
+        ExpressionError: an unknown column or direction.
+    """
+    checked = checked_goals(goals)
+    values = [pd.to_numeric(column(frame, goal.column), errors="coerce") for goal in checked]
+    costs = np.column_stack(
+        [goal.sign * np.asarray(x, np.float64) for goal, x in zip(checked, values, strict=True)]
+    )
+    compared = np.isfinite(costs).all(axis=1)
+    if among is not None:
+        compared &= among
+    groups = np.zeros(len(frame), np.int64) if group is None else group
+    mask = np.zeros(len(frame), dtype=bool)
+    mask[compared] = non_dominated_by_group(costs[compared], groups[compared])
+    return mask
 
 
 def front_share(
     frame: pd.DataFrame,
-    objectives: Sequence[Objective],
+    goals: Sequence[tuple[str, str]],
     draws: Draws,
     by: str | Sequence[str] | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return in what share of draws each row is non-dominated among all of them, (row,).
 
     Args:
         frame: rows of `comparable`.
-        objectives: (column, 'max' or 'min') pairs.
+        goals: (column, 'max' or 'min') pairs.
         draws: of what is uncertain; other columns are as they stand. A row with NaN in a draw is not on that
-            draw's front. Asked only for rows whose ranges leave them a chance.
+            draw's front. Sampled only for rows whose ranges leave them a chance.
         by: as of `skyline`.
     """
-    _check(objectives)
-    costs = _costs(frame, objectives)
-    group = _groups(frame, _apart(frame, by))
-    places = {
-        place: (name, 1.0 if direction == "min" else -1.0)
-        for place, (name, direction) in enumerate(objectives)
-        if name in draws.columns
-    }
-    if not places:
-        return _on_front(costs, group).astype(np.float64)
+    checked = checked_goals(goals)
+    costs = costs_of(frame, checked)
+    group = group_numbers(frame, _front_columns(frame, by))
+    uncertain = {place: goal for place, goal in enumerate(checked) if goal.column in draws.columns}
+    if not uncertain:
+        return non_dominated_by_group(costs, group).astype(np.float64)
     share = np.zeros(len(frame))
-    possible = _possible(costs, {place: _range(frame, *of) for place, of in places.items()}, group)
+    possible = _possible(costs, {place: _range(frame, goal) for place, goal in uncertain.items()}, group)
     if not len(possible):
         return share
     drawn = draws.of(frame.iloc[possible])
-    values = {place: sign * drawn[name] for place, (name, sign) in places.items()}
+    values = {place: goal.sign * drawn[goal.column] for place, goal in uncertain.items()}
     costs, group = costs[possible], group[possible]
-    # What the draws themselves leave a chance is less again than what the ends of all figures do.
+    # The draws themselves leave fewer rows a chance than the ends of all ranges do.
     ranges = {place: (np.min(x, axis=0), np.max(x, axis=0)) for place, x in values.items()}
     left = _possible(costs, ranges, group)
     costs, group, values = costs[left], group[left], {place: x[:, left] for place, x in values.items()}
@@ -220,7 +183,7 @@ def front_share(
         for place, x in values.items():
             costs[:, place] = x[draw]
         here = np.isfinite(costs).all(axis=1)
-        times[here] += _on_front(costs[here], group[here])
+        times[here] += non_dominated_by_group(costs[here], group[here])
     share[possible[left]] = times / n_draws
     return share
 
@@ -228,52 +191,32 @@ def front_share(
 _ROUNDING = 1e-9  # of a range's ends, relative: draws at an end are computed in another order
 
 
-def _range(frame: pd.DataFrame, name: str, sign: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _range(frame: pd.DataFrame, goal: Goal) -> tuple[Floats, Floats]:
     """Return the least and the largest cost that a draw may give each row; without a range, anything."""
-    if not {f"{name}_low", f"{name}_high"} <= set(frame):
+    if not {f"{goal.column}_low", f"{goal.column}_high"} <= set(frame):
         return np.full(len(frame), -np.inf), np.full(len(frame), np.inf)
-    ends = np.sort([sign * _numbers(frame, f"{name}_{end}") for end in ("low", "high")], axis=0)
+    ends = np.sort([goal.sign * numbers(frame, f"{goal.column}_{end}") for end in ("low", "high")], axis=0)
     return ends[0] - _ROUNDING * abs(ends[0]), ends[1] + _ROUNDING * abs(ends[1])
 
 
-def _possible(
-    costs: NDArray[np.float64],
-    ranges: Mapping[int, tuple[NDArray[np.float64], NDArray[np.float64]]],
-    group: NDArray[np.int64],
-) -> NDArray[np.int64]:
+def _possible(costs: Floats, ranges: Mapping[int, tuple[Floats, Floats]], group: Ints) -> Ints:
     """Return the rows that may be on the front, wherever in their ranges (least, most) the costs are.
 
     A row whose least cost is dominated by another's largest is never on it.
     """
     least, most = costs.copy(), costs.copy()
     for place, (low, high) in ranges.items():
-        silent = np.isnan(low) | np.isnan(high)
-        least[:, place] = np.where(silent, -np.inf, low)
-        most[:, place] = np.where(silent, np.inf, high)
-    found = []
-    for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
-        for one in most[members][non_dominated(most[members])]:
-            own = least[members]
-            members = members[~((one <= own).all(axis=1) & (one < own).any(axis=1))]
-        found.append(members)
-    return np.sort(np.concatenate(found)) if found else np.zeros(0, np.int64)
-
-
-def _groups(rows: pd.DataFrame, by: str | Sequence[str] | None) -> NDArray[np.int64]:
-    """Return the number of each row's group, in the order of the table."""
-    names = [by] if isinstance(by, str) else list(by or [])
-    if not names:
-        return np.zeros(len(rows), np.int64)
-    columns = [column(rows, name) for name in names]
-    keys = list(zip(*columns, strict=True)) if len(columns) > 1 else columns[0]
-    return np.asarray(pd.factorize(pd.Series(keys, dtype=object), use_na_sentinel=False)[0], np.int64)
-
-
-def _on_front(costs: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.bool_]:
-    found = np.zeros(len(costs), dtype=bool)
-    for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
-        found[members] = non_dominated(costs[members])
-    return found
+        unknown = np.isnan(low) | np.isnan(high)
+        least[:, place] = np.where(unknown, -np.inf, low)
+        most[:, place] = np.where(unknown, np.inf, high)
+    remaining = []
+    for members in members_of(group):
+        for dearest in most[members][non_dominated(most[members])]:
+            cheapest = least[members]
+            beaten = (dearest <= cheapest).all(axis=1) & (dearest < cheapest).any(axis=1)
+            members = members[~beaten]
+        remaining.append(members)
+    return np.sort(np.concatenate(remaining)) if remaining else np.zeros(0, np.int64)
 
 
 def front_ends(
@@ -306,274 +249,28 @@ def front_ends(
     Raises:
         ExpressionError: an unknown column, or one that holds no numbers.
     """
-    for name in (*design, *([] if by is None else [by])):
+    fronts = _as_list(by)
+    for name in (*design, *fronts):
         column(frame, name)
-    rows, leaky = _honest(frame, "")
-    rows, notes = _comparable(rows, [accuracy, spikes, weights])
-    costs = _costs(rows, [(accuracy, "max"), (spikes, "min"), (weights, "min")])
-    group = _groups(rows, by)
-    found, ends = [], []
-    for members in (np.flatnonzero(group == g) for g in range(group.max(initial=-1) + 1)):
-        own = costs[members].T
+    rows, leaky = leave_out_leaky(frame, frozenset())
+    rows, unmeasured = leave_out_unmeasured(rows, [accuracy, spikes, weights])
+    costs = costs_of(rows, [Goal(accuracy, "max"), Goal(spikes, "min"), Goal(weights, "min")])
+    places, ends = [], []
+    for members in members_of(group_numbers(rows, fronts)):
+        of_front = costs[members].T
         for number, end in enumerate(("best accuracy", "least spikes", "least weights")):
-            found.append(members[np.lexsort((*own[::-1], own[number]))[0]])
+            places.append(members[np.lexsort((*of_front[::-1], of_front[number]))[0]])
             ends.append(end)
-    names = dict.fromkeys([*([] if by is None else [by]), "end", accuracy, spikes, weights, *design])
-    return Skyline(rows.iloc[found].assign(end=ends)[list(names)], leaky + notes)
+    names = dict.fromkeys([*fronts, "end", accuracy, spikes, weights, *design])
+    return Skyline(rows.iloc[places].assign(end=ends)[list(names)], leaky + unmeasured)
 
 
-def pick(
-    frame: pd.DataFrame,
-    budgets: Sequence[str],
-    maximise: str = "accuracy",
-    tie_breaks: Sequence[Objective] = (),
-    n_nearest: int = 5,
-) -> Pick:
-    """Return the best row within the budgets; where there is none, the nearest rows.
-
-    Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
-    budgets in their order, then to the first row of the table. A row without the number of a tie break, such
-    as the energy of a classifier that a chip cannot run, comes last there.
-
-    Args:
-        frame: design points.
-        budgets: conditions such as "energy_uj <= 50 and n_weights <= 150000". Comparisons of a column
-            with a number are budgets; anything else (task == 'texture') is a condition never relaxed.
-        maximise: column to maximise.
-        tie_breaks: (column, 'max' or 'min') pairs.
-        n_nearest: how many rows to name where no row is within the budgets; of several points of a trial
-            on one hardware profile, the nearest.
-
-    Raises:
-        ExpressionError: an unknown column, or a budget that cannot be read.
-    """
-    limits, conditions = split_budgets(budgets)
-    used = [(limit.column, limit.direction) for limit in limits if limit.direction]
-    order = list(dict.fromkeys([(maximise, "max"), *tie_breaks, *used]))
-    _check([(maximise, "max"), *tie_breaks])
-    rows = frame
-    for condition in conditions:
-        rows = rows[matches(condition, rows)]
-    rows, leaky = _honest(rows, " ".join([*conditions, *(limit.column for limit in limits)]))
-    rows, misfits = _fitting(rows, " ".join([*conditions, *(limit.column for limit in limits)]))
-    empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
-    rows, notes = _comparable(rows, list(dict.fromkeys([maximise, *(limit.column for limit in limits)])))
-    notes = leaky + misfits + empty + notes
-    costs = _costs(rows, order)
-    ranking = np.where(np.isfinite(costs), costs, np.inf).T[::-1]
-    values = [_numbers(rows, limit.column) for limit in limits]
-    feasible = np.ones(len(rows), dtype=bool)
-    for limit, used_up in zip(limits, values, strict=True):
-        feasible &= limit.met(used_up)
-    if feasible.any():
-        best = np.lexsort((*ranking, ~feasible))[0]
-        return Pick(rows.iloc[int(best)], rows.iloc[:0], notes)
-    missed = {limit: limit.excess(used_up) for limit, used_up in zip(limits, values, strict=True)}
-    shortfall = np.zeros(len(rows))
-    for limit, miss in missed.items():
-        shortfall += miss / (abs(limit.limit) or 1.0)
-    table = rows.assign(**{f"missed {limit}": miss for limit, miss in missed.items()}, shortfall=shortfall)
-    nearest = table.iloc[np.lexsort((*ranking, shortfall))]
-    if "trial" in nearest.columns:  # five settings of one design would say little
-        nearest = nearest.drop_duplicates([name for name in ("trial", "hardware") if name in nearest.columns])
-    return Pick(None, nearest.iloc[:n_nearest], notes)
-
-
-def budgeted(budgets: Sequence[str]) -> list[str]:
-    """Return the columns that budgets limit.
-
-    Raises:
-        ExpressionError: a budget that cannot be read.
-    """
-    return [limit.column for limit in split_budgets(budgets)[0]]
-
-
-def sure_pick(
-    frame: pd.DataFrame,
-    budgets: Sequence[str],
-    maximise: str,
-    tie_breaks: Sequence[Objective],
-    draws: Draws,
-    confidence: float,
-    by: str | Sequence[str] | None = None,
-    n_nearest: int = 5,
-) -> Pick:
-    """Return `pick` among the rows that are surely good, whatever the hardware's figures turn out to be.
-
-    A row must be within each budget in a share of the draws, and on the front of `maximise` and the tie
-    breaks in as many of them. Its numbers are reported as they stand, with `front_share` beside.
-
-    Args:
-        frame: design points.
-        budgets: as of `pick`.
-        maximise: column to maximise.
-        tie_breaks: (column, 'max' or 'min') pairs, the other objectives of the front.
-        draws: as of `front_share`, of what budgets limit too.
-        confidence: the share, in (0, 1].
-        by: columns whose values have fronts of their own.
-        n_nearest: as of `pick`.
-
-    Raises:
-        ExpressionError: as of `pick`.
-    """
-    limits, conditions = split_budgets(budgets)
-    objectives = [(maximise, "max"), *tie_breaks]
-    among = comparable(frame, objectives, " and ".join(f"({c})" for c in conditions) or None, by)
-    share = front_share(among.rows, objectives, draws, by)
-    sure = share >= confidence
-    rows = among.rows.assign(front_share=share)[sure]
-    costs = draws.of(rows) if sure.any() else {}
-    bounds = {}
-    for limit in limits:
-        if limit.column in costs and limit.direction:
-            # The value that so many draws stay within: the k-th best of them.
-            better = np.sort(costs[limit.column], axis=0)[:: 1 if limit.direction == "min" else -1]
-            bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
-    found = pick(rows.assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
-    notes = [*among.notes, *found.notes]
-    if not sure.any():
-        surest = f"; the surest is in {share.max():.0%}" if len(share) else ""
-        notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the draws{surest}")
-    # Numbers as they stand; what is missed is what was missed with confidence.
-    nearest = found.nearest.assign(**{name: rows[name].reindex(found.nearest.index) for name in bounds})
-    row = None if found.row is None else rows.iloc[rows.index.tolist().index(found.row.name)]
-    return Pick(row, nearest, notes)
-
-
-def _honest(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
-    """Leave out rows whose classifier saw the labels that it answers, unless the condition names them."""
-    if "transductive" in condition:
-        return rows, []
-    keep = honest(rows)
-    n = int((~keep).sum())
-    if not n:
-        return rows, []
-    noun = "row" if n == 1 else "rows"
-    return rows[keep], [f"{n} transductive {noun} left out: what answers has seen the labels"]
-
-
-def honest(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return which rows are of classifiers that have not seen the labels that they answer."""
-    try:
-        leaky = rows["transductive"].astype("boolean")
-    except (KeyError, TypeError, ValueError):  # a column of that name that says something else
-        return np.ones(len(rows), dtype=bool)
-    return ~leaky.fillna(False).to_numpy(dtype=bool)
-
-
-def admissible(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return which rows a front compares: the honest ones that fit their hardware, where any does."""
-    keep = honest(rows)
-    of_hardware = [name for name in ("fits", "hardware") if name in rows.columns]
-    keep[keep] = fitting(rows.loc[keep, of_hardware])
-    return keep
-
-
-def fitting(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return which rows fit their hardware; all of a hardware that nothing fits, as if it went on."""
-    fits = _fits(rows)
-    chips = _chips(rows)
-    return np.asarray(fits | ~np.isin(chips, chips[fits]))
-
-
-def _fits(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return which rows fit; one without an answer where others of its hardware have one cannot run there.
-
-    A column `fits` that holds anything but yes, no or nothing is not about hardware.
-    """
-    try:
-        fits = rows["fits"].astype("boolean")
-    except (KeyError, TypeError, ValueError):
-        return np.ones(len(rows), dtype=bool)
-    chips = _chips(rows)
-    answered = np.isin(chips, chips[fits.notna().to_numpy()])
-    return np.where(fits.isna(), ~answered, fits.fillna(False).to_numpy(dtype=bool))
-
-
-def _chips(rows: pd.DataFrame) -> NDArray[np.int64]:
-    """Return the number of each row's hardware; all are on one where the table does not say."""
-    return _groups(rows, "hardware" if "hardware" in rows else None)
-
-
-def _fitting(rows: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, list[str]]:
-    """Leave out rows that do not fit their hardware, unless the condition names that or nothing fits it."""
-    if "fits" not in rows.columns or re.search(r"\bfits\b", condition):
-        return rows, []
-    keep = fitting(rows)
-    unnamed = pd.Series("the chip", rows.index, dtype=object)
-    chips = rows["hardware"].astype(object).fillna(unnamed) if "hardware" in rows else unnamed
-    notes = [
-        f"{n} {'row' if n == 1 else 'rows'} left out: {'it does' if n == 1 else 'they do'} not fit {chip}"
-        for chip, n in chips[~keep].value_counts(sort=False).items()
-    ]
-    notes += [
-        f"no design fits {chip}: its costs are as if it went on"
-        for chip in chips[keep & ~_fits(rows)].unique()
-    ]
-    return rows[keep], notes
-
-
-def _once(rows: pd.DataFrame, names: Sequence[str], condition: str) -> tuple[pd.DataFrame, list[str]]:
-    """Keep the points on one hardware where nothing that is asked depends on it."""
-    asked = "hardware" in names or "hardware" in condition or any(name in OF_HARDWARE for name in names)
-    if asked or "hardware" not in rows or rows["hardware"].isna().any() or rows["hardware"].nunique() < 2:
-        return rows, []
-    first = rows["hardware"].iloc[0]
-    return rows[rows["hardware"] == first], [f"points on {first}: no objective depends on hardware"]
-
-
-def _apart(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
-    """Return the columns whose values have a front each: as asked, and hardware."""
-    names = [by] if isinstance(by, str) else list(by or [])
+def _front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
+    """Return the columns whose values have a front each: `by`, and hardware where there are several."""
+    names = _as_list(by)
     several = "hardware" in rows and rows["hardware"].nunique() > 1
     return [*names, *(["hardware"] if several and "hardware" not in names else [])]
 
 
-def _check(objectives: Sequence[Objective]) -> None:
-    if not objectives:
-        raise ExpressionError("objectives must name at least one column, such as accuracy:max")
-    for name, direction in objectives:
-        if direction not in ("max", "min"):
-            raise ExpressionError(f"objective '{name}' must be followed by :max or :min, got '{direction}'")
-    names = [name for name, _ in objectives]
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    if twice:
-        raise ExpressionError(f"objective '{twice[0]}' is named twice")
-
-
-def _numbers(frame: pd.DataFrame, name: str) -> NDArray[np.float64]:
-    series = column(frame, name)
-    try:
-        return series.to_numpy(dtype=np.float64, na_value=np.nan)
-    except (TypeError, ValueError):
-        raise ExpressionError(f"column '{name}' must hold numbers to be an objective or a budget") from None
-
-
-def _costs(frame: pd.DataFrame, objectives: Sequence[Objective]) -> NDArray[np.float64]:
-    """Return (row, objective), all minimised."""
-    signs = {"min": 1.0, "max": -1.0}
-    return np.stack([signs[direction] * _numbers(frame, name) for name, direction in objectives], axis=1)
-
-
-def _comparable(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Leave out rows with NaN or infinity in the named columns; one note per column and kind."""
-    keep = np.ones(len(frame), dtype=bool)
-    notes = []
-    for name in names:
-        values = _numbers(frame, name)
-        costs = name in OF_HARDWARE and "hardware" in frame
-        for kind, wrong in (("NaN", np.isnan(values)), ("infinite", np.isinf(values))):
-            if wrong.any():
-                chips = " and ".join(dict.fromkeys(map(str, frame["hardware"][wrong]))) if costs else ""
-                why = f" ({chips} cannot run them, or is known by intervals only)" if chips else ""
-                notes.append(f"{_row_names(frame, wrong)} left out: {name} is {kind}{why}")
-                keep &= ~wrong
-    return frame[keep], notes
-
-
-def _row_names(frame: pd.DataFrame, mask: NDArray[np.bool_]) -> str:
-    noun, labels = ("trial", frame["trial"]) if "trial" in frame.columns else ("row", frame.index.to_series())
-    names = list(dict.fromkeys(map(str, labels[mask])))
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    rows = "" if len(names) == mask.sum() else f" ({mask.sum()} rows)"
-    return f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names[:_NAMED])}{more}{rows}"
+def _as_list(by: str | Sequence[str] | None) -> list[str]:
+    return [by] if isinstance(by, str) else list(by or [])

@@ -1,17 +1,16 @@
 """Non-dominated points and hypervolume of plain arrays, everything minimised.
 
 A point dominates another when it is nowhere worse and somewhere better; equal points do not
-dominate each other, so both are kept. Tables, directions and constraints are `dse.skyline.front`'s part.
+dominate each other, so both are kept. `dse.skyline.front` does the same for tables.
 """
 
 from __future__ import annotations
 
 import moocore
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Points = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from dse.records import Bools, Floats, Ints
 
 _SMALL = 16384  # below this many points the kernel alone is faster than filtering first
 _SAMPLE = 1024  # points from which a round chooses its pivots
@@ -19,7 +18,7 @@ _MAX_PIVOTS = 24  # per round; each costs one comparison of the remaining points
 _WORTHWHILE = 0.03  # part of the sample that a pivot must remove to pay for its pass
 
 
-def _points(points: ArrayLike) -> Points:
+def _points(points: ArrayLike) -> Floats:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] == 0:
         raise ValueError(f"points must be (n, d) with d >= 1, got shape {array.shape}")
@@ -29,13 +28,13 @@ def _points(points: ArrayLike) -> Points:
     return array
 
 
-def _all_finite(array: Points) -> bool:
+def _all_finite(array: Floats) -> bool:
     """Return whether there is neither NaN nor infinity: either would reach the sum, in one fast pass."""
     with np.errstate(invalid="ignore", over="ignore"):
         return bool(np.isfinite(array.sum()))
 
 
-def non_dominated(points: ArrayLike) -> Mask:
+def non_dominated(points: ArrayLike) -> Bools:
     """Return which points no other point dominates; equal points are kept together.
 
     Large sets are thinned first: points that dominate much of a small sample remove what they
@@ -66,11 +65,36 @@ def non_dominated(points: ArrayLike) -> Mask:
     return mask
 
 
-def _kernel(array: Points) -> Mask:
+def non_dominated_by_group(points: ArrayLike, group: Ints) -> Bools:
+    """Return which points no other point of their group dominates, (n,).
+
+    Args:
+        points: (n, d), minimised.
+        group: (n,) group numbers from 0.
+
+    Raises:
+        ValueError: as of `non_dominated`.
+    """
+    array = _points(points)
+    mask = np.zeros(len(array), dtype=bool)
+    for members in members_of(group):
+        mask[members] = non_dominated(array[members])
+    return mask
+
+
+def members_of(group: Ints) -> list[Ints]:
+    """Return the indices, ascending, of the members of each group that has any; groups by number."""
+    if not len(group):
+        return []
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+
+
+def _kernel(array: Floats) -> Bools:
     return np.asarray(moocore.is_nondominated(array, keep_weakly=True), dtype=bool)
 
 
-def _bounded(array: Points) -> Points:
+def _bounded(array: Floats) -> Floats:
     """Replace the values of columns with infinities by their ranks, which dominate alike.
 
     moocore 0.3.2 uses infinities as sentinels: it keeps dominated points with +inf and crashes on -inf.
@@ -83,7 +107,7 @@ def _bounded(array: Points) -> Points:
     return array
 
 
-def _thin(columns: Points) -> tuple[NDArray[np.intp], Points]:
+def _thin(columns: Floats) -> tuple[Ints, Floats]:
     """Return the indices and columns (d, m) left after dropping points that a pivot dominates."""
     kept = np.arange(columns.shape[1])
     while columns.shape[1] > _SMALL:
@@ -96,7 +120,7 @@ def _thin(columns: Points) -> tuple[NDArray[np.intp], Points]:
     return kept, columns
 
 
-def _not_dominated_by(pivot: Points, columns: Points) -> NDArray[np.intp]:
+def _not_dominated_by(pivot: Floats, columns: Floats) -> Ints:
     """Return the indices of points that are better than the pivot somewhere, or equal to it."""
     left = columns[0] < pivot[0]
     for column, value in zip(columns[1:], pivot[1:], strict=True):
@@ -107,7 +131,7 @@ def _not_dominated_by(pivot: Points, columns: Points) -> NDArray[np.intp]:
     return np.flatnonzero(left)
 
 
-def _pivots(columns: Points) -> Points:
+def _pivots(columns: Floats) -> Floats:
     """Return (d, k) points of an evenly spaced sample that together dominate much of it, best first."""
     sample = columns[:, np.linspace(0, columns.shape[1] - 1, _SAMPLE).astype(np.intp)]
     front = sample[:, _kernel(np.ascontiguousarray(sample.T))]
@@ -129,7 +153,7 @@ def _pivots(columns: Points) -> Points:
 def hypervolume(points: ArrayLike, reference: ArrayLike) -> float:
     """Return the volume between the points and the reference point, dominated by the points.
 
-    Points that are not better than the reference in every coordinate add nothing.
+    Floats that are not better than the reference in every coordinate add nothing.
 
     Source: moocore (REFERENCES.md); O(n log n) for d <= 3, O(n^2) for d = 4, above that recursive.
 

@@ -54,13 +54,13 @@ def points(paths: Sequence[str], hardware: Sequence[str]) -> list[pandas.DataFra
     Raises:
         StoreError: hardware is named for what is no study.
     """
-    from dse.skyline import front
+    from dse.skyline import table
     from dse.study import pricing
 
     if hardware:
         _must_be_studies(paths, "--hardware needs")
         return [pricing.points(path, hardware) for path in paths]
-    return [front.read(path) for path in paths]
+    return [table.read(path) for path in paths]
 
 
 def draws(

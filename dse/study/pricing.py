@@ -13,7 +13,7 @@ from dse.config import ConfigError, Fault
 from dse.config.sections import OF_HARDWARE
 from dse.hardware.profile import Figures, Profile, load, read
 from dse.records import Array
-from dse.skyline import front
+from dse.skyline.table import read as read_table
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
 
@@ -99,7 +99,7 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
     folder = Path(folder)
     chips = profiles(folder, hardware)
-    table = front.read(folder)
+    table = read_table(folder)
     if "point" not in table:
         raise store.StoreError(f"{folder}: is of an older version, which kept no work to price; run it again")
     if "hardware" in table:

@@ -16,9 +16,9 @@ from dse.study.runs import Record
 if TYPE_CHECKING:
     import pandas
 
-    from dse.skyline.front import Pick, Skyline
-
-Objective = tuple[str, str]
+    from dse.skyline.front import Skyline
+    from dse.skyline.goals import Goal
+    from dse.skyline.pick import Pick
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,12 @@ class Study:
         return plain_space(self.folder / "search_space.yaml")
 
     @property
-    def objectives(self) -> list[Objective]:
-        """(column, 'max' or 'min') of the search space."""
+    def objectives(self) -> list[Goal]:
+        """The objectives of the search space: (column, 'max' or 'min') each."""
+        from dse.skyline.goals import Goal
+
         pairs = (text.split(":") for text in self.space["objectives"])
-        return [(name, direction) for name, direction in pairs]
+        return [Goal(name, direction) for name, direction in pairs]
 
     @property
     def trials(self) -> pandas.DataFrame:
@@ -66,19 +68,22 @@ class Study:
         return list(store.read_json(path)) if path.exists() else []
 
     def skyline(
-        self, objectives: Sequence[Objective] | None = None, where: str | None = None, by: str | None = None
+        self,
+        objectives: Sequence[tuple[str, str]] | None = None,
+        where: str | None = None,
+        by: str | None = None,
     ) -> Skyline:
-        """Return the non-dominated points ; objectives: the search space's where None."""
+        """Return the non-dominated points; objectives None: those of the search space."""
         from dse.skyline.front import skyline
 
         return skyline(self.points(), objectives or self.objectives, where, by)
 
     def pick(self, budgets: Sequence[str], maximise: str = "accuracy") -> Pick:
-        """Return the best point within the budgets, or the nearest ones (`dse.skyline.front.pick`)."""
-        from dse.skyline.front import pick
+        """Return the best point within the budgets, or the nearest ones (`dse.skyline.pick`)."""
+        from dse.skyline.pick import pick
 
         points = self.points()
-        ties = [(name, way) for name, way in self.objectives if name != maximise and name in points]
+        ties = [goal for goal in self.objectives if goal.column != maximise and goal.column in points]
         return pick(points, budgets, maximise, ties)
 
 

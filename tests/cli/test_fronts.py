@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from dse.cli import main
 from dse.cli.fronts import columns
+from tests.skyline.tables import NAMING_OTHERS, WORDS
 
 GOALS = [("accuracy", "max"), ("n_weights", "min")]
 
@@ -59,3 +61,32 @@ def test_a_pick_shows_its_own_design(tmp_path: Path, capsys: pytest.CaptureFixtu
         "read_out_ms",
         "accuracy",
     ]
+
+
+@pytest.mark.parametrize("condition", NAMING_OTHERS)
+def test_words_in_a_condition_let_no_leaking_or_misfitting_design_through(
+    condition: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "points.csv"
+    WORDS.to_csv(path, index=False)
+
+    def trials(*arguments: str) -> list[int]:
+        assert main([arguments[0], str(path), *arguments[1:], "--json"]) == 0
+        return [row["trial"] for row in json.loads(capsys.readouterr().out)["rows"]]
+
+    front = ("skyline", "--objectives", "accuracy:max,energy_uj:min", "--where")
+    assert trials(*front, condition) == [2]
+    assert trials(*front, f"({condition}) and transductive") == [0]
+    assert trials("pick", "--budget", condition) == [2]
+    assert trials("pick", "--budget", condition, "--budget", "not fits") == [1]
+
+
+def test_a_pick_across_tasks_says_so_unless_a_condition_names_the_column(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "points.csv"
+    WORDS.assign(**{"task": ["a", "a", "b"], "task.target": "task", "fits": True}).to_csv(path, index=False)
+    for budget, n_notes in (("task.target == 'task'", 1), ("task != 'c'", 0)):
+        assert main(["pick", str(path), "--budget", budget, "--json"]) == 0
+        notes = json.loads(capsys.readouterr().out)["notes"]
+        assert sum(note.startswith("this is the best over the tasks") for note in notes) == n_notes

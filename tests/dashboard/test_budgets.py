@@ -12,8 +12,9 @@ import pytest
 from dse.dashboard import gather as gather_module
 from dse.dashboard.budgets import budget_columns, contenders
 from dse.dashboard.write import write_page
-from dse.skyline import front as skyline
+from dse.skyline.front import comparable, skyline
 from dse.skyline.pareto import hypervolume
+from dse.skyline.pick import pick
 from tests.dashboard.test_page import HOSTILE, Page
 from tests.page_data import OBJECTIVES, points
 
@@ -110,10 +111,10 @@ def expected(frame, state):
         for name, way in DIRECTIONS.items()
         if f"b.{name}" in state
     ]
-    picked = skyline.pick(frame, [*conditions, *limits], "accuracy", TIES)
+    picked = pick(frame, [*conditions, *limits], "accuracy", TIES)
     where = " and ".join([*conditions, *limits]) or None
-    within = skyline.comparable(frame, [("accuracy", "max")], where).rows
-    front = skyline.skyline(frame, list(OBJECTIVES.items()), where, "task").rows
+    within = comparable(frame, [("accuracy", "max")], where).rows
+    front = skyline(frame, list(OBJECTIVES.items()), where, "task").rows
     return within, front, picked
 
 
@@ -163,7 +164,7 @@ def test_twenty_random_budgets_give_the_rows_of_the_skyline_and_the_pick(opened,
             words = shlex.split(got["command"])
             assert words[:3] == ["dse", "pick", "results/fabric"]
             budgets = [word for flag, word in itertools.pairwise(words) if flag == "--budget"]
-            assert same(got["pick"], skyline.pick(frame, budgets, "accuracy", TIES).row)
+            assert same(got["pick"], pick(frame, budgets, "accuracy", TIES).row)
         else:
             assert got["pick"] is None
             nearest = picked.nearest.iloc[0]
@@ -286,7 +287,7 @@ def test_hostile_names_are_words_in_the_panel_and_one_argument_in_the_shell(open
     words = shlex.split(page.tab.text_content("#command"))
     assert words[2] == "a 'b' $(c) `d`\n; e"
     budgets = [word for flag, word in itertools.pairwise(words) if flag == "--budget"]
-    assert skyline.pick(frame, budgets, "accuracy", TIES).row["trial"] == 10
+    assert pick(frame, budgets, "accuracy", TIES).row["trial"] == 10
     assert page.tab.inner_text("#pick button >> nth=0") == "Trial 10"
     assert page.tab.evaluate("window.hacked") is None
     assert page.overflow() <= 0
@@ -311,5 +312,5 @@ def test_contenders_of_a_large_table_are_few_and_hold_every_front():
     frame = many(20_000).assign(energy_uj=lambda f: f["energy_uj"].round(1))
     rows = contenders(frame, OBJECTIVES, "accuracy")
     assert len(rows) < len(frame) / 2
-    front = skyline.skyline(frame, list(OBJECTIVES.items()), "latency_ms <= 9", ["task", "family"]).rows
+    front = skyline(frame, list(OBJECTIVES.items()), "latency_ms <= 9", ["task", "family"]).rows
     assert set(front.index) <= set(rows)

@@ -5,6 +5,7 @@ import pytest
 from dse.dashboard import gather as gather_module
 from dse.dashboard.gather import gather_page
 from tests.page_data import ACCURACY, OBJECTIVES, ON_FRONT, ON_PAIR, failed, points
+from tests.skyline.tables import GOALS, WORDS
 
 
 def gather(frame, objectives=OBJECTIVES, **more):
@@ -47,6 +48,15 @@ def test_what_has_seen_the_labels_is_on_no_front_and_is_told():
     [told] = [note for note in page["notes"] if "transductive" in note]
     assert told.startswith("1 of 5 points are transductive and on no front")
     assert gather(points(transductive="no"))["fronts"] == gather(points())["fronts"]
+
+
+@pytest.mark.parametrize("family", ["fits", "transductive_x"])
+def test_names_of_families_let_nothing_onto_a_front(family):
+    frame = WORDS.assign(family=family, task="fits")
+    page = gather(frame, dict(GOALS))
+    assert page["fronts"]["all"] == [2]
+    ends = page["budgets"]["ranges"][0]["ends"]["accuracy"]
+    assert ends == [0.8, 0.9], "what has seen its labels bounds no budget"
 
 
 def test_failed_trials_are_listed_not_drawn():

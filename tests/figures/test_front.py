@@ -4,12 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.figures.front import draw_front, front_mask, gather_front, interval
+from dse.figures.front import draw_front, gather_front, interval
+from dse.skyline.front import front_mask
 from tests.page_data import ENERGY, OBJECTIVES, ON_FRONT, ON_PAIR, points
 
 
 def test_front_over_all_objectives():
-    assert front_mask(points(), OBJECTIVES).tolist() == ON_FRONT
+    assert front_mask(points(), OBJECTIVES.items()).tolist() == ON_FRONT
 
 
 def test_front_over_the_columns_shown():
@@ -55,7 +56,7 @@ def test_table_is_not_changed():
 def test_front_agrees_with_the_definition(values):
     frame = pd.DataFrame(values, columns=["accuracy", "energy_uj"])
     expected = [not any(a >= x and e <= y and (a > x or e < y) for a, e in values) for x, y in values]
-    assert front_mask(frame, {"accuracy": "max", "energy_uj": "min"}).tolist() == expected
+    assert front_mask(frame, [("accuracy", "max"), ("energy_uj", "min")]).tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -75,13 +76,13 @@ def test_wrong_columns(columns, objectives, message):
     ("objectives", "message"),
     [
         ({}, "at least one column"),
-        ({"cost": "min"}, "must be a column of the table, got 'cost'"),
-        ({"accuracy": "up"}, "direction of 'accuracy' must be 'max' or 'min', got 'up'"),
+        ({"cost": "min"}, "unknown column 'cost'"),
+        ({"accuracy": "up"}, "'accuracy' must be followed by :max or :min, got 'up'"),
     ],
 )
 def test_wrong_objectives(objectives, message):
     with pytest.raises(ValueError, match=message):
-        front_mask(points(), objectives)
+        front_mask(points(), objectives.items())
 
 
 def test_drawing_shows_every_point_once_and_joins_the_front():

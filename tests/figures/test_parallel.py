@@ -88,7 +88,7 @@ def test_empty_and_one_row(n):
         (["accuracy"], OBJECTIVES, "two or more different ones"),
         (["accuracy", "accuracy"], OBJECTIVES, "two or more different ones"),
         (["accuracy", "cost"], OBJECTIVES, r"must be in the table, got \['cost'\]"),
-        (COLUMNS, {"cost": "min"}, "must be a column of the table, got 'cost'"),
+        (COLUMNS, {"cost": "min"}, "unknown column 'cost'"),
     ],
 )
 def test_wrong_columns(columns, objectives, message):

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.skyline.constraints import Budget, ExpressionError, matches, split_budgets
+from dse.skyline.constraints import Budget, ExpressionError, matches, named_columns, split_budgets
 
 FRAME = pd.DataFrame(
     {
@@ -127,3 +127,28 @@ def test_excess_is_what_a_limit_is_missed_by(operator, direction, excess):
 )
 def test_a_budget_is_met_as_its_operator_says(operator, met):
     assert Budget("x", operator, 5.0).met(np.array([4.0, 5.0, 6.0])).tolist() == met
+
+
+@pytest.mark.parametrize(
+    ("expression", "columns"),
+    [
+        ("energy_uj <= 50", {"energy_uj"}),
+        ("not fits", {"fits"}),
+        (
+            "family != 'fits' and not (task == 'transductive' or 3 < model.hidden)",
+            {"family", "task", "model.hidden"},
+        ),
+        ("model.fits == 1", {"model.fits"}),
+        ("fits_well == True or transductive_x > 2", {"fits_well", "transductive_x"}),
+        ("task in ['fits', name]", {"task", "name"}),
+        ("'fits' == \"transductive\"", set()),
+    ],
+)
+def test_a_condition_names_columns_not_words(expression, columns):
+    assert named_columns([expression]) == columns
+    assert named_columns([expression, "a < 1"]) == {*columns, "a"}
+
+
+def test_what_is_no_condition_names_no_columns():
+    with pytest.raises(ExpressionError, match="must read like"):
+        named_columns(["fits ="])

@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer, add_format
-from dse.cli.fronts import Objective, columns, records
+from dse.cli.fronts import columns, records
 from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_duty, add_hardware
 from dse.study import priced
 
 if TYPE_CHECKING:
     import pandas
+
+    from dse.skyline.goals import Goal
 
 GROUP = "choose"
 HELP = "pick the best design point that meets all budgets, and export it as a bundle"
@@ -57,7 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the picked row, or if no row meets every budget the nearest rows and by how much they miss."""
-    from dse.skyline import front
+    from dse.skyline.goals import Goal
+    from dse.skyline.pick import budgeted, pick, sure_pick
     from dse.store import StoreError
     from dse.study import results
 
@@ -66,16 +69,16 @@ def answer(arguments: argparse.Namespace) -> Answer:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
     [points] = priced.points([arguments.results], arguments.hardware)
     points = priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
-    objectives: list[Objective] = results.open(arguments.results).objectives if is_study else []
-    ties = [(name, way) for name, way in objectives if name != arguments.maximise and name in points]
-    goals = [(arguments.maximise, "max"), *ties]
+    objectives: list[Goal] = results.open(arguments.results).objectives if is_study else []
+    ties = [goal for goal in objectives if goal.column != arguments.maximise and goal.column in points]
+    goals = [Goal(arguments.maximise, "max"), *ties]
     if arguments.confidence is None:
-        picked = front.pick(points, arguments.budget, arguments.maximise, ties)
+        picked = pick(points, arguments.budget, arguments.maximise, ties)
     else:
-        names = [*(name for name, _ in goals), *front.budgeted(arguments.budget)]
+        names = [*(name for name, _ in goals), *budgeted(arguments.budget)]
         drawing = priced.draws([arguments.results], [points], arguments.hardware, names, arguments.draws)
         apart = [name for name in ("task",) if name in points]
-        picked = front.sure_pick(
+        picked = sure_pick(
             points, arguments.budget, arguments.maximise, ties, drawing, arguments.confidence, apart
         )
     if picked.row is None:
@@ -116,8 +119,10 @@ def _misfit(row: dict[str, Any]) -> list[str]:
 
 def _others(points: pandas.DataFrame, budgets: list[str], column: str, plural: str) -> list[str]:
     """Return a hint if the pick compared rows that differ in a column whose values cannot be compared."""
+    from dse.skyline.constraints import named_columns
+
     values = list(dict.fromkeys(map(str, points[column]))) if column in points else []
-    if len(values) < 2 or any(column in budget for budget in budgets):
+    if len(values) < 2 or column in named_columns(budgets):
         return []
     return [
         f"this is the best over the {plural} {', '.join(values)}; restrict it to one with "
@@ -125,7 +130,7 @@ def _others(points: pandas.DataFrame, budgets: list[str], column: str, plural: s
     ]
 
 
-def _shown(row: dict[str, Any], goals: list[Objective]) -> list[str]:
+def _shown(row: dict[str, Any], goals: list[Goal]) -> list[str]:
     """Return the columns of one row that a table shows: the design and the objectives."""
     import pandas
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
-from dse.cli.fronts import Objective, columns, records
+from dse.cli.fronts import columns, records
 from dse.cli.numbers import draws
 from dse.cli.options import add_duty, add_hardware
 from dse.study import priced
+
+if TYPE_CHECKING:
+    from dse.skyline.goals import Goal
 
 GROUP = "choose"
 HELP = "print the skyline: the non-dominated design points of studies or of any tables"
@@ -76,18 +80,18 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer(records(rows), skyline.notes, shown)
 
 
-def objectives_of(text: str | None, results: str) -> list[Objective]:
+def objectives_of(text: str | None, results: str) -> list[Goal]:
     """Return the objectives of the option `--objectives`, or those of the study if the option is absent.
 
     Raises:
         ExpressionError: the objectives cannot be parsed, or a table has none.
     """
     from dse.skyline.constraints import ExpressionError
-    from dse.skyline.front import parse_objectives
+    from dse.skyline.goals import parse_goals
     from dse.study.results import open as open_study
 
     if text is not None:
-        return parse_objectives(text)
+        return parse_goals(text)
     if not Path(results).is_dir():
         raise ExpressionError(
             f"{results}: a table has no objectives of its own; state them: --objectives accuracy:max,..."

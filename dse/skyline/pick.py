@@ -1,0 +1,166 @@
+"""The best design point within budgets, or the points that come nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dse.records import Bools, Floats
+from dse.skyline.admissible import leave_out_leaky, leave_out_misfits, leave_out_unmeasured
+from dse.skyline.constraints import Budget, matches, named_columns, split_budgets
+from dse.skyline.front import Draws, comparable, front_share
+from dse.skyline.goals import Goal, checked_goals, costs_of
+from dse.skyline.table import numbers
+
+
+class Pick(NamedTuple):
+    """The best row within the budgets, or the rows that come nearest.
+
+    row: None where no row meets every budget.
+    nearest: only then: rows ranked by `shortfall`, the sum over the budgets of miss / |limit|
+        (miss itself where the limit is 0); one column `missed <budget>` each, in the budget's unit.
+        A strict limit that is hit exactly is missed by 0.
+    notes: what was left out, and why.
+    """
+
+    row: pd.Series[Any] | None
+    nearest: pd.DataFrame
+    notes: list[str]
+
+
+def pick(
+    frame: pd.DataFrame,
+    budgets: Sequence[str],
+    maximise: str = "accuracy",
+    tie_breaks: Sequence[tuple[str, str]] = (),
+    n_nearest: int = 5,
+) -> Pick:
+    """Return the best row within the budgets; where there is none, the nearest rows.
+
+    Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
+    budgets in their order, then to the first row of the table. A row without the number of a tie break, such
+    as the energy of a classifier that a chip cannot run, comes last there.
+
+    Args:
+        frame: design points.
+        budgets: conditions such as "energy_uj <= 50 and n_weights <= 150000". Comparisons of a column
+            with a number are budgets; anything else (task == 'texture') is a condition never relaxed.
+        maximise: column to maximise.
+        tie_breaks: (column, 'max' or 'min') pairs.
+        n_nearest: how many rows to name where no row is within the budgets; of several points of a trial
+            on one hardware profile, the nearest.
+
+    Raises:
+        ExpressionError: an unknown column, or a budget that cannot be read.
+    """
+    limits, conditions = split_budgets(budgets)
+    named = named_columns(budgets)
+    goals = checked_goals([(maximise, "max"), *tie_breaks])
+    rows = frame
+    for condition in conditions:
+        rows = rows[matches(condition, rows)]
+    rows, leaky = leave_out_leaky(rows, named)
+    rows, misfits = leave_out_misfits(rows, named)
+    empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
+    compared = [maximise, *(limit.column for limit in limits)]
+    rows, unmeasured = leave_out_unmeasured(rows, list(dict.fromkeys(compared)))
+    notes = leaky + misfits + empty + unmeasured
+    ranking = _ranking(rows, goals, limits)
+    feasible = _feasible(rows, limits)
+    if feasible.any():
+        best = np.lexsort((*ranking, ~feasible))[0]
+        return Pick(rows.iloc[int(best)], rows.iloc[:0], notes)
+    return Pick(None, _nearest(rows, limits, ranking).iloc[:n_nearest], notes)
+
+
+def _ranking(rows: pd.DataFrame, goals: Sequence[Goal], limits: Sequence[Budget]) -> Floats:
+    """Return the keys that rank rows, (key, row), all minimised; the last comes first."""
+    used = [Goal(limit.column, limit.direction) for limit in limits if limit.direction]
+    costs = costs_of(rows, list(dict.fromkeys([*goals, *used])))
+    return np.where(np.isfinite(costs), costs, np.inf).T[::-1]
+
+
+def _feasible(rows: pd.DataFrame, limits: Sequence[Budget]) -> Bools:
+    """Return which rows are within every limit, (row,)."""
+    feasible = np.ones(len(rows), dtype=bool)
+    for limit in limits:
+        feasible &= limit.met(numbers(rows, limit.column))
+    return feasible
+
+
+def _nearest(rows: pd.DataFrame, limits: Sequence[Budget], ranking: Floats) -> pd.DataFrame:
+    """Return the rows by how far they miss the limits, nearest first; one per trial and hardware profile."""
+    missed = {limit: limit.excess(numbers(rows, limit.column)) for limit in limits}
+    shortfall = np.zeros(len(rows))
+    for limit, miss in missed.items():
+        shortfall += miss / (abs(limit.limit) or 1.0)
+    table = rows.assign(**{f"missed {limit}": miss for limit, miss in missed.items()}, shortfall=shortfall)
+    nearest = table.iloc[np.lexsort((*ranking, shortfall))]
+    if "trial" not in nearest.columns:
+        return nearest
+    # Several points of one design would say little.
+    return nearest.drop_duplicates([name for name in ("trial", "hardware") if name in nearest.columns])
+
+
+def sure_pick(
+    frame: pd.DataFrame,
+    budgets: Sequence[str],
+    maximise: str,
+    tie_breaks: Sequence[tuple[str, str]],
+    draws: Draws,
+    confidence: float,
+    by: str | Sequence[str] | None = None,
+    n_nearest: int = 5,
+) -> Pick:
+    """Return `pick` among the rows that are good in a share `confidence` of the draws.
+
+    A row must be within each budget in that share of the draws, and on the front of `maximise` and the tie
+    breaks in as many. Its numbers are reported as they stand, with `front_share` beside.
+
+    Args:
+        frame: design points.
+        budgets: as of `pick`.
+        maximise: column to maximise.
+        tie_breaks: (column, 'max' or 'min') pairs, the other goals of the front.
+        draws: as of `front_share`, of what budgets limit too.
+        confidence: the share, in (0, 1].
+        by: columns whose values have fronts of their own.
+        n_nearest: as of `pick`.
+
+    Raises:
+        ExpressionError: as of `pick`.
+    """
+    limits, conditions = split_budgets(budgets)
+    goals = [(maximise, "max"), *tie_breaks]
+    among = comparable(frame, goals, conditions, by, named_columns(budgets))
+    share = front_share(among.rows, goals, draws, by)
+    sure = share >= confidence
+    rows = among.rows.assign(front_share=share)[sure]
+    costs = draws.of(rows) if sure.any() else {}
+    bounds = {}
+    for limit in limits:
+        if limit.column in costs and limit.direction:
+            # The value that so many draws stay within: the k-th best of them.
+            better = np.sort(costs[limit.column], axis=0)[:: 1 if limit.direction == "min" else -1]
+            bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
+    bounded = pick(rows.assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
+    notes = [*among.notes, *bounded.notes]
+    if not sure.any():
+        surest = f"; the surest is in {share.max():.0%}" if len(share) else ""
+        notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the draws{surest}")
+    # Numbers as they stand; what is missed is what was missed with confidence.
+    nearest = bounded.nearest.assign(**{name: rows[name].reindex(bounded.nearest.index) for name in bounds})
+    row = None if bounded.row is None else rows.iloc[rows.index.tolist().index(bounded.row.name)]
+    return Pick(row, nearest, notes)
+
+
+def budgeted(budgets: Sequence[str]) -> list[str]:
+    """Return the columns that budgets limit.
+
+    Raises:
+        ExpressionError: a budget that cannot be read.
+    """
+    return [limit.column for limit in split_budgets(budgets)[0]]

@@ -1,0 +1,82 @@
+"""Tables of design points: reading them, and their columns as numbers and groups."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from dse.records import Floats, Ints
+from dse.skyline.constraints import ExpressionError, column
+
+
+class TableError(ValueError):
+    """A file that is no table of points."""
+
+
+def read(path: str | Path) -> pd.DataFrame:
+    """Read a table of points: CSV, Parquet, JSON (rows, or a `dse` document), or a study's folder.
+
+    Raises:
+        TableError: no such file, another kind of file, a damaged or an empty one.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / "points.parquet"
+    if not file.is_file():
+        raise TableError(f"{file}: no such file")
+    try:
+        frame = _read(file)
+    except TableError:
+        raise
+    except Exception as error:  # each reader has its own kinds; what users need is the file and the reason
+        raise TableError(f"{file}: no readable table: {str(error).strip().splitlines()[0]}") from error
+    if frame.empty:
+        raise TableError(f"{file}: the table has no rows")
+    return frame
+
+
+def _read(file: Path) -> pd.DataFrame:
+    kind = file.suffix.lower()
+    if kind == ".csv":
+        return pd.read_csv(file)
+    if kind in (".parquet", ".pq"):
+        return pd.read_parquet(file)
+    if kind == ".json":
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if isinstance(content, dict) and "rows" not in content:
+            raise TableError(f"{file}: must hold a list of rows, or an object with 'rows'")
+        return pd.DataFrame(content["rows"] if isinstance(content, dict) else content)
+    raise TableError(f"{file}: must be .csv, .parquet, .json or the folder of a study")
+
+
+def numbers(frame: pd.DataFrame, name: str) -> Floats:
+    """Return a column as float64, NaN where a value is missing.
+
+    Raises:
+        ExpressionError: there is no such column, or it holds no numbers.
+    """
+    series = column(frame, name)
+    try:
+        return series.to_numpy(dtype=np.float64, na_value=np.nan)
+    except (TypeError, ValueError):
+        raise ExpressionError(f"column '{name}' must hold numbers to be an objective or a budget") from None
+
+
+def group_numbers(frame: pd.DataFrame, by: Sequence[str]) -> Ints:
+    """Return a number for each row, equal where the columns `by` are; from 0, in the order of the table.
+
+    Missing values are equal to each other. Without columns all rows are one group.
+
+    Raises:
+        ExpressionError: there is no such column.
+    """
+    if not by:
+        return np.zeros(len(frame), np.int64)
+    for name in by:
+        column(frame, name)
+    grouped = frame.groupby(list(by), sort=False, dropna=False, observed=True)
+    return np.asarray(grouped.ngroup(), np.int64)
