@@ -19,24 +19,25 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 _LISTS = {
-    "hardware": "profiles of chips, for energy and latency; or your own, as a file",
-    "objectives": "columns to minimise or maximise",
+    "hardware": "hardware profiles for energy and latency: shipped ones by name, or YAML files of your own",
+    "objectives": "columns to minimise or maximise, each as NAME:min or NAME:max",
 }
 _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
 _MOTIONS = "scene.motions"
 _PAGE = {
-    "page": "what the page of a study has and opens with, a file named by `dse dashboard --page`",
-    "page.front": "its figure of the front",
+    "page": "page definition of `dse dashboard --page FILE`: parts of the page and what it shows first",
+    "page.front": "the figure of the front",
 }
 _SCENE = {
-    "scene": "a scene file, named by data of kind scene",
-    "scene.sensor": "shipped sensors: their numbers and those of their cameras, each with its evidence",
-    "scene.textures": "shipped textures: their numbers, each with its evidence",
+    "scene": "scene file: simulated touch, used by data of kind scene",
+    "scene.sensor": "shipped sensors: the numbers of sensor and camera, each with its evidence",
+    "scene.textures": "shipped textures: numbers, each with its evidence",
     _MOTIONS: "velocity profiles; `kind` names a component",
-    "scene.camera": "pixels that send events",
-    "scene.variation": "how trials of one cell differ",
-    "scene.method": "steps of the simulation: speed against error",
+    "scene.camera": "the event camera that watches the pins",
+    "scene.variation": "how trials with the same texture, motion and force differ; standard deviations "
+    "unless stated",
+    "scene.method": "steps of the simulation: a trade-off of speed and error",
 }
 
 
@@ -44,15 +45,22 @@ def sections() -> list[Row]:
     """Return the sections of a search space, those of a page, then those of a scene: name and meaning."""
     docs = {
         "data": "the recordings; `kind` names a component",
-        "test": "keys of data that differ for the recordings of a final test",
-        "encoder": "recordings -> input spikes, required for sampled signals; `kind` names a component, "
-        "`choice` lists several as an axis",
+        "test": "a separate test file or folder: the keys of data that differ for it",
+        "encoder": "turns recordings into input spikes; required for sampled signals; `kind` names a "
+        "component, `choice` lists several as an axis",
         "model": "the classifier; `kind` names a component, `choice` lists several as an axis",
         **_LISTS,
     }
     listed = [{"section": name, "doc": docs.get(name) or _doc(settings_class(name))} for name in SECTIONS]
-    listed.append({"section": _SAMPLERS, "doc": "how designs are proposed; named by search.sampler"})
-    listed.append({"section": _FORMATS, "doc": "formats of event files; named by data.format, if at all"})
+    listed.append(
+        {"section": _SAMPLERS, "doc": "algorithms that propose designs; selected by search.sampler"}
+    )
+    listed.append(
+        {
+            "section": _FORMATS,
+            "doc": "formats of event files; data.format selects one (default: recognised from the file)",
+        }
+    )
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 

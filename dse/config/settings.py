@@ -28,42 +28,52 @@ class Task:
     """What is predicted."""
 
     target: str | Column | tuple[str | Column, ...] = param(  # noqa: RUF009
-        doc="a label column, `{column: name, abs: true}`, or a list of these: their combination"
+        doc="label column to predict, `{column: NAME, abs: true}` for its absolute value, or a list of "
+        "these, whose combination is predicted"
     )
     joint: bool = param(
         False,
-        doc="with a list of columns: also report each of them, and let models have a part for each",
+        doc="if target is a list: also report each of its columns; networks get one output group per column",
         axis=False,
     )
-    name: str = param("", doc="name of the task in tables; absent: the target's columns", axis=False)
+    name: str = param("", doc="name of the task in tables (default: the columns of the target)", axis=False)
 
 
 @dataclass(frozen=True)
 class Window:
-    """A window of fixed length; training crops may begin up to `jitter_steps` to either side of it."""
+    """A window of fixed length; training windows are shifted by up to `jitter_steps` in either direction."""
 
-    n_steps: int | None = param(None, doc="window length; absent: whole recordings", unit="steps", low=1)
-    at: str = param("middle", doc="where it lies", choices=("start", "middle", "contact_onset"))
-    jitter_steps: int = param(0, doc="training crops begin up to this far around it", unit="steps", low=0)
+    n_steps: int | None = param(None, doc="window length (default: whole recordings)", unit="steps", low=1)
+    at: str = param(
+        "middle", doc="position of the window in the recording", choices=("start", "middle", "contact_onset")
+    )
+    jitter_steps: int = param(
+        0, doc="training windows are shifted at random by up to this many steps", unit="steps", low=0
+    )
     onset_threshold: float = param(
         3.0,
-        doc="contact: a channel differs this much from its first sample, or a bin has this many events",
+        doc="contact begins when a channel differs this much from its first sample, or a bin has this many "
+        "events",
         low=0,
         low_open=True,
     )
     remove_mean: bool = param(
         False,
-        doc="subtract each channel's mean over the window (sampled signals; encoders of changes need it not)",
+        doc="subtract the mean of each channel over the window (sampled signals; encoders of changes do not "
+        "need it)",
     )
     cut_steps: int | None = param(
         None,
-        doc="first cut every recording into windows of this length, recordings of their own; columns "
-        "'recording' and 'window' number the original and the window in it; absent: do not",
+        doc="first cut every recording into windows of this length, which then count as recordings; the "
+        "label columns 'recording' and 'window' number the original and the window (default: no cutting)",
         unit="steps",
         low=1,
     )
     every_steps: int | None = param(
-        None, doc="distance of the first steps of two such windows; absent: cut_steps", unit="steps", low=1
+        None,
+        doc="steps from the start of one such window to the next (default: cut_steps)",
+        unit="steps",
+        low=1,
     )
 
     def __post_init__(self) -> None:
@@ -84,7 +94,7 @@ class Stratified:
         doc="fraction of every class", low=0, low_open=True, high=1, high_open=True, axis=False
     )
     test: float = param(0.0, doc="fraction of every class", low=0, high=1, high_open=True, axis=False)
-    seed: int = param(0, doc="seed of the draw", low=0, axis=False)
+    seed: int = param(0, doc="seed of the random split", low=0, axis=False)
     group: str | None = param(
         None,
         doc="label column; recordings of one value stay together, fractions as near as that allows",
@@ -110,8 +120,13 @@ class KFold:
         high_open=True,
         axis=False,
     )
-    seed: int = param(1, doc="seed of the draw", low=0, axis=False)
-    fold: int = param(0, doc="fold that validates; run r of a study takes r modulo k", low=0, axis=False)
+    seed: int = param(1, doc="seed of the random split", low=0, axis=False)
+    fold: int = param(
+        0,
+        doc="fold that validates; a study validates repeat r of a design on fold r modulo k",
+        low=0,
+        axis=False,
+    )
 
     def __post_init__(self) -> None:
         """Check what one key alone cannot say."""
@@ -123,33 +138,35 @@ class KFold:
 class LeaveOut:
     """One group validates, the rest trains."""
 
-    column: str = param(doc="label column of the groups", axis=False)
-    value: Any = param(doc="the group left out", axis=False)  # noqa: RUF009
+    column: str = param(doc="label column that defines the groups", axis=False)
+    value: Any = param(doc="value of the group that is left out", axis=False)  # noqa: RUF009
 
 
 @dataclass(frozen=True)
 class Split:
-    """One of four: `train` and `validation` (and `test`) by column values, or one of the other keys."""
+    """How recordings are split: by label values (`train`, `validation`, `test`) or by another key."""
 
     train: Mapping[str, Any] | None = param(
-        None, doc="column -> value or values of training recordings", axis=False
+        None, doc="training set: mapping from label column to value or list of values", axis=False
     )
     validation: Mapping[str, Any] | None = param(
-        None, doc="column -> value or values that validate", axis=False
+        None, doc="validation set: mapping from label column to value or list of values", axis=False
     )
     test: Mapping[str, Any] | None = param(
-        None, doc="column -> value or values of test recordings", axis=False
+        None, doc="test set: mapping from label column to value or list of values", axis=False
     )
     stratified: Stratified | None = param(  # noqa: RUF009
-        None, doc="drawn, the same fraction of every class; keys validation, test, seed, group", axis=False
+        None,
+        doc="random split with the same fraction of every class; keys validation, test, seed, group",
+        axis=False,
     )
     k_fold: KFold | None = param(  # noqa: RUF009
         None,
-        doc="cross-validation, one fold validates and the others train; keys k, group, test, seed",
+        doc="cross-validation: one fold validates, the others train; keys k, group, test, seed",
         axis=False,
     )
     leave_out: LeaveOut | None = param(  # noqa: RUF009
-        None, doc="one group validates, the rest trains; keys column, value", axis=False
+        None, doc="one group validates, all others train; keys column, value", axis=False
     )
 
     def __post_init__(self) -> None:
@@ -177,44 +194,48 @@ class Split:
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """How event recordings become spikes; a pair is [along x, along y], one number stands for both."""
+    """How event recordings become spikes; pairs are [along x, along y], one number stands for both."""
 
-    bin_ms: float = param(doc="width of a time bin: one step, to the microsecond", unit="ms", low=0.001)
+    bin_ms: float = param(doc="duration of a time bin (one step), a multiple of 1 us", unit="ms", low=0.001)
     pool: int | tuple[int, int] = param(1, doc="sides of the pooling kernel", unit="pixels", low=1)
     stride: int | tuple[int, int] | None = param(
-        None, doc="distance of pools; absent: the kernel's sides", unit="pixels", low=1
+        None, doc="step from one pool to the next (default: the sides of the kernel)", unit="pixels", low=1
     )
     padding: int | tuple[int, int] = param(
-        0, doc="empty pixels added on every side, fewer than the kernel's", unit="pixels", low=0
+        0, doc="empty pixels added on every side, fewer than the sides of the kernel", unit="pixels", low=0
     )
     pool_threshold: int = param(
         1,
-        doc="events in a pool and bin that make a spike; counts stop at 255",
+        doc="number of events in a pool and bin that makes a spike; counts saturate at 255",
         unit="events",
         low=1,
         high=254,
     )
-    exceeds: bool = param(False, doc="true: a spike takes strictly more events than pool_threshold")
+    exceeds: bool = param(False, doc="true: a spike needs strictly more events than pool_threshold")
     polarity: str = param(
-        "split", doc="ON and OFF apart, together, ON alone or OFF alone", choices=POLARITIES
+        "split",
+        doc="split: ON and OFF are separate channels; merge: they are counted together; ignore_off, "
+        "ignore_on: only the other",
+        choices=POLARITIES,
     )
     crop: Literal["pins"] | tuple[int, int, int, int] | None = param(
         None,
-        doc="[x, y, width, height] of the pixels to keep, or pins: the rectangle that sees pins (recorded "
-        "events: where the training recordings have events)",
+        doc="[x, y, width, height] of the pixels to keep, or pins: the rectangle that contains the pins (of "
+        "recorded events: the pixels with events in the training recordings)",
         unit="pixels",
         low=0,
     )
     time_ms: tuple[float, float] | None = param(
         None,
-        doc="[from, to): events to keep, from a recording's first event (a simulated trial: from its start)",
+        doc="[from, to): keep the events in this interval, counted from the first event of a recording (of "
+        "a simulated trial: from its start)",
         unit="ms",
         low=0,
     )
     rate_floor_hz: float = param(
         0.0,
-        doc="pooled channels of a recording below this mean rate over the kept bins are silent; it looks at "
-        "the whole window, so a device that answers while events come in cannot do it",
+        doc="silence the pooled channels of a recording whose mean rate over the whole window is below "
+        "this; a device that decides during the touch cannot apply it",
         unit="Hz",
         low=0,
     )
@@ -254,31 +275,42 @@ def _shown(value: int | tuple[int, ...]) -> str:
 
 @dataclass(frozen=True)
 class Training:
-    """Adam with a stepped schedule; every default is a published or a measured value."""
+    """Adam with a step schedule; every default is a published or a measured value."""
 
     epochs: int = param(60, low=1, doc="passes over the training samples")
-    batch_size: int = param(32, low=1, doc="samples per weight update; an epoch's last batch may be smaller")
-    learning_rate: float = param(0.03, low=0, low_open=True, doc="Adam's step size in units of `step_unit`")
+    batch_size: int = param(
+        32, low=1, doc="samples per weight update; the last batch of an epoch may be smaller"
+    )
+    learning_rate: float = param(0.03, low=0, low_open=True, doc="step size of Adam, in units of `step_unit`")
     step_unit: str = param(
         "initial",
         choices=("initial", "weight"),
-        doc="initial: each neuron's root mean square weight at start; weight: plain weight units, as SLAYER",
+        doc="initial: the initial root mean square weight of each neuron; weight: weight units, as in SLAYER",
     )
-    warmup_epochs: float = param(0.0, low=0, unit="epochs", doc="the learning rate rises from 0 meanwhile")
-    lr_factor: float = param(0.67, low=0, low_open=True, high=1, doc="learning rate factor at each step")
-    lr_every: int = param(20, low=1, unit="epochs", doc="epochs between steps of the learning rate")
-    average_epochs: int = param(1, low=1, unit="epochs", doc="weights are the mean over the last epochs")
+    warmup_epochs: float = param(
+        0.0, low=0, unit="epochs", doc="the learning rate rises from 0 during these epochs"
+    )
+    lr_factor: float = param(
+        0.67, low=0, low_open=True, high=1, doc="factor on the learning rate at each step of the schedule"
+    )
+    lr_every: int = param(20, low=1, unit="epochs", doc="epochs between steps of the schedule")
+    average_epochs: int = param(
+        1, low=1, unit="epochs", doc="the final weights are the mean over this many last epochs"
+    )
     dropout: float = param(
-        0.1, low=0, high=1, high_open=True, doc="share of hidden neurons silenced per sample"
+        0.1, low=0, high=1, high_open=True, doc="fraction of hidden neurons silenced per sample"
     )
     clip_norm: float | None = param(
-        None, low=0, low_open=True, doc="a longer gradient is scaled down to this norm; absent: never"
+        None,
+        low=0,
+        low_open=True,
+        doc="gradients with a larger norm are scaled down to this norm (default: never)",
     )
     silent_epochs: int = param(
         20,
         low=0,
         unit="epochs",
-        doc="training ends where a layer was silent or saturated for so long; 0: never",
+        doc="stop a training in which a layer is silent or saturated for this many epochs; 0: never",
     )
 
     def rate(self, epoch: float) -> float:
@@ -289,18 +321,23 @@ class Training:
 
 @dataclass(frozen=True)
 class Decision:
-    """Grid of decision parameters; each is a value, a list, a choice or a stepped range. Never trained."""
+    """Decision parameters, each a value, a list, a choice or a stepped range; evaluated after training."""
 
-    phi: int = param(0, doc="output spikes that must be exceeded before deciding", unit="spikes", low=0)
-    theta: float = param(0.5, doc="smallest share of the leading class in them", low=0, high=1)
+    phi: int = param(0, doc="a decision needs more output spikes than this (phi)", unit="spikes", low=0)
+    theta: float = param(
+        0.5,
+        doc="a decision needs at least this fraction of the output spikes in the leading class (theta)",
+        low=0,
+        high=1,
+    )
 
 
 @dataclass(frozen=True)
 class Precision:
-    """Weights of fewer bits, and fewer weights, of trained spiking networks. Never trained; absent: none."""
+    """Weights of fewer bits and pruned weights, evaluated on trained spiking networks (default: none)."""
 
     weight_bits: tuple[int, ...] = param(
-        doc="bits per weight, with a scale per layer; 8 is what is trained",
+        doc="bits per weight, with one scale per layer; networks train with 8",
         unit="bits",
         low=2,
         high=8,
@@ -308,7 +345,7 @@ class Precision:
     )
     pruned: tuple[float, ...] = param(
         (0.0,),
-        doc="share of every matrix removed by magnitude after training",
+        doc="fraction of each matrix to prune by magnitude after training",
         low=0,
         high=1,
         high_open=True,
@@ -316,7 +353,7 @@ class Precision:
     )
     within: float = param(
         0.02,
-        doc="accuracy that a design may lie below the front of its task and family to be evaluated still",
+        doc="evaluate designs whose accuracy is at most this far below the front of their task and family",
         low=0,
         high=1,
         axis=False,
@@ -325,44 +362,52 @@ class Precision:
 
 @dataclass(frozen=True)
 class Search:
-    """How designs are proposed and how often each is trained. A sampler adds its own keys."""
+    """How designs are proposed and how often each is trained; a sampler adds its own keys."""
 
     sampler: str = param(
-        "", doc="component of search.samplers; absent: grid where every axis has a step, else tpe", axis=False
+        "",
+        doc="a component of search.samplers (default: grid if every axis is a choice or has a step, "
+        "otherwise tpe)",
+        axis=False,
     )
-    n_trials: int | None = param(None, doc="designs to train; absent: the whole grid", low=1, axis=False)
+    n_trials: int | None = param(
+        None, doc="number of designs to train (default: the whole grid)", low=1, axis=False
+    )
     batch: int | None = param(
         None,
-        doc="designs proposed at a time; absent: the whole grid for sampler grid, else 8",
+        doc="number of designs proposed at a time (default: the whole grid for sampler grid, otherwise 8)",
         low=1,
         axis=False,
     )
     repeats: int | None = param(
         None,
-        doc="trainings of every design, each with its own seed; absent: 1, or one per fold of split.k_fold",
+        doc="trainings of each design, each with its own seed (default: 1, or one per fold of split.k_fold)",
         low=1,
         axis=False,
     )
     repeats_on_front: int = param(
-        1, doc="trainings of the designs on the front of each task and family", low=1, axis=False
+        1, doc="trainings of each design on the front of its task and family", low=1, axis=False
     )
 
 
 @dataclass(frozen=True)
 class ExecutionSettings:
-    """How the work is spread; but for the rounding of another device it changes no result."""
+    """How the work is distributed; results are bit-identical on one kind of device."""
 
-    jobs: int = param(1, doc="processes at a time", low=1, axis=False)
+    jobs: int = param(1, doc="number of worker processes", low=1, axis=False)
     threads: int = param(
-        1, doc="threads of each process on the CPU; they share the samples of a batch", low=1, axis=False
+        1, doc="CPU threads of each process; they share the samples of a batch", low=1, axis=False
     )
     device: str = param(
-        "cpu", choices=DEVICES, doc="what trains; with cuda all processes share the first GPU", axis=False
+        "cpu",
+        choices=DEVICES,
+        doc="device for training; with cuda all processes share the first GPU",
+        axis=False,
     )
     memory_gib: float | None = param(
         None,
-        doc="memory of the device that each process may take; a design that needs more is not trained; "
-        "absent: three quarters of all there is, divided by jobs",
+        doc="device memory that each process may use; a design that needs more is not trained (default: "
+        "three quarters of the memory, divided by jobs)",
         unit="GiB",
         low=0,
         low_open=True,

@@ -29,12 +29,14 @@ _AXES = ("x", "y", "z")
 class FrontView:
     """The figure of the front. What is None, the page chooses from the objectives."""
 
-    x: str | None = param(None, doc="column drawn to the right", axis=False)
-    y: str | None = param(None, doc="column drawn upwards", axis=False)
-    z: str | None = param(None, doc="column drawn in depth, where there are three", axis=False)
-    dimensions: int = param(2, doc="of the figure as the page opens", choices=(2, 3), axis=False)
+    x: str | None = param(None, doc="column of the horizontal axis", axis=False)
+    y: str | None = param(None, doc="column of the vertical axis", axis=False)
+    z: str | None = param(None, doc="column of the third axis", axis=False)
+    dimensions: int = param(2, doc="dimensions of the figure when the page opens", choices=(2, 3), axis=False)
     log: tuple[str, ...] = param(
-        (), doc="columns drawn in logarithms, beside those that span more than two decades", axis=False
+        (),
+        doc="columns with a logarithmic axis, in addition to those that span more than two decades",
+        axis=False,
     )
 
 
@@ -42,27 +44,34 @@ class FrontView:
 class Definition:
     """The keys of a page definition. What is None, the page chooses."""
 
-    title: str = param("", doc="text beside the name of the study", axis=False)
+    title: str = param("", doc="title, shown beside the name of the study", axis=False)
     views: tuple[View, ...] = param(typing.get_args(View), doc="parts of the page, in order", axis=False)
     front: FrontView = field(
         default_factory=FrontView,
-        metadata={"rule": Rule("figure of the front: x, y, z, dimensions, log", axis=False)},
+        metadata={
+            "rule": Rule("settings of the figure of the front (`dse describe page.front`)", axis=False)
+        },
     )
     parallel: tuple[str, ...] | None = param(
         None,
-        doc="columns of the parallel coordinates, in order, null: objectives, budgets and axes that vary",
+        doc="columns of the parallel coordinates, in order (default: objectives, budgets and the axes that "
+        "vary)",
         axis=False,
     )
     table: tuple[str, ...] | None = param(
-        None, doc="columns after the trial and task, null: objectives and axes that vary", axis=False
+        None,
+        doc="columns of the table after trial and task (default: objectives and the axes that vary)",
+        axis=False,
     )
-    design: tuple[Tab, ...] = param(typing.get_args(Tab), doc="tabs of a design, in order", axis=False)
+    design: tuple[Tab, ...] = param(
+        typing.get_args(Tab), doc="tabs of the panel of a design, in order", axis=False
+    )
     budgets: Mapping[str, float] = field(
         default_factory=dict,
-        metadata={"rule": Rule("limits that the page opens with, by column", axis=False)},
+        metadata={"rule": Rule("initial budgets: mapping from column to limit", axis=False)},
     )
     sort: str | None = param(
-        None, doc="column that the table is sorted by, null: the first objective", axis=False
+        None, doc="column by which the table is sorted (default: the first objective)", axis=False
     )
 
 

@@ -40,28 +40,44 @@ from dse.registry import param, register
 @register("encoders", "receptors")
 @dataclasses.dataclass(frozen=True)
 class Receptors:
-    """Spikes of slowly adapting, rising and falling fast adapting receptors of every channel."""
+    """Three receptors per channel: slowly adapting, fast adapting to rising and to falling values."""
 
-    gain: float = param(1.0, low=0, doc="factor on the currents of all receptors: sets the spike rate")
-    gain_sa: float = param(50.0, low=0, doc="current of SA receptors per normalised value")
-    gain_fa: float = param(5.0, low=0, unit="s", doc="current of FA receptors per normalised change per s")
-    sa: bool = param(True, doc="whether there are SA receptors, which carry the resting level")
-    smoothing_ms: float = param(0.0, low=0, unit="ms", doc="causal moving average before it; 0: none")
+    gain: float = param(1.0, low=0, doc="factor on the currents of all receptors; sets the spike rate")
+    gain_sa: float = param(50.0, low=0, doc="current of SA (slowly adapting) receptors per normalised value")
+    gain_fa: float = param(
+        5.0, low=0, unit="s", doc="current of FA (fast adapting) receptors per normalised change per second"
+    )
+    sa: bool = param(True, doc="include SA receptors, which signal the resting level")
+    smoothing_ms: float = param(
+        0.0, low=0, unit="ms", doc="length of a causal moving average of the signal before encoding; 0: none"
+    )
     spikes_per_step: int = param(
-        1, low=1, high=16, doc="spikes per sensor step told apart, a copy of the receptors each"
+        1,
+        low=1,
+        high=16,
+        doc="largest number of spikes per sensor step; the k-th spike of a step has its "
+        "own copy of the channels",
     )
     method: Method = param(  # noqa: RUF009
-        "euler", choices=METHODS, doc="half_steps: membrane potential in two half steps"
+        "euler",
+        choices=METHODS,
+        doc="integration of the neuron equations; half_steps: the membrane "
+        "potential advances in two half steps",
     )
     solver_ms: float = param(
         1.0,
         low=0,
         low_open=True,
         unit="ms",
-        doc="longest step of the neurons, about; 1 is published and loses a third of the spikes at 136 / s",
+        doc="approximate longest integration step; the published 1 ms loses a third of the spikes at 136 "
+        "spikes/s",
     )
-    low: tuple[float, ...] = param((), axis=False, doc="fitted: value of every channel that counts as 0")
-    high: tuple[float, ...] = param((), axis=False, doc="fitted: value of every channel that counts as 1")
+    low: tuple[float, ...] = param(
+        (), axis=False, doc="fitted: the value of each channel that is normalised to 0"
+    )
+    high: tuple[float, ...] = param(
+        (), axis=False, doc="fitted: the value of each channel that is normalised to 1"
+    )
 
     @property
     def _copies(self) -> int:

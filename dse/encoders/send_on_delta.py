@@ -35,14 +35,14 @@ class SendOnDelta:
 
     thresholds: tuple[float, ...] = param(
         (1.0, 2.0, 4.0, 8.0, 16.0),
-        doc="one copy of the channels each",
+        doc="send thresholds; each gets its own copy of the channels",
         unit="sensor units",
         low=0,
         low_open=True,
     )
-    reference: str = param("step", doc="where the level sent last moves to at a spike", choices=REFERENCES)
+    reference: str = param("step", doc="where the reference level moves at a spike", choices=REFERENCES)
     polarity: str = param(
-        "separate", doc="ON and OFF as spike channels of their own, or as one", choices=POLARITIES
+        "separate", doc="ON and OFF spikes use separate channels, or share one (merged)", choices=POLARITIES
     )
 
     def n_channels(self, n_in: int) -> int:

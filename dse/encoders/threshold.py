@@ -39,28 +39,35 @@ _NO_MEAN = 1e-4
 @register("encoders", "threshold")
 @dataclasses.dataclass(frozen=True)
 class Threshold:
-    """Spikes where a channel is at or above its mean, one copy of the channels per class."""
+    """A channel spikes while it is at or above its mean; one copy of the channels per class."""
 
     matching: str = param(
         "nearest",
         choices=("nearest", "tolerance", "own_label", "none"),
-        doc="which class's copy of a channel is active; own_label, as printed: the label's; none: no copies",
+        doc="which copy of a channel is active: of the class with the nearest statistic, of all classes "
+        "within tolerance, or of the true label (own_label, as published; leaks the label); none: no copies",
     )
     statistic: str = param(
-        "mean", choices=("mean", "std"), doc="of a channel, compared by nearest and tolerance"
+        "mean", choices=("mean", "std"), doc="statistic of a channel that nearest and tolerance compare"
     )
     tolerance: float = param(
-        1.0, low=0, unit="standard deviations", doc="largest distance from a class's mean (tolerance)"
+        1.0, low=0, unit="standard deviations", doc="largest distance from the mean of a class (tolerance)"
     )
     level: str = param(
-        "window", choices=("window", "past"), doc="mean and statistic of the whole window, or until now"
+        "window",
+        choices=("window", "past"),
+        doc="compute mean and statistic over the whole window, or over the past only",
     )
-    smoothing_ms: float = param(0.0, low=0, unit="ms", doc="causal moving average before it; 0: none")
-    n_classes: int = param(0, low=0, axis=False, doc="fitted: classes")
-    classes: tuple[int, ...] = param((), axis=False, doc="fitted: classes that training recordings have")
-    means: tuple[float, ...] = param((), axis=False, doc="fitted: mean statistic by class, then channel")
-    deviations: tuple[float, ...] = param((), axis=False, doc="fitted: its standard deviation, likewise")
-    labels: tuple[int, ...] = param((), axis=False, doc="fitted by own_label: class of every recording")
+    smoothing_ms: float = param(
+        0.0, low=0, unit="ms", doc="length of a causal moving average of the signal before encoding; 0: none"
+    )
+    n_classes: int = param(0, low=0, axis=False, doc="fitted: number of classes")
+    classes: tuple[int, ...] = param((), axis=False, doc="fitted: classes in the training recordings")
+    means: tuple[float, ...] = param((), axis=False, doc="fitted: mean statistic of each class and channel")
+    deviations: tuple[float, ...] = param(
+        (), axis=False, doc="fitted: standard deviation of the statistic of each class and channel"
+    )
+    labels: tuple[int, ...] = param((), axis=False, doc="fitted by own_label: class of each recording")
     recordings: str = param("", axis=False, doc="fitted by own_label: hash of those recordings")
 
     @property

@@ -42,52 +42,69 @@ _MOST_NAMED = 5
 
 
 def _arrays_key() -> Any:
-    rule = Rule("t, x, y or p -> its name in .npz and .h5 files; absent: the usual names", axis=False)
+    rule = Rule(
+        "names of the arrays t, x, y and p in .npz and .h5 files (default: the usual names)", axis=False
+    )
     return dataclasses.field(default_factory=dict, metadata={"rule": rule})
 
 
 @register("recordings", "event_files")
 @dataclasses.dataclass(frozen=True)
 class EventFiles:
-    """A folder of event files, a recording each; labels come from a table or from the names of the folders.
+    """A folder of event files, one recording each; labels come from a table or from folder names.
 
     Recordings come in the order of the label table, without one in the order of their paths. What begins
     with a dot is no recording, nor is the label table.
     """
 
-    folder: str = param(doc="folder of the recordings: absolute, beside the YAML or in $DSE_DATA", axis=False)
+    folder: str = param(
+        doc="folder of the recordings: an absolute path, or relative to the YAML file or to $DSE_DATA",
+        axis=False,
+    )
     pattern: str = param(
-        "**/*", doc="which of its files, by their paths below it, in quotes; ** is any folders", axis=False
+        "**/*",
+        doc="glob pattern of the files, relative to the folder, in quotes; ** matches any folders",
+        axis=False,
     )
     labels: str | None = param(
-        None, doc="table, .csv or .parquet, with the path of every file in its column `file`", axis=False
+        None,
+        doc="label table (.csv or .parquet) whose column `file` holds the path of every file",
+        axis=False,
     )
     label_from: str | None = param(
         None,
-        doc="columns are folders: `folder` that the file lies in, `folder2` that this one lies in, ...",
+        doc="labels are folder names: `folder` is the folder of the file, `folder2` the one above, ...",
         choices=(FOLDER,),
         axis=False,
     )
     format: str = param(
         AUTO,
-        doc="format of the files, such as aedat4; auto: by first bytes and name",
+        doc="format of the files, e.g. aedat4; auto: recognised from the first bytes and the name",
         axis=False,
     )
     width: int | None = param(
-        None, doc="addresses run from 0 to width - 1; absent: as the files say", low=1, axis=False
+        None,
+        doc="number of columns, addresses 0 to width - 1 (default: as stated in the files)",
+        low=1,
+        axis=False,
     )
     height: int | None = param(
-        None, doc="rows run from 0 to height - 1; absent: as the files say", low=1, axis=False
+        None,
+        doc="number of rows, addresses 0 to height - 1 (default: as stated in the files)",
+        low=1,
+        axis=False,
     )
     arrays: Mapping[str, str] = _arrays_key()
     time_unit: str | None = param(
         None,
-        doc="unit of times in .npz and .h5 files; absent: integers are us",
+        doc="unit of the times in .npz and .h5 files (default: integers are us)",
         choices=tuple(UNITS_US),
         axis=False,
     )
     repair: bool = param(
-        False, doc="go on after what is not sound, by a rule that a warning states for each file", axis=False
+        False,
+        doc="repair damaged files or leave them out, with a warning for each, instead of stopping",
+        axis=False,
     )
     columns: Mapping[str, str] = columns_key()
 

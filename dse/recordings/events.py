@@ -20,20 +20,26 @@ from dse.registry import param, register
 @register("recordings", "events")
 @dataclasses.dataclass(frozen=True)
 class EventFile:
-    """Event recordings of an .npz file; recording i is events[offsets[i]:offsets[i+1]], which may be none.
+    """Event recordings of an .npz file; recording i is events[offsets[i]:offsets[i+1]], which may be empty.
 
     An address is a pixel (`x`, `y`) or a `taxel`; polarity is 1 for ON and 0 for OFF.
     """
 
-    file: str = param(doc="the .npz file: absolute, beside the YAML or in $DSE_DATA", axis=False)
-    width: int = param(doc="addresses run from 0 to width - 1 along x or taxel", low=1, axis=False)
-    height: int = param(1, doc="addresses run from 0 to height - 1 along y", low=1, axis=False)
-    t_us: str = param("t_us", doc="array of the integer time stamps in microseconds", axis=False)
-    x: str | None = param(None, doc="array of the columns of the pixels", axis=False)
-    y: str | None = param(None, doc="array of the rows of the pixels", axis=False)
-    taxel: str | None = param(None, doc="array of the taxel numbers, in place of x and y", axis=False)
-    polarity: str | None = param(None, doc="array of 1 (ON) and 0 (OFF); absent: all ON", axis=False)
-    offsets: str = param("offsets", doc="array of the n + 1 recording borders", axis=False)
+    file: str = param(
+        doc="the .npz file: an absolute path, or relative to the YAML file or to $DSE_DATA", axis=False
+    )
+    width: int = param(doc="number of columns (or of taxels), addresses 0 to width - 1", low=1, axis=False)
+    height: int = param(1, doc="number of rows, addresses 0 to height - 1", low=1, axis=False)
+    t_us: str = param("t_us", doc="name of the array of time stamps, integers in microseconds", axis=False)
+    x: str | None = param(None, doc="name of the array of pixel columns", axis=False)
+    y: str | None = param(None, doc="name of the array of pixel rows", axis=False)
+    taxel: str | None = param(None, doc="name of the array of taxel numbers, instead of x and y", axis=False)
+    polarity: str | None = param(
+        None, doc="name of the array of polarities, 1 for ON and 0 for OFF (default: all ON)", axis=False
+    )
+    offsets: str = param(
+        "offsets", doc="name of the array of the n + 1 borders between recordings", axis=False
+    )
     columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
 

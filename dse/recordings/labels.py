@@ -15,13 +15,15 @@ from dse.registry import Rule
 
 def columns_key() -> Any:
     """Declare the key `columns` of a component."""
-    rule = Rule("label column -> its name in the file, one value per recording", axis=False)
+    rule = Rule(
+        "mapping from label column to its name in the file, which holds one value per recording", axis=False
+    )
     return dataclasses.field(default_factory=dict, metadata={"rule": rule})
 
 
 def class_names_key() -> Any:
     """Declare the key `class_names` of a component."""
-    rule = Rule("label column of integer codes -> array of the names of the codes", axis=False)
+    rule = Rule("mapping from a label column of integer codes to the array of their names", axis=False)
     return dataclasses.field(default_factory=dict, metadata={"rule": rule})
 
 

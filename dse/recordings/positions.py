@@ -24,7 +24,7 @@ def positions_key() -> Any:
     """Declare the key `positions` of a component."""
     return param(
         None,
-        doc="[x, y] of every taxel, whole numbers; absent: x is the taxel's number, y is 0",
+        doc="[x, y] of every taxel, integers (default: x is the number of the taxel, y is 0)",
         low=0,
         high=_HIGHEST,
         axis=False,

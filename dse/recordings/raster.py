@@ -21,23 +21,29 @@ from dse.registry import param, register
 @register("recordings", "raster")
 @dataclasses.dataclass(frozen=True)
 class RasterFile:
-    """Spikes of an .npz file, 0 or 1, in any order of axes.
+    """Spikes (0 or 1) of an .npz file, with axes in any order.
 
     Axes other than `sample` and `step` are flattened, in the file's order, into the input channels. An axis
     `polarity` counts planes; the others, flattened, count taxels.
     """
 
-    file: str = param(doc="the .npz file: absolute, beside the YAML or in $DSE_DATA", axis=False)
+    file: str = param(
+        doc="the .npz file: an absolute path, or relative to the YAML file or to $DSE_DATA", axis=False
+    )
     step_ms: float = param(doc="duration of a step", unit="ms", low=0, low_open=True, axis=False)
-    array: str = param("spikes", doc="array of the spikes", axis=False)
+    array: str = param("spikes", doc="name of the array of spikes", axis=False)
     axes: str = param(
-        "sample step channel", doc="names of its axes; `sample` and `step` are needed", axis=False
+        "sample step channel", doc="names of the axes; `sample` and `step` are required", axis=False
     )
-    packed: bool = param(False, doc="bits packed along the step axis (numpy.packbits)", axis=False)
+    packed: bool = param(
+        False, doc="whether the bits are packed along the step axis (numpy.packbits)", axis=False
+    )
     n_steps: int | None = param(
-        None, doc="steps per recording; absent: all that the array holds", unit="steps", low=1, axis=False
+        None, doc="steps per recording (default: all in the array)", unit="steps", low=1, axis=False
     )
-    shape: str | None = param(None, doc="array of the unpacked shape, in place of n_steps", axis=False)
+    shape: str | None = param(
+        None, doc="name of the array of the unpacked shape, instead of n_steps", axis=False
+    )
     columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
     positions: tuple[tuple[int, int], ...] | None = positions_key()

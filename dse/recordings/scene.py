@@ -98,21 +98,27 @@ class Trials:
 @register("recordings", "scene")
 @dataclass(frozen=True)
 class SceneTrials:
-    """Trials of a simulated scene: columns texture, profile, speed_mm_s, force_n and repetition."""
+    """Trials of a simulated scene; label columns texture, profile, speed_mm_s, force_n and repetition."""
 
     scene: str = param(
-        doc="a scene file: absolute, beside the YAML, or the name of a shipped one", axis=False
+        doc="a scene file (an absolute path, or relative to the YAML file), or the name of a shipped scene",
+        axis=False,
     )
     textures: tuple[str, ...] | None = param(
-        None, doc="those of its textures that are touched; absent: all", axis=False
+        None, doc="textures of the scene to use (default: all)", axis=False
     )
     trials: int | None = param(
-        None, doc="trials of each texture, motion and force; absent: as in the scene", low=1, axis=False
+        None, doc="trials of each texture, motion and force (default: as in the scene)", low=1, axis=False
     )
     duration_ms: float | None = param(
-        None, doc="length of a record; absent: as in the scene", unit="ms", low=0, low_open=True, axis=False
+        None,
+        doc="duration of a trial (default: as in the scene)",
+        unit="ms",
+        low=0,
+        low_open=True,
+        axis=False,
     )
-    seed: int | None = param(None, doc="seed of the scene; absent: as in the scene", low=0, axis=False)
+    seed: int | None = param(None, doc="seed of the scene (default: as in the scene file)", low=0, axis=False)
 
     @property
     def columns(self) -> Mapping[str, str]:

@@ -31,14 +31,24 @@ class Table:
     Recordings come in the order of the label table, without one in the order of their first rows.
     """
 
-    file: str = param(doc="the .csv or .parquet file: absolute, beside the YAML or in $DSE_DATA", axis=False)
-    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
-    channels: tuple[str, ...] = param(doc="columns of the sensor's channels", axis=False)
-    recording: str = param(
-        "recording", doc="column, in both tables, of what tells the recordings apart", axis=False
+    file: str = param(
+        doc="the .csv or .parquet file: an absolute path, or relative to the YAML file or to $DSE_DATA",
+        axis=False,
     )
-    time_ms: str | None = param(None, doc="column of the sample's time, to be checked", unit="ms", axis=False)
-    labels: str | None = param(None, doc="table of labels with one row per recording", axis=False)
+    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
+    channels: tuple[str, ...] = param(doc="names of the columns of sensor channels", axis=False)
+    recording: str = param(
+        "recording", doc="name of the column that identifies the recording, in both tables", axis=False
+    )
+    time_ms: str | None = param(
+        None,
+        doc="name of the column of sample times, which are checked against step_ms",
+        unit="ms",
+        axis=False,
+    )
+    labels: str | None = param(
+        None, doc="label table (.csv or .parquet) with one row per recording", axis=False
+    )
     columns: Mapping[str, str] = columns_key()
     positions: tuple[tuple[int, int], ...] | None = positions_key()
 

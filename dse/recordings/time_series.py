@@ -26,11 +26,16 @@ class TimeSeries:
     or (recording, sample, channel) without.
     """
 
-    file: str = param(doc="the .npz file: absolute, beside the YAML or in $DSE_DATA", axis=False)
+    file: str = param(
+        doc="the .npz file: an absolute path, or relative to the YAML file or to $DSE_DATA", axis=False
+    )
     step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
-    signal: str = param("signal", doc="array of the samples", axis=False)
+    signal: str = param("signal", doc="name of the array of samples", axis=False)
     offsets: str | None = param(
-        None, doc="array of the n + 1 recording borders; absent for a cube", axis=False
+        None,
+        doc="name of the array of the n + 1 borders between recordings (default: a cube, recordings of one "
+        "length)",
+        axis=False,
     )
     columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()

@@ -35,28 +35,34 @@ class SceneFile:
 
     scene: str = param(doc="name of the scene", axis=False)
     sensor: str | Mapping[str, Any] = param(
-        doc="a shipped sensor, `{preset: its name, ...}` with numbers that differ, or own numbers", axis=False
+        doc="name of a shipped sensor, `{preset: NAME, ...}` to change some of its numbers, or all numbers "
+        "of your own",
+        axis=False,
     )
     textures: tuple[str | Mapping[str, Any], ...] = param(
-        doc="shipped textures or sets of them, `{preset: name, ...}` with numbers that differ, or own "
-        "numbers; an axis in place of a number stands for one texture per value",
+        doc="names of shipped textures or of sets of them, `{preset: NAME, ...}` to change some numbers, or "
+        "all numbers of your own; an axis (choice or range) stands for one texture per value",
         axis=False,
     )
     motions: tuple[Mapping[str, Any], ...] = param(
-        doc="velocity profiles; `kind` names a component, an axis stands for one motion per value", axis=False
+        doc="velocity profiles; `kind` names a component; an axis (choice or range) stands for one motion "
+        "per value",
+        axis=False,
     )
-    forces_n: tuple[float, ...] = param((1.51,), doc="mean normal forces", unit="N", low=0)
+    forces_n: tuple[float, ...] = param((1.51,), doc="mean normal forces of the touches", unit="N", low=0)
     trials: int = param(1, doc="trials of each texture, motion and force", low=1, axis=False)
-    duration_ms: float = param(1000.0, doc="length of a record", unit="ms", low=0, low_open=True, axis=False)
-    seed: int = param(0, doc="seed of everything random in it", low=0, axis=False)
+    duration_ms: float = param(1000.0, doc="duration of a trial", unit="ms", low=0, low_open=True, axis=False)
+    seed: int = param(0, doc="seed of all random numbers of the scene", low=0, axis=False)
     camera: Mapping[str, Any] | None = param(
-        None, doc="numbers of the camera that differ from the sensor's", axis=False
+        None, doc="changed numbers of the camera (`dse describe scene.camera`)", axis=False
     )
     variation: Mapping[str, Any] | None = param(
-        None, doc="numbers of the variation between trials that differ from the usual ones", axis=False
+        None,
+        doc="changed numbers of the variation between trials (`dse describe scene.variation`)",
+        axis=False,
     )
     method: Mapping[str, Any] | None = param(
-        None, doc="steps of the simulation that differ from the usual ones", axis=False
+        None, doc="changed steps of the simulation (`dse describe scene.method`)", axis=False
     )
 
 

@@ -18,13 +18,17 @@ from dse.registry import param
 class Sensor:
     """A soft tip with pins on the inside of its skin, and the part of the image that its camera reads out."""
 
-    layout: str = param(doc="where the pins rest", choices=("rings", "grid"), axis=False)
+    layout: str = param(doc="arrangement of the pins at rest", choices=("rings", "grid"), axis=False)
     n_across: int = param(
-        doc="rings: rings around the central pin (ring k holds 6 k); grid: pins per side", low=0, axis=False
+        doc="rings: number of rings around the central pin (ring k holds 6 k pins); grid: pins per side",
+        low=0,
+        axis=False,
     )
-    pin_pitch_mm: float = param(doc="distance of rings, or of neighbours", unit="mm", low=0, low_open=True)
+    pin_pitch_mm: float = param(
+        doc="distance between rings, or between neighbouring pins", unit="mm", low=0, low_open=True
+    )
     image_scale_px_mm: float = param(doc="image scale [A]", unit="px/mm", low=0, low_open=True)
-    frame_px: tuple[int, int] = param(doc="width and height that are read out [S]", unit="px", low=1)
+    frame_px: tuple[int, int] = param(doc="width and height of the frame [S]", unit="px", low=1)
     pin_radius_mm: float = param(doc="radius of a pin's image [A]", unit="mm", low=0, low_open=True)
     edge_px: float = param(0.45, doc="logistic scale of a pin's edge [A]", unit="px", low=0.05)
     dome_radius_mm: float = param(20.0, doc="radius of the dome [M]", unit="mm", low=0, low_open=True)
@@ -46,15 +50,21 @@ class Sensor:
 class Camera:
     """Pixels that send an event when the logarithm of their light has changed by a threshold."""
 
-    contrast: float = param(5.0, doc="light of white over black [A]", low=1, low_open=True)
-    threshold: float = param(0.30, doc="change of log light per event, usual 0.2 to 0.3 [S]", low=0.02)
-    mismatch: float = param(0.12, doc="log-normal spread per pixel and polarity [A]", low=0, high=1)
+    contrast: float = param(5.0, doc="ratio of the light of white and of black [A]", low=1, low_open=True)
+    threshold: float = param(0.30, doc="change of log light per event, usually 0.2 to 0.3 [S]", low=0.02)
+    mismatch: float = param(
+        0.12, doc="log-normal spread of the threshold over pixels and polarities [A]", low=0, high=1
+    )
     refractory_us: float = param(100.0, doc="dead time of a pixel after an event [A]", unit="us", low=0)
-    noise_hz: float = param(0.1, doc="background events of a pixel [A]", unit="Hz", low=0)
-    noise_rms: float = param(0.0, doc="noise of log light; counts where the threshold is near it", low=0)
-    bandwidth_hz: float = param(3000.0, doc="bandwidth of that noise [A]", unit="Hz", low=0, low_open=True)
+    noise_hz: float = param(0.1, doc="rate of background events of a pixel [A]", unit="Hz", low=0)
+    noise_rms: float = param(
+        0.0, doc="rms noise of log light; matters if it is close to the threshold", low=0
+    )
+    bandwidth_hz: float = param(
+        3000.0, doc="bandwidth of the noise of log light [A]", unit="Hz", low=0, low_open=True
+    )
     readout_mev_s: float = param(
-        165.0, doc="events that the readout passes [M]", unit="million events/s", low=0, low_open=True
+        165.0, doc="largest event rate of the readout [M]", unit="million events/s", low=0, low_open=True
     )
 
 
@@ -109,33 +119,41 @@ class Variation:
 
     force_n: float = param(0.20, doc="of the force", unit="N", low=0)
     force_bound_n: float = param(0.5, doc="largest deviation of the force [S]", unit="N", low=0)
-    force_drift: float = param(0.06, doc="of the relative drift of the force over the record", low=0)
-    start_x_mm: float = param(5.0, doc="half range of the start along the motion", unit="mm", low=0)
-    start_y_mm: float = param(2.5, doc="half range of the start across it", unit="mm", low=0)
-    mounting_px: float = param(0.4, doc="of the image's place, x and y", unit="px", low=0)
-    mounting_deg: float = param(1.0, doc="of its rotation", unit="deg", low=0)
-    speed_gain: float = param(0.02, doc="of the log of the speed's gain", low=0)
+    force_drift: float = param(0.06, doc="of the relative drift of the force over the trial", low=0)
+    start_x_mm: float = param(5.0, doc="half range of the start position along the motion", unit="mm", low=0)
+    start_y_mm: float = param(2.5, doc="half range of the start position across the motion", unit="mm", low=0)
+    mounting_px: float = param(0.4, doc="of the position of the image, in x and y", unit="px", low=0)
+    mounting_deg: float = param(1.0, doc="of the rotation of the image", unit="deg", low=0)
+    speed_gain: float = param(0.02, doc="of the log of the gain of the speed", low=0)
     ripple: float = param(0.05, doc="of the relative speed ripple", low=0)
-    ripple_hz: tuple[float, float] = param((8.0, 22.0), doc="range of its frequency", unit="Hz", low=0)
-    onset_ms: float = param(30.0, doc="earliest motion onset in the record", unit="ms", low=0)
-    onset_sd_ms: float = param(8.0, doc="of its delay, whose magnitude counts", unit="ms", low=0)
-    friction: float = param(0.05, doc="of the log of the friction factor", low=0)
-    modulus: float = param(0.08, doc="of the log of the tip's modulus factor", low=0)
+    ripple_hz: tuple[float, float] = param(
+        (8.0, 22.0), doc="range of the frequency of the speed ripple", unit="Hz", low=0
+    )
+    onset_ms: float = param(30.0, doc="earliest motion onset in the trial", unit="ms", low=0)
+    onset_sd_ms: float = param(
+        8.0, doc="of the delay of the motion onset; its magnitude is added", unit="ms", low=0
+    )
+    friction: float = param(0.05, doc="of the log of the factor on friction", low=0)
+    modulus: float = param(0.08, doc="of the log of the factor on the modulus of the tip", low=0)
 
 
 @dataclass(frozen=True)
 class Method:
     """Steps of the fast method: speed against error (benchmarks/scene.py prints both)."""
 
-    friction_step_ms: float = param(0.1, doc="step of stick, slip and travel", unit="ms", low=0.01, high=1)
-    texture_step_ms: float = param(0.5, doc="step of the skin's texture filter", unit="ms", low=0.01, high=2)
-    camera_step_ms: float = param(
-        2.0, doc="time between two looks at a moving pin", unit="ms", low=0.01, high=4
+    friction_step_ms: float = param(0.1, doc="time step of friction and motion", unit="ms", low=0.01, high=1)
+    texture_step_ms: float = param(
+        0.5, doc="time step of the texture filter of the skin", unit="ms", low=0.01, high=2
     )
-    skip_px: float = param(0.1, doc="a pin that moved less is not looked at again", unit="px", low=0, high=1)
+    camera_step_ms: float = param(
+        2.0, doc="time step at which the image of a moving pin is updated", unit="ms", low=0.01, high=4
+    )
+    skip_px: float = param(
+        0.1, doc="the image of a pin that moved less than this is not updated", unit="px", low=0, high=1
+    )
     turn_px: float = param(
         0.02,
-        doc="a pin that turned after moving further is looked at where it turned",
+        doc="the image of a pin that reversed after moving further than this is also updated at the reversal",
         unit="px",
         low=0,
         high=1,

@@ -19,7 +19,7 @@ from dse.measure.objectives import objective
 
 @objective(unit="bit", direction="max")
 def itr_bits(confusion: ArrayLike) -> float:
-    """Information that an answer carries about the class, per answer; NaN without samples.
+    """Information about the class per prediction; NaN without samples.
 
     Args:
         confusion: (true class, answered class) counts; classes without samples do not matter.
@@ -42,7 +42,7 @@ def itr_bits(confusion: ArrayLike) -> float:
 
 @objective(unit="bit/s", direction="max")
 def itr_bits_per_s(bits: float, decision_ms: float) -> float:
-    """Information per second of touch: bits of an answer over the time that it takes.
+    """Information per second of touch: bits per prediction divided by the decision time.
 
     Args:
         bits: per answer; NaN stays NaN.

@@ -10,7 +10,7 @@ from dse.records import Array
 
 @objective(unit="bytes", direction="min")
 def memory_bytes(n_weights: Array, bits: Array) -> Array:
-    """Memory of the stored weights, W_t times their bits / 8, without indices and without neurons.
+    """Memory of the weights: W_t times the bits per weight / 8; indices and neuron states are not counted.
 
     Args:
         n_weights: (...,) stored weights W_t, those that are exactly 0 left out.

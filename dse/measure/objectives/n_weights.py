@@ -5,12 +5,12 @@ from __future__ import annotations
 from dse.measure.objectives import declare, objective
 from dse.records import Network
 
-declare("n_weights_dense", "", "min", "Number of weights with those that pruning removed.")
+declare("n_weights_dense", "", "min", "Number of weights, pruned weights included.")
 
 
 @objective(unit="", direction="min")
 def n_weights(network: Network) -> int:
-    """Number of weights W_t, recurrent and delayed-input weights included, without those that are exactly 0.
+    """Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.
 
     Only pruning leaves weights at exactly 0: W_t of a network that was not pruned is the source's.
 

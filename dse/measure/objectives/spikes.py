@@ -30,13 +30,13 @@ def spikes_per_inference(workload: Workload) -> NDArray[np.float64]:
 
 @objective(unit="", direction="min")
 def spikes_per_inference_no_input(workload: Workload) -> NDArray[np.float64]:
-    """Mean spikes per inference without those of the input layer, shaped as `spikes_per_inference`."""
+    """Mean spikes per inference, without the input layer."""
     return np.asarray(np.asarray(workload.spikes, dtype=np.float64)[..., 1:].sum(axis=-1))
 
 
 @objective(unit="", direction="min")
 def spikes_total(spikes: ArrayLike, n_samples: int) -> NDArray[np.int64]:
-    """Spikes summed over the whole set of n_samples, all layers (S as the source prints it).
+    """Spikes of all layers, summed over all samples of the set (S as published).
 
     Args:
         spikes: (...,) mean spikes per inference.

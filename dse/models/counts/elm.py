@@ -65,23 +65,34 @@ class ELM:
 
     hidden: int = param(128, low=1, doc="hidden neurons L")
     window_ms: float = param(100.0, low=0, low_open=True, unit="ms", doc="counting window T_w")
-    windows: int = param(10, low=1, doc="counting windows n_d that an answer sees")
+    windows: int = param(10, low=1, doc="number n_d of counting windows behind a prediction")
     weights: str = param(
         "uniform",
         choices=("uniform", "gaussian", "lognormal"),
-        doc="random weights; lognormal: a chip's mismatch",
+        doc="distribution of the random weights; lognormal: the mismatch of a chip",
     )
     sigma_mv: float = param(
-        20.0, low=0, high=200, unit="mV", doc="mismatch of threshold voltages (lognormal)"
+        20.0,
+        low=0,
+        high=200,
+        unit="mV",
+        doc="standard deviation of threshold voltages (for lognormal weights)",
     )
-    nonlinearity: str = param("counter", choices=("counter", "tanh"), doc="of the hidden neurons")
+    nonlinearity: str = param(
+        "counter", choices=("counter", "tanh"), doc="nonlinearity of the hidden neurons"
+    )
     drive: float = param(
-        0.5, low=0, low_open=True, doc="input of a hidden neuron, in units of its saturation"
+        0.5, low=0, low_open=True, doc="scale of the input of a hidden neuron, relative to saturation"
     )
-    counter_bits: int = param(14, low=1, high=24, doc="size of a hidden neuron's counter (counter)")
-    partial: bool = param(False, doc="train on delay lines too that are not full yet, as early answers are")
+    counter_bits: int = param(14, low=1, high=24, doc="width of the counter of a hidden neuron (for counter)")
+    partial: bool = param(
+        False, doc="also train on delay lines that are not full yet, as in early predictions"
+    )
     precision: Literal["float64", "float32"] = param(
-        "float64", choices=("float64", "float32"), doc="of hidden values and of the solution", axis=False
+        "float64",
+        choices=("float64", "float32"),
+        doc="floating-point format of hidden values and of the solution",
+        axis=False,
     )
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:

@@ -26,9 +26,11 @@ class KNN(RateClassifier):
     weights, the defaults are scikit-learn's.
     """
 
-    k: int = param(5, low=1, doc="neighbours that vote; all, where there are fewer")
+    k: int = param(5, low=1, doc="number of neighbours that vote (all training samples if there are fewer)")
     weights: Literal["uniform", "distance"] = param(
-        "uniform", doc="distance: a vote counts 1 / distance, and nothing beside one at distance 0"
+        "uniform",
+        doc="uniform: every vote counts 1; distance: it counts 1 / distance, and only neighbours "
+        "at distance 0 count if there are any",
     )
 
     def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:

@@ -29,13 +29,13 @@ class MLP(RateClassifier):
     the defaults are scikit-learn's.
     """
 
-    hidden: tuple[int, ...] = param((100,), low=1, doc="units of each hidden layer")
-    alpha: float = param(1e-4, low=0, doc="weight of the squared weights in the loss")
-    learning_rate: float = param(1e-3, low=0, low_open=True, doc="Adam's step size")
-    epochs: int = param(200, low=1, doc="passes over the training samples, at most")
+    hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer")
+    alpha: float = param(1e-4, low=0, doc="L2 penalty")
+    learning_rate: float = param(1e-3, low=0, low_open=True, doc="step size of Adam")
+    epochs: int = param(200, low=1, doc="largest number of passes over the training samples")
     # Each input length is a training of its own: fifty of them take minutes where features are many.
     read_outs: int = param(
-        10, low=1, high=50, doc="input lengths that are answered, at most, evenly spaced", axis=False
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
     )
 
     def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:

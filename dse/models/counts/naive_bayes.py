@@ -18,7 +18,7 @@ _BATCH = 256
 @register("models", "naive_bayes")
 @dataclass(frozen=True)
 class NaiveBayes(RateClassifier):
-    """Gaussian naive Bayes of spike counts; counts are not scaled, which it would not notice.
+    """Gaussian naive Bayes of spike counts; counts are not scaled, which does not change its predictions.
 
         log p(c | x) = log p(c) - 1/2 sum_f [log(2 pi v[c, f]) + (x[f] - mean[c, f])**2 / v[c, f]] + const
         v[c, f] = variance[c, f] + var_smoothing x the largest variance of a feature over all samples
@@ -32,7 +32,7 @@ class NaiveBayes(RateClassifier):
     """
 
     var_smoothing: float = param(
-        1e-9, low=0, low_open=True, doc="share of the largest variance that is added to every variance"
+        1e-9, low=0, low_open=True, doc="fraction of the largest variance that is added to every variance"
     )
 
     def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:

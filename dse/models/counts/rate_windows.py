@@ -109,14 +109,12 @@ class RateClassifier(ABC):
     count of its window. Training sees the evaluated window of `dataset.train` and no crops.
     """
 
-    window_ms: float = param(
-        100.0, low=0, low_open=True, unit="ms", doc="window that spikes are counted in (Delta T)"
-    )
+    window_ms: float = param(100.0, low=0, low_open=True, unit="ms", doc="counting window (Delta T)")
     channels: Channels = param(  # noqa: RUF009
-        "sum", doc="sum: spikes of all channels counted together, as printed; each: per channel"
+        "sum", doc="sum: spikes of all channels are counted together, as published; each: per channel"
     )
     read_outs: int = param(
-        50, low=1, high=50, doc="input lengths that are answered, at most, evenly spaced", axis=False
+        50, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
     )
 
     @abstractmethod

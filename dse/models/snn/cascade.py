@@ -36,16 +36,17 @@ _ADDED = ("dead_neurons", "saturated_neurons", "clipped_weights", "missed_initia
 @register("models", "cascade")
 @dataclass(frozen=True)
 class Cascade(Stack):
-    """Two CUBA-LIF stacks; the second reads the first one's output spikes beside the data."""
+    """Two CUBA-LIF networks; the second also receives the output spikes of the first."""
 
-    first: str = param("", doc="head that the first stack answers; empty: the last one of the target")
+    first: str = param("", doc="head that the first stack predicts (default: the last column of the target)")
     first_hidden: tuple[int, ...] = param(
         (100,), low=1, doc="neurons of each hidden layer of the first stack"
     )
     cross_fit: int = param(
         2,
         low=0,
-        doc="parts of the training set, each answered by a stack that trained on the others; 0: none",
+        doc="number of parts of the training set; a stack trained on the others predicts each part; 0: no "
+        "cross-fitting",
     )
 
     def __post_init__(self) -> None:

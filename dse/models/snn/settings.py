@@ -16,45 +16,64 @@ class Stack:
     hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer, 1 to 3 layers")
     true_rate: float = param(0.8, low=0, high=1, doc="target spike rate of the label's output neuron")
     false_rate: float = param(0.02, low=0, high=1, doc="target spike rate of the other output neurons")
-    threshold: float = param(1.25, low=1 / 64, unit="weight", doc="firing threshold; weights lie in -4..3.97")
+    threshold: float = param(
+        1.25, low=1 / 64, unit="weight", doc="firing threshold; weights are limited to -4 to 3.97"
+    )
     current_decay: tuple[float, ...] = param(
         (0.25,),
         low=0,
         high=1,
-        doc="current decay per input step; two bounds spread it over neurons",
+        doc="current decay per input step; one value, or two bounds between which neurons differ",
     )
     voltage_decay: tuple[float, ...] = param(
         (0.03,),
         low=0,
         high=1,
-        doc="voltage decay per input step; two bounds spread it over neurons",
+        doc="voltage decay per input step; one value, or two bounds between which neurons differ",
     )
     output_current_decay: float = param(0.25, low=0, high=1, doc="current decay of output neurons")
     output_voltage_decay: float = param(0.03, low=0, high=1, doc="voltage decay of output neurons")
-    tau_grad: float = param(0.03, low=0, low_open=True, doc="hidden surrogate width / (100 thresholds)")
-    output_tau_grad: float = param(
-        0.03, low=0, low_open=True, doc="output surrogate width / (100 thresholds)"
+    tau_grad: float = param(
+        0.03, low=0, low_open=True, doc="width of the hidden surrogate gradient, in units of 100 thresholds"
     )
-    scale_grad: float = param(3.0, low=0, low_open=True, doc="height of the surrogates (Adam cancels it)")
-    input_delays: tuple[int, ...] = param((0,), low=0, unit="input steps", doc="one input copy per delay")
+    output_tau_grad: float = param(
+        0.03, low=0, low_open=True, doc="width of the output surrogate gradient, in units of 100 thresholds"
+    )
+    scale_grad: float = param(
+        3.0, low=0, low_open=True, doc="height of the surrogate gradients (Adam cancels it)"
+    )
+    input_delays: tuple[int, ...] = param(
+        (0,),
+        low=0,
+        unit="input steps",
+        doc="delays of the inputs; each gets its own copy of the input channels",
+    )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
-    recurrent: bool = param(False, doc="each hidden layer also feeds itself one step later")
+    recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
     initial_rate: float = param(
-        0.1, low=0, low_open=True, high=1, doc="spikes per hidden neuron and step at start"
+        0.1,
+        low=0,
+        low_open=True,
+        high=1,
+        doc="initial weights are scaled to this many spikes per hidden neuron and step",
     )
     surrogate_cut: float = param(
-        0.0, low=0, high=1, high_open=True, doc="below this share of its height a surrogate is 0"
+        0.0, low=0, high=1, high_open=True, doc="a surrogate gradient below this fraction of its height is 0"
     )
     arithmetic: Arithmetic = param(  # noqa: RUF009
         "integer",
         choices=("integer", "float32", "ideal"),
-        doc="integer is what deploys; ideal: real numbers in float64",
+        doc="integer: what deployed networks compute; ideal: real numbers in float64",
     )
     pruned: float = param(
-        0.0, low=0, high=1, high_open=True, doc="share of the weights of each matrix removed, smallest first"
+        0.0,
+        low=0,
+        high=1,
+        high_open=True,
+        doc="fraction of the weights of each matrix to prune, smallest first",
     )
     prune_epoch: float = param(
-        0.5, low=0, high=1, high_open=True, doc="share of the training after which they are removed"
+        0.5, low=0, high=1, high_open=True, doc="fraction of the training after which weights are pruned"
     )
 
     def __post_init__(self) -> None:

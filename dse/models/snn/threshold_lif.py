@@ -39,13 +39,13 @@ _LARGEST_THRESHOLD = cuba_lif.STATE_LIMIT / cuba_lif.STATE_SCALE / 2
 @register("models", "threshold_lif")
 @dataclass(frozen=True)
 class ThresholdLIF:
-    """LIF outputs that sum the spikes of their class's channels; W_t counts connections that are not 0."""
+    """LIF output neurons that sum the spikes of the channels of a class; W_t counts nonzero connections."""
 
     weights: str = param(
         "structural",
         choices=("structural", "learnt"),
-        doc="structural needs one copy of the channels per class, as encoder threshold makes; "
-        "learnt: ridge regression",
+        doc="structural: 1 from the channels of the class, 0 from others, which needs one copy of the "
+        "channels per class (encoder threshold); learnt: ridge regression",
     )
     tau_m_ms: float = param(
         100.0, low=0, low_open=True, unit="ms", doc="membrane time constant of the outputs"
@@ -54,13 +54,18 @@ class ThresholdLIF:
         8.0,
         low=1 / 64,
         unit="input spikes",
-        doc="firing threshold; where weights are learnt, in mean inputs of the label's output per step",
+        doc="firing threshold; with learnt weights in units of the mean input of the label's output per step",
     )
-    ridge: float = param(1e-4, low=0, low_open=True, doc="of learnt weights, in mean squared singular values")
+    ridge: float = param(
+        1e-4,
+        low=0,
+        low_open=True,
+        doc="ridge penalty of learnt weights, in units of the mean squared singular value",
+    )
     arithmetic: Arithmetic = param(  # noqa: RUF009
         "integer",
         choices=("integer", "float32", "ideal"),
-        doc="integer is what deploys; ideal: real numbers in float64",
+        doc="integer: what deployed networks compute; ideal: real numbers in float64",
     )
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:

@@ -42,40 +42,54 @@ class HOTS:
     """
 
     layers: int = param(1, low=1, high=3, doc="layers of prototypes")
-    radius: int = param(2, low=1, unit="places", doc="radius rad_1 of the first layer's surfaces")
-    radius_factor: float = param(2.0, low=0, low_open=True, doc="K_rad: radius of a layer / the one before")
-    radius_max: int = param(10, low=1, unit="places", doc="no layer's radius is larger")
-    prototypes: int = param(16, low=1, doc="prototypes f_1 of the first layer")
+    radius: int = param(2, low=1, unit="places", doc="radius rad_1 of the time surfaces of the first layer")
+    radius_factor: float = param(
+        2.0, low=0, low_open=True, doc="K_rad: radius of a layer divided by that of the layer before"
+    )
+    radius_max: int = param(10, low=1, unit="places", doc="largest radius of any layer")
+    prototypes: int = param(16, low=1, doc="number f_1 of prototypes of the first layer")
     prototypes_factor: float = param(
-        2.0, low=0, low_open=True, doc="K_f: prototypes of a layer / the one before"
+        2.0,
+        low=0,
+        low_open=True,
+        doc="K_f: number of prototypes of a layer divided by that of the layer before",
     )
     tau_ms: float = param(
         100.0, low=0, low_open=True, unit="ms", doc="time constant tau_1 of the first layer"
     )
     tau_factor: float = param(
-        2.0, low=0, low_open=True, doc="K_tau: time constant of a layer / the one before"
+        2.0, low=0, low_open=True, doc="K_tau: time constant of a layer divided by that of the layer before"
     )
     clustering: str = param(
         "kmeans",
         choices=("kmeans", "online"),
-        doc="how prototypes are learnt: k-means on drawn surfaces, or the published rule on every event",
+        doc="how prototypes are learnt: k-means on sampled surfaces, or the published online rule on every "
+        "event",
     )
     surfaces: int = param(
-        10_000, low=1, doc="training surfaces drawn for k-means; the online rule starts from them"
+        10_000, low=1, doc="number of training surfaces sampled for k-means; the online rule starts from them"
     )
-    normalised: bool = param(True, doc="histograms are divided by their sums")
+    normalised: bool = param(True, doc="divide histograms by their sums")
     signatures: str = param(
-        "class", choices=("class", "sample"), doc="labelled histograms: a class's mean, or every sample's own"
+        "class",
+        choices=("class", "sample"),
+        doc="labelled histograms to compare with: the mean of each class, or that of each training sample",
     )
     filter_radius: int | None = param(
         None,
         low=1,
         unit="places",
-        doc="eps: an event needs neighbours within this distance; absent: no filter",
+        doc="eps: an event needs neighbours within this distance (default: no filter)",
     )
-    filter_neighbours: int = param(10, low=1, doc="sam: earlier events that it needs there")
+    filter_neighbours: int = param(
+        10, low=1, doc="sam: number of earlier events required within filter_radius"
+    )
     filter_ms: float = param(
-        100.0, low=0, low_open=True, unit="ms", doc="how much earlier they may be; the sources do not say"
+        100.0,
+        low=0,
+        low_open=True,
+        unit="ms",
+        doc="how much earlier those events may be; not stated in the sources",
     )
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:

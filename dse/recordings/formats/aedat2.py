@@ -28,7 +28,7 @@ _UNNAMED = "DVS128"  # files without the chip's name are older than the DAVIS
 @register("recordings.formats", "aedat2")
 @dataclass(frozen=True)
 class Aedat2:
-    """AEDAT 2.0 of a DVS128 or of a camera of the DAVIS family, as the header's AEChip line says.
+    """AEDAT 2.0 of a DVS128 or a DAVIS camera, as stated in the AEChip line of the header.
 
     Words that are no pixel's event (frames, inertial samples, external inputs) are passed over. The chips
     count rows from the bottom and columns from the right; here (0, 0) is the upper left pixel, as in later

@@ -26,7 +26,7 @@ _END = b"#!END-HEADER"
 @register("recordings.formats", "aedat31")
 @dataclass(frozen=True)
 class Aedat31:
-    """AEDAT 3.1: the polarity events of the first source that has any.
+    """AEDAT 3.1: polarity events of the first source that has any.
 
     Packets of other types or sources, and events that are marked as invalid, are passed over. A time is the
     event's 31 bits below the packet's overflow counter; after a reset of the camera's clock times begin anew.

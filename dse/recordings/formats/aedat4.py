@@ -36,7 +36,7 @@ _PIECE_BYTES = 1 << 20
 @register("recordings.formats", "aedat4")
 @dataclass(frozen=True)
 class Aedat4:
-    """AEDAT 4: the header's first stream of events (type EVTS); packets of other streams are passed over.
+    """AEDAT 4: the first stream of events (type EVTS) in the header; packets of other streams are skipped.
 
     Times are Unix times; (0, 0) is the upper left pixel.
 

@@ -24,7 +24,7 @@ _FLAGS = {"DVS": 1, "ATIS": 2}  # bits of an event's first byte that are not tim
 @register("recordings.formats", "es")
 @dataclass(frozen=True)
 class EventStream:
-    """Event Stream 2.0 of DVS or ATIS events; of the latter the changes, not the threshold crossings.
+    """Event Stream 2.0 of DVS or ATIS events; of ATIS only the changes, not the threshold crossings.
 
     Rows are counted from the bottom in these files; here (0, 0) is the upper left pixel, as in other formats.
 

@@ -20,7 +20,7 @@ _VERSION = "2.0"
 @register("recordings.formats", "evt2")
 @dataclass(frozen=True)
 class Evt2:
-    """Prophesee EVT 2.0 (.raw); triggers and the words of others are skipped."""
+    """Prophesee EVT 2.0 (.raw); trigger and vendor-specific words are skipped."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".raw",)
 

@@ -20,7 +20,7 @@ _VERSION = "3.0"
 @register("recordings.formats", "evt3")
 @dataclass(frozen=True)
 class Evt3:
-    """Prophesee EVT 3.0 (.raw); triggers, continuations and the words of others are skipped."""
+    """Prophesee EVT 3.0 (.raw); trigger, continuation and vendor-specific words are skipped."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".raw",)
 

@@ -16,13 +16,13 @@ from dse.registry import param, register
 @register("scene.motions", "accelerating")
 @dataclass(frozen=True)
 class Accelerating:
-    """A speed that rises evenly from rest to its peak at the end of the travel."""
+    """Speed that rises linearly from rest to its peak at the end of the path."""
 
-    peak_mm_s: float = param(doc="speed V at the end of the travel", unit="mm/s", low=0, low_open=True)
+    peak_mm_s: float = param(doc="speed V at the end of the path", unit="mm/s", low=0, low_open=True)
     travel_mm: float = param(
-        84.0, doc="path D, after which the tip stops [A]", unit="mm", low=0, low_open=True
+        84.0, doc="length D of the path, after which the tip stops [A]", unit="mm", low=0, low_open=True
     )
-    name: str = param("", doc="class name; absent: kind and peak speed", axis=False)
+    name: str = param("", doc="class name (default: kind and peak speed)", axis=False)
 
     @property
     def label(self) -> str:

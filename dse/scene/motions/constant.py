@@ -17,16 +17,16 @@ from dse.registry import param, register
 @register("scene.motions", "constant")
 @dataclass(frozen=True)
 class Constant:
-    """A constant speed after a short ramp; 0 mm/s is a tip that presses and never moves."""
+    """Constant speed after a short ramp; at 0 mm/s the tip presses and does not move."""
 
     speed_mm_s: float = param(doc="speed V after the ramp", unit="mm/s", low=0)
     travel_mm: float = param(
-        84.0, doc="path D, after which the tip stops [A]", unit="mm", low=0, low_open=True
+        84.0, doc="length D of the path, after which the tip stops [A]", unit="mm", low=0, low_open=True
     )
     acceleration_mm_s2: float = param(
         300.0, doc="acceleration A of the ramp [A]", unit="mm/s2", low=0, low_open=True
     )
-    name: str = param("", doc="class name; absent: kind and speed", axis=False)
+    name: str = param("", doc="class name (default: kind and speed)", axis=False)
 
     @property
     def label(self) -> str:

@@ -14,11 +14,11 @@ from dse.registry import param, register
 @register("scene.motions", "table")
 @dataclass(frozen=True)
 class Table:
-    """Speeds at given times, such as a robot's log, with straight lines between them."""
+    """Speeds at given times, e.g. from the log of a robot, interpolated linearly."""
 
     t_s: tuple[float, ...] = param(doc="times from motion onset, rising from 0", unit="s", low=0, axis=False)
-    v_mm_s: tuple[float, ...] = param(doc="speed at each of them", unit="mm/s", low=0, axis=False)
-    name: str = param("", doc="class name; absent: kind and peak speed", axis=False)
+    v_mm_s: tuple[float, ...] = param(doc="speed at each of the times t_s", unit="mm/s", low=0, axis=False)
+    name: str = param("", doc="class name (default: kind and peak speed)", axis=False)
 
     def __post_init__(self) -> None:
         if len(self.t_s) < 2 or self.t_s[0] != 0 or any(b <= a for a, b in pairwise(self.t_s)):

@@ -16,13 +16,13 @@ from dse.registry import param, register
 @register("scene.motions", "triangular")
 @dataclass(frozen=True)
 class Triangular:
-    """A speed that rises evenly to its peak half way, and falls evenly to rest."""
+    """Speed that rises linearly to its peak half way and falls linearly to rest."""
 
-    peak_mm_s: float = param(doc="speed V half way", unit="mm/s", low=0, low_open=True)
+    peak_mm_s: float = param(doc="peak speed V, reached half way", unit="mm/s", low=0, low_open=True)
     travel_mm: float = param(
-        84.0, doc="path D, after which the tip stops [A]", unit="mm", low=0, low_open=True
+        84.0, doc="length D of the path, after which the tip stops [A]", unit="mm", low=0, low_open=True
     )
-    name: str = param("", doc="class name; absent: kind and peak speed", axis=False)
+    name: str = param("", doc="class name (default: kind and peak speed)", axis=False)
 
     @property
     def label(self) -> str:

@@ -19,7 +19,7 @@ class Gp:
     # Its kernel compares designs on all axes, so a design that lacks one has no place.
     conditional: ClassVar[bool] = False
 
-    startup: int = param(10, doc="random designs before the model is used", low=1, axis=False)
+    startup: int = param(10, doc="number of random designs before the model is used", low=1, axis=False)
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
         """Return the sampler."""

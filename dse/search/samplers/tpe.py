@@ -15,7 +15,7 @@ from dse.search.proposals import OptunaSampler, Sampler
 class Tpe:
     """Tree-structured Parzen estimator; the robust choice for 25 designs and more."""
 
-    startup: int = param(10, doc="random designs before the model is used", low=1, axis=False)
+    startup: int = param(10, doc="number of random designs before the model is used", low=1, axis=False)
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
         """Return the sampler; designs of one batch are spread by counting those asked as bad ones.
