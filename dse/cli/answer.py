@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -76,24 +75,11 @@ def show(answer: Answer, command: str, form: str | None) -> None:
 
 def document(answer: Answer, command: str) -> str:
     """Return the JSON document of an answer; numbers that JSON does not have become null."""
-    rows = [{str(key): _plain(value) for key, value in row.items()} for row in answer.rows]
+    from dse.store import plain_cell
+
+    rows = [{str(key): plain_cell(value) for key, value in row.items()} for row in answer.rows]
     content = {"schema": f"dse/{command}/1", "rows": rows, "notes": list(answer.notes)}
     return json.dumps(content, ensure_ascii=False, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
-    if hasattr(value, "tolist"):  # numpy scalars and arrays
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    text = str(value)
-    return None if text in ("<NA>", "NaT") else text
 
 
 def _frame(answer: Answer) -> Any:
@@ -107,6 +93,8 @@ def _print_table(answer: Answer) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from dse.store import plain_cell
+
     columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
     rows = list(answer.rows)
     shown = rows
@@ -115,7 +103,7 @@ def _print_table(answer: Answer) -> None:
         shown = [rows[place] for place in places]
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in columns:
-        numeric = all(isinstance(_plain(row.get(column)), int | float | None) for row in shown)
+        numeric = all(isinstance(plain_cell(row.get(column)), int | float | None) for row in shown)
         table.add_column(Text(column), justify="right" if numeric else "left", overflow="fold")
     for row in shown:
         table.add_row(*(Text(cell(row.get(column))) for column in columns))
@@ -127,7 +115,9 @@ def _print_table(answer: Answer) -> None:
 
 def cell(value: Any) -> str:
     """Return a value as a table shows it: four significant digits, '-' for what is missing."""
-    value = _plain(value)
+    from dse.store import plain_cell
+
+    value = plain_cell(value)
     if value is None:
         return "-"
     if isinstance(value, float):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from dse.records import Array
 from dse.skyline.admissible import admissible, honest
 from dse.skyline.front import front_mask
 from dse.skyline.table import group_numbers
+from dse.store import plain_cell
 
 if TYPE_CHECKING:
     import pandas
@@ -171,15 +171,11 @@ def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dic
 
 
 def _plain(value: Any, digits: int = 6) -> Any:
-    """Return a value as JSON holds it: so many significant digits, None for what is missing."""
-    if value is None or isinstance(value, bool | int):
-        return value
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return None
-        return int(value) if value.is_integer() and abs(value) < 2**53 else float(f"{value:.{digits}g}")
-    text = str(value)
-    return None if text in ("<NA>", "NaT") else text
+    """Return a cell as JSON holds it, floats to so many significant digits."""
+    cell = plain_cell(value)
+    if not isinstance(cell, float):
+        return cell
+    return int(cell) if cell.is_integer() and abs(cell) < 2**53 else float(f"{cell:.{digits}g}")
 
 
 def _counts(frame: pandas.DataFrame) -> dict[str, int]:

@@ -7,7 +7,6 @@ import gzip
 import hashlib
 import html
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from dse.dashboard.definition import Definition
 from dse.dashboard.gather import gather_page
 from dse.dashboard.sources import sources
+from dse.store import atomic
 
 if TYPE_CHECKING:
     import pandas
@@ -89,13 +89,8 @@ def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Pa
         The path written.
     """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        unfinished.write_text(filled(template, page).html, encoding="utf-8", newline="\n")
-        unfinished.replace(target)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with atomic(target) as temporary:
+        temporary.write_text(filled(template, page).html, encoding="utf-8", newline="\n")
     return target
 
 

@@ -22,6 +22,7 @@ from numpy.lib import format as npy
 from dse.dataset.parts import Part
 from dse.recordings import RecordingError
 from dse.records import Array, Dataset, Head, Spikes
+from dse.store import heads_document, heads_of
 
 _META = "meta.json"
 _OF_SPIKES = ("row_offsets", "channel")
@@ -148,9 +149,7 @@ def write_dataset(
             "classes": list(classes),
             "fitted": {section: dict(keys) for section, keys in fitted.items()},
             "warnings": list(warnings),
-            "heads": [
-                {"name": x.name, "classes": list(x.classes), "of_class": x.of_class.tolist()} for x in heads
-            ],
+            "heads": heads_document(heads),
             "transductive": transductive,
         },
     )
@@ -177,10 +176,7 @@ def load(folder: Path) -> Dataset:
     meta = read_meta(folder)
     with _readable(folder, "data set"):
         arrays = {name: np.load(folder / f"{name}.npy") for name in _OF_DATASET}
-        heads = tuple(
-            Head(x["name"], tuple(x["classes"]), np.array(x["of_class"], dtype=np.int64))
-            for x in meta["heads"]
-        )
+        heads = heads_of(meta["heads"])
     spikes = read_spikes(folder.parent / meta["spikes"])
     return joined(spikes, tuple(meta["classes"]), **arrays, heads=heads)
 

@@ -7,7 +7,7 @@ README.md     the same for people
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,9 +76,7 @@ def write(bundle: Bundle, folder: Path) -> None:
                 "read_out_ms": bundle.read_out_ms,
                 "head": bundle.head,
             },
-            "heads": [
-                {"name": x.name, "classes": x.classes, "of_class": x.of_class.tolist()} for x in bundle.heads
-            ],
+            "heads": store.heads_document(bundle.heads),
             "record": bundle.record,
             "evidence": bundle.evidence,
             "files": {_WEIGHTS: store.checksum(temporary / _WEIGHTS)},
@@ -117,18 +115,13 @@ def read(folder: str | Path) -> Bundle:
             record=document["record"],
             evidence=document["evidence"],
             read_out_ms=document["decision"]["read_out_ms"],
-            heads=heads_of(document["heads"]),
+            heads=store.heads_of(document["heads"]),
             head=document["decision"]["head"],
         )
     except StoreError as error:
         raise BundleError(str(error)) from error
     except (KeyError, TypeError, AttributeError) as error:
         raise BundleError(f"{path / 'bundle.json'}: lacks or garbles {error}") from error
-
-
-def heads_of(plain: Iterable[Mapping[str, Any]]) -> tuple[Head, ...]:
-    """Return heads from plain data: name, classes, of_class."""
-    return tuple(Head(x["name"], tuple(x["classes"]), np.array(x["of_class"], np.int64)) for x in plain)
 
 
 def weights(fitted: Network | Parameters) -> dict[str, Array]:

@@ -14,7 +14,7 @@ import numpy as np
 from dse import dataset, store
 from dse.dataset import encoding
 from dse.dataset.sections import component
-from dse.deploy.bundle import Bundle, BundleError, heads_of, read, write
+from dse.deploy.bundle import Bundle, BundleError, read, write
 from dse.measure import decision
 from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives.accuracy import wilson_se
@@ -254,10 +254,10 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         classes=tuple(chosen["classes"]),
         phi=phi,
         theta=theta,
-        record={str(name): _plain(value) for name, value in point.items() if not _is_missing(value)},
+        record={str(name): store.plain(value) for name, value in point.items() if not _is_missing(value)},
         evidence=evidence,
         read_out_ms=read_out_ms,
-        heads=heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
+        heads=store.heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
         head=head,
     )
     write(made, Path(folder))
@@ -319,10 +319,6 @@ def _accuracy(
     if not at.any():
         raise ValueError(f"{where} was not evaluated at {missing}")
     return float(found["accuracy"][at][0])
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _is_missing(value: Any) -> bool:

@@ -20,6 +20,7 @@ from numpy.lib import format as npy
 
 from dse.recordings import RecordingError
 from dse.records import Array, Block
+from dse.store import atomic
 
 ADDRESSES = ("t_us", "x", "y", "polarity")
 """Arrays with one value per event, each in the smallest unsigned type that holds its range."""
@@ -71,13 +72,8 @@ def event_archive(
             "height": np.array(height),
             **columns,
         }
-        temporary = path.with_name(f".{path.name}.{os.getpid()}")
-        with _explained(path):
-            try:
-                _assemble(temporary, gathered, types, offsets[-1], small)
-                os.replace(temporary, path)
-            finally:
-                temporary.unlink(missing_ok=True)
+        with _explained(path), atomic(path) as temporary:
+            _assemble(temporary, gathered, types, offsets[-1], small)
 
 
 def _assemble(
@@ -87,20 +83,17 @@ def _assemble(
     n_events: int,
     small: Mapping[str, Array],
 ) -> None:
-    with path.open("wb") as whole:
-        with zipfile.ZipFile(whole, "w") as archive:
-            for name, file in gathered.items():
-                header = {"descr": types[name].str, "fortran_order": False, "shape": (n_events,)}
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    npy.write_array_header_1_0(member, header)
-                    file.seek(0)
-                    shutil.copyfileobj(file, member, 1 << 20)
-                file.close()  # its space is free before the next array is copied
-            for name, values in small.items():
-                with archive.open(f"{name}.npy", "w") as member:
-                    npy.write_array(member, values, allow_pickle=False)
-        whole.flush()
-        os.fsync(whole.fileno())
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, file in gathered.items():
+            header = {"descr": types[name].str, "fortran_order": False, "shape": (n_events,)}
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                npy.write_array_header_1_0(member, header)
+                file.seek(0)
+                shutil.copyfileobj(file, member, 1 << 20)
+            file.close()  # its space is free before the next array is copied
+        for name, values in small.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                npy.write_array(member, values, allow_pickle=False)
 
 
 def _write(file: IO[bytes], values: Array) -> None:

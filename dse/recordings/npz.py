@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import lzma
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,7 @@ from dse.recordings import RecordingError
 from dse.recordings.files import locate
 from dse.recordings.labels import shape_faults
 from dse.records import Array
-
-_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, ValueError, EOFError, OSError)
-
+from dse.store import DAMAGED_ARCHIVE
 
 Shapes = Mapping[str, tuple[int, ...]]
 
@@ -38,7 +34,7 @@ def headers(path: Path) -> dict[str, tuple[int, ...]]:
                     first = npy.read_magic(stream) == (1, 0)
                     read = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
                     found[member.removesuffix(".npy")] = read(stream)[0]
-    except _DAMAGE as error:
+    except DAMAGED_ARCHIVE as error:
         raise _unreadable(path, error) from None
     return found
 
@@ -57,7 +53,7 @@ def load(path: Path, names: Iterable[str]) -> dict[str, Array]:
         try:
             with np.load(path, allow_pickle=False) as archive:
                 arrays[name] = archive[name]
-        except _DAMAGE as error:
+        except DAMAGED_ARCHIVE as error:
             raise _unreadable(path, error, f"array '{name}' of ") from None
     return arrays
 

@@ -26,6 +26,7 @@ from dse.store.arrays import (
 from dse.store.files import (
     WARNINGS,
     StoreError,
+    atomic,
     checksum,
     exclusive,
     explained,
@@ -36,6 +37,7 @@ from dse.store.files import (
     write_json,
     write_text,
 )
+from dse.store.plain import heads_document, heads_of, plain, plain_cell
 from dse.store.runs import SCHEMA, load_run, run_folder, save_run
 
 __all__ = [
@@ -43,12 +45,17 @@ __all__ = [
     "SCHEMA",
     "WARNINGS",
     "StoreError",
+    "atomic",
     "checksum",
     "exclusive",
     "explained",
     "fitted_of",
+    "heads_document",
+    "heads_of",
     "load_arrays",
     "load_run",
+    "plain",
+    "plain_cell",
     "published",
     "read_json",
     "record_arrays",

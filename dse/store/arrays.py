@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import lzma
 import types
 import typing
 import zipfile
@@ -32,7 +33,10 @@ if TYPE_CHECKING:
 else:
     Record = TypeVar("Record")
 
-DAMAGED_ARCHIVE = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
+DAMAGED_ARCHIVE = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError),
+    *(OSError, EOFError, ValueError, KeyError),
+)
 """Everything that reading a damaged .npz file may raise."""
 
 # Fields whose arrays lie elsewhere than under `<field>/`.

@@ -1,4 +1,4 @@
-"""Writing files and folders whole or not at all, and holding a study's folder for one process."""
+"""Write files and folders whole or not at all, and lock a study's folder for one process."""
 
 from __future__ import annotations
 
@@ -8,39 +8,41 @@ import fcntl
 import hashlib
 import json
 import os
+import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from dse.store.plain import plain
 
 WARNINGS = "warnings.json"
 _TEMPORARY = ".writing-"
 
 
 class StoreError(Exception):
-    """A study folder cannot be written or read, in one line; nothing finished is lost."""
+    """A study folder cannot be written or read; one line says why. Finished runs are never lost."""
 
 
 @contextlib.contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Turn what the disk refuses in the block into a StoreError about `path`."""
+    """Turn an OSError of the block into a StoreError about `path`."""
     try:
         yield
     except OSError as error:
-        why = os.strerror(error.errno) if error.errno else str(error)
+        reason = os.strerror(error.errno) if error.errno else str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         hint = "; free some space and run the same command again: finished runs are kept" if full else ""
-        raise StoreError(f"{path}: cannot be written: {why}{hint}") from error
+        raise StoreError(f"{path}: cannot be written: {reason}{hint}") from error
 
 
 @contextlib.contextmanager
 def exclusive(folder: Path) -> Iterator[None]:
-    """Hold a study folder for one process; the system lets go of it when the process ends, however it ends.
+    """Lock a study folder for this process; the system releases the lock when the process ends.
 
     Raises:
-        StoreError: another process holds it, or the folder cannot be made.
+        StoreError: another process has the lock, or the folder cannot be made.
     """
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -56,56 +58,86 @@ def exclusive(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def published(path: Path) -> Iterator[Path]:
+def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` to write a file or a folder at; rename it when the block succeeds.
 
-    A folder that exists already stays, and what was written is dropped: a finished run is never replaced.
+    A crash at any moment leaves the old file or the new one. A file is replaced. A folder that exists already
+    stays, and the new one is dropped.
 
     Raises:
-        StoreError: the disk refuses (full, read-only, ...).
+        OSError: the disk is full, read-only, or fails otherwise; nothing is left behind.
     """
-    temporary = path.with_name(f"{_TEMPORARY}{path.name}-{os.getpid()}")
-    with explained(path):
+    temporary = _beside(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        for each in [*temporary.rglob("*"), temporary] if temporary.is_dir() else [temporary]:
+            _sync(each)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            yield temporary
-            _flush(temporary)
-            try:
-                os.replace(temporary, path)
-            except OSError as error:
-                if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-                    raise
-            _flush_one(path.parent)
-        finally:
-            remove(temporary)
+            os.replace(temporary, path)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        _sync(path.parent)
+    finally:
+        remove(temporary)
+
+
+@contextlib.contextmanager
+def published(path: Path) -> Iterator[Path]:
+    """Do as `atomic`, for a path of a study: a finished run is never replaced.
+
+    Raises:
+        StoreError: the disk is full, read-only, or fails otherwise.
+    """
+    with explained(path), atomic(path) as temporary:
+        yield temporary
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder if it is there."""
+    """Remove a file or a folder if it exists."""
     if path.is_dir() and not path.is_symlink():
         # Renamed first, so that a crash cannot leave a folder that looks finished but lacks files.
-        doomed = path.with_name(f"{_TEMPORARY}{path.name}-doomed")
-        with contextlib.suppress(FileNotFoundError):
-            if not path.name.startswith(_TEMPORARY):
+        if not path.name.startswith(_TEMPORARY):
+            doomed = _beside(path)
+            try:
                 os.replace(path, doomed)
-                path = doomed
-            shutil.rmtree(path)
+            except FileNotFoundError:  # another process removed it
+                return
+            path = doomed
+        shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
 
 
-def sweep(folder: Path) -> None:
-    """Remove what crashed writers left behind, anywhere under a study folder."""
-    for left in folder.rglob(f"{_TEMPORARY}*"):
-        remove(left)
+def sweep(folder: Path, unchanged_s: float = 0.0) -> None:
+    """Remove the temporary files and folders of writers that crashed, anywhere under a folder.
+
+    Args:
+        folder: a study's, or the cache's.
+        unchanged_s: only what has not changed for this long; 0 where no other process can be writing.
+    """
+    latest = time.time() - unchanged_s
+    for temporary in folder.rglob(f"{_TEMPORARY}*"):
+        if not unchanged_s or _changed_s(temporary) < latest:
+            remove(temporary)
 
 
-def _flush(path: Path) -> None:
-    for each in [*path.rglob("*"), path] if path.is_dir() else [path]:
-        _flush_one(each)
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{_TEMPORARY}{path.name}-{os.getpid()}-{secrets.token_hex(4)}")
 
 
-def _flush_one(path: Path) -> None:
+def _changed_s(path: Path) -> float:
+    """Return when a file, or anything in a folder, last changed."""
+    times = [0.0]
+    for each in (path, *path.rglob("*")):
+        with contextlib.suppress(FileNotFoundError):
+            times.append(each.stat().st_mtime)
+    return max(times)
+
+
+def _sync(path: Path) -> None:
+    """Write what the system buffers of a file or a folder to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -120,17 +152,12 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Replace a JSON file. NaN and infinities are written as Python's json does."""
+    """Replace a JSON file. NaN and infinities are written as Python's json does.
+
+    Raises:
+        TypeError: the document holds something that JSON cannot hold.
+    """
     write_text(path, json.dumps(document, indent=1, default=plain) + "\n")
-
-
-def plain(value: Any) -> Any:
-    """Return numpy values and tuples as JSON knows them."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return dict(value)
-    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
 def read_json(path: Path) -> Any:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dse.store.files import StoreError, checksum, plain, published, read_json
+from dse.store.files import StoreError, checksum, published, read_json
+from dse.store.plain import plain
 
 SCHEMA = 1
 

@@ -196,10 +196,7 @@ def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
         "seed": job.seed,
         "sections": dataset.as_prepared(job.sections, job.data),
         "classes": list(data.classes),
-        "heads": {
-            head.name: {"classes": list(head.classes), "of_class": head.of_class.tolist()}
-            for head in data.heads
-        },
+        "heads": {head.pop("name"): head for head in store.heads_document(data.heads)},
         "data": job.data.name,
         "samples": {"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
         "transductive": leak,

@@ -14,8 +14,6 @@ which is there whole or not at all, so its presence is what makes the setting fi
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +26,6 @@ from dse.measure.run import measure
 from dse.models.snn.quantise import BITS, rounded
 from dse.neurons.cuba_lif import STATE_LIMIT
 from dse.records import Array, Dataset, Network, Outcome
-from dse.store.files import plain
 from dse.study import jobs
 from dse.study.workers import Failure
 
@@ -188,7 +185,7 @@ def _evaluate(
         "schema": np.array(_SCHEMA),
         "weight_bits": np.array(setting[0]),
         "pruned": np.array(setting[1]),
-        "numbers": np.array(json.dumps(numbers, default=plain)),
+        "numbers": np.array(json.dumps(numbers, default=store.plain)),
         **{f"{file}/{name}": x for file, own in files.items() for name, x in own.items()},
     }
     with store.published(_path(run.folder, setting)) as temporary:
@@ -203,14 +200,12 @@ def _path(folder: Path, setting: Setting) -> Path:
 def _read(path: Path) -> Evaluation | None:
     """Return what a file holds; None where it is missing, damaged, or of another schema."""
     try:
-        # Opened here: numpy leaves a file open that turns out to be damaged.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-            arrays = {name: found[name] for name in found.files}
+        arrays = store.load_arrays(path)
         if str(arrays["schema"]) != _SCHEMA:
             return None
         numbers = json.loads(str(arrays["numbers"]))
         setting = int(arrays["weight_bits"]), float(arrays["pruned"])
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+    except (store.StoreError, KeyError, ValueError):
         return None
     files: dict[str, dict[str, Array]] = {}
     for key, array in arrays.items():

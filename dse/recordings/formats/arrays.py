@@ -9,9 +9,7 @@ blocks, compressed or not.
 from __future__ import annotations
 
 import abc
-import lzma
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
@@ -26,6 +24,7 @@ from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
 from dse.records import Array, Block
 from dse.registry import register
+from dse.store import DAMAGED_ARCHIVE
 
 USUAL = {
     "t": ("t", "ts", "t_us", "time", "times", "timestamp", "timestamps"),
@@ -36,7 +35,6 @@ USUAL = {
 """Field -> the names that it usually has, without regard to case."""
 UNITS_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 
-_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, ValueError, EOFError, OSError)
 _NUMBERS = "iubf"
 _LARGEST_ADDRESS = (1 << 31) - 1
 _LATEST_US = float(1 << 62)
@@ -117,7 +115,7 @@ class _EventArrays(abc.ABC):
                 n = min(BLOCK_EVENTS, n_events - first)
                 try:
                     rows = {name: opened.next_rows(name, n) for name in {x.array for x in columns.values()}}
-                except _DAMAGE as problem:
+                except DAMAGED_ARCHIVE as problem:
                     reason = " ".join(str(problem).split())
                     broken(
                         f"damaged, found after event {first} ({reason})",
@@ -153,7 +151,7 @@ class Npz(_EventArrays):
                     if len(shape) == 1 and not dtype.hasobject:
                         name = member.removesuffix(".npy")
                         arrays[name], streams[name] = (shape[0], dtype), stream
-            except _DAMAGE as problem:
+            except DAMAGED_ARCHIVE as problem:
                 reason = " ".join(str(problem).split())
                 raise RecordingError(f"{path.name}: no .npz file, or cut short ({reason})") from None
 
