@@ -1,39 +1,63 @@
 # Two commands do everything: `make quickstart` and `make test`. Each sets up .venv when it has to.
-PYTHON ?= python3.11
+# `make test-gpu` adds what the GPU path needs, 1 GB, and tests it: without a GPU, in Triton's interpreter.
+
+# The first that runs and can make an environment; to choose another: make PYTHON=python3.13
+PYTHON ?= $(shell for name in python3.11 python3.12 python3.13 python3; do \
+	$$name -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	&& echo $$name && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
-READY := $(VENV)/.ready
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+# Stamps, each written last, so that a broken set-up is tried again.
+STUDY := $(VENV)/.study
+TESTS := $(VENV)/.tests
+GPU := $(VENV)/.gpu
 
 # Recordings: the folder named by DSE_DATA, else the one beside the clone.
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: quickstart test setup lint format clean
+.PHONY: quickstart test test-gpu setup lint format clean
 
-quickstart: $(READY)
+quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
 
 test: lint
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/engine/gpu
 
-setup: $(READY)
+test-gpu: $(GPU)
+	$(BIN)/python -m pytest -n 2 --dist loadfile tests/engine/gpu
 
-lint: $(READY)
+setup: $(TESTS)
+
+lint: $(TESTS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-format: $(READY)
+format: $(TESTS)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 clean:
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-# The stamp is written last, so a broken set-up is tried again.
-$(READY): pyproject.toml constraints.txt
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt hatchling editables
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation -e ".[test]"
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "needs Python 3.11 or newer, with its module ensurepip" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(STUDY): pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) hatchling editables
+	$(INSTALL) --no-build-isolation -e .
+	@touch $@
+
+$(TESTS): $(STUDY)
+	$(INSTALL) --no-build-isolation -e ".[test]"
+	@.ci/torch $(INSTALL)
+	@touch $@
+
+$(GPU): $(TESTS)
+	$(INSTALL) --no-build-isolation -e ".[gpu]"
 	@touch $@

@@ -17,8 +17,8 @@ def missing(device: str) -> str | None:
     if device == "cpu":
         return None
     for package in ("torch", "triton"):
-        if find_spec(package) is None:
-            return f"needs the package {package}, which is not installed: pip install 'dse[gpu]'"
+        if lack := missing_package(package, "gpu"):
+            return lack
     if os.environ.get("TRITON_INTERPRET") == "1":
         return None
     import torch
@@ -29,3 +29,10 @@ def missing(device: str) -> str | None:
     if found < _CAPABILITY:
         return f"needs compute capability 8.0 or later, to multiply bfloat16, got {found[0]}.{found[1]}"
     return None
+
+
+def missing_package(package: str, extra: str) -> str | None:
+    """Return that a package of an extra is not installed, as the end of a sentence; None where it is."""
+    if find_spec(package) is not None:
+        return None
+    return f"needs the package {package}, which is not installed: pip install 'dse[{extra}]'"

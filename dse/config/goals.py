@@ -11,7 +11,7 @@ import numpy as np
 
 from dse import registry
 from dse.config.axes import Axis, n_combinations
-from dse.config.device import missing
+from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
@@ -115,7 +115,12 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
 
 
 def search(
-    raw: Any, axes: Mapping[str, Axis], report: Report, folds: int | None = None
+    raw: Any,
+    axes: Mapping[str, Axis],
+    report: Report,
+    folds: int | None = None,
+    *,
+    check_packages: bool = False,
 ) -> SearchSettings | None:
     """Read the search settings together with the sampler's own keys; None after a fault.
 
@@ -124,6 +129,7 @@ def search(
         axes: of the search space.
         report: called with (path, sentence) for every mistake.
         folds: of a cross-validation, of which every repeat is one; None without.
+        check_packages: whether the package that a sampler may need must be installed here.
     """
     known = registry.known("search.samplers")
     keys = raw if isinstance(raw, dict) else {}
@@ -147,6 +153,10 @@ def search(
         others = ", ".join(other for other, found in known.items() if _takes_conditions(found))
         text = f"search.sampler '{name}' cannot search axes that only some designs have, got {conditional[0]}"
         report(("search", "sampler"), f"{text}; samplers that can: {others}")
+    package = getattr(cls, "requires", None)  # the extra that brings a package has its name
+    if check_packages and package and (lack := missing_package(package, package)):
+        report(("search", "sampler"), f"search.sampler '{name}' {lack}")
+        return None
     if not (good and good_options):
         return None
     if values["repeats"] is None:

@@ -72,7 +72,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
     folds = (found["split"].values.get("k_fold") or {}).get("k") if "split" in found else None
-    search = goals.search(data.get("search"), axes, report, folds)
+    search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
     execution = goals.execution(data.get("execution"), report, check_device=check_data)
     if faults or decision is None or search is None or execution is None:
         return None

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 
 from dse.config import ConfigError, device, load_space
 from dse.study import explore
 from tests.spaces import write_space
+
+torch = pytest.importorskip("torch")
 
 
 @pytest.fixture
@@ -39,6 +40,20 @@ def test_no_package(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(device, "find_spec", lambda name: None if name == "triton" else name)
     with pytest.raises(ConfigError, match=r"20: execution\.device cuda needs the package triton, which"):
         load_space(path, check_data=True)
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_a_sampler_that_needs_a_package(
+    command: str, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dse.cli import main
+
+    path = write_space(tmp_path, ("sampler: grid, batch: 2", "sampler: gp, n_trials: 4"))
+    assert load_space(path, check_data=True).search.sampler == "gp"
+    monkeypatch.setattr(device, "find_spec", lambda name: None)
+    assert main([command, str(path)]) == 2
+    fault = "search.sampler 'gp' needs the package torch, which is not installed: pip install 'dse[torch]'"
+    assert capsys.readouterr().err.splitlines() == [f"{path}:19: {fault}"]
 
 
 def test_a_device_that_is_there(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

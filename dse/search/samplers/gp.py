@@ -18,6 +18,7 @@ class Gp:
 
     # Its kernel compares designs on all axes, so a design that lacks one has no place.
     conditional: ClassVar[bool] = False
+    requires: ClassVar[str] = "torch"
 
     startup: int = param(10, doc="number of random designs before the model is used", low=1, axis=False)
 

@@ -36,7 +36,7 @@ from tests.models.snn.test_family import rngs, toy
 INTERPRET = "TRITON_INTERPRET", os.environ.get("TRITON_INTERPRET", "1")
 with pytest.MonkeyPatch.context() as patch:
     patch.setenv(*INTERPRET)
-    pytest.importorskip("triton", reason="triton is not installed")
+    pytest.importorskip("triton", reason="triton is not installed: make test-gpu")
     from dse.engine.gpu import cohort as wide
     from dse.engine.gpu import numbers, scans
     from dse.engine.gpu.layout import WIDTH, columns, matrix, panel, stages
@@ -509,7 +509,7 @@ def test_designs_train_on_the_device_as_on_the_cpu() -> None:
             np.testing.assert_allclose(x.weight, y.weight, atol=1e-3 * np.abs(y.weight).max())
 
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def compile_all(capability: int, most_shared_bytes: int) -> None:
