@@ -287,7 +287,7 @@ class Workload:
     synapses: per layer, input first, weights other than 0 that a spike reaches in the mean (output spikes: 0
         unless recurrent); None: all. Counted over whole inferences: a mean for what decides earlier.
     stored: per layer after the input, weights into it that are not 0; None: all.
-    delay_bits: bits per synapse for a delay of its own.
+    delay_bits: bits per synapse for an individual delay.
     cores: per layer after the input, the cores that it is spread over; None: as few as hold it.
     pipeline_steps: steps that the answer still takes through the layers after n_steps; the decision times of
         trained networks have them already.

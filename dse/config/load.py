@@ -160,7 +160,7 @@ def _study(raw: Any, report: Report) -> str:
     if name is INVALID:
         return ""
     if not names_a_file(str(name)):
-        report(("study",), f"study must be a name that a folder can have, got {echo(name)}")
+        report(("study",), f"study must be valid as a folder name, got {echo(name)}")
     return str(name)
 
 

@@ -126,7 +126,7 @@ class Threshold:
         )  # (recording, mean or std, channel)
         if self.statistic == "mean" and (np.abs(found[:, 0]) <= _NO_MEAN * found[:, 1]).all():
             raise ValueError(
-                "encoder.statistic must be std where every channel's mean has been removed, got mean"
+                "encoder.statistic must be std if the mean of every channel is removed, got mean"
             )
         values, codes = found[:, ("mean", "std").index(self.statistic)], target[train]
         classes = np.unique(codes)
@@ -201,14 +201,14 @@ class Threshold:
     def _check_labels(self, signals: Signals, length: Array) -> None:
         if self.recordings != _hash(signals):
             raise ValueError(
-                "encoder.matching must be nearest, tolerance or none for recordings it was not fitted to, "
+                "encoder.matching must be nearest, tolerance or none for recordings outside its fit, "
                 "got own_label, which reads their labels"
             )
         unknown = (np.array(self.labels) < 0) & (length > 0)
         if unknown.any():
             raise ValueError(
                 f"encoder.matching own_label needs the label of recording {int(unknown.argmax())}, "
-                "which is in no part of the split"
+                "which is in no set of the split"
             )
 
 

@@ -335,4 +335,4 @@ def forward(
 def check_inputs(rows: Rows, n_inputs: int) -> None:
     """Raise ValueError where a batch does not fit a first layer of `n_inputs`."""
     if rows.n_inputs != n_inputs:
-        raise ValueError(f"rows have {rows.n_inputs} inputs, the layer expects {n_inputs}")
+        raise ValueError(f"rows have {rows.n_inputs} inputs, the layer has {n_inputs}")

@@ -33,7 +33,7 @@ def expected_updates(
     """
     given = np.asarray(rates, np.float64)
     if given.shape[-1:] != (len(sizes),):
-        raise ValueError(f"rates must be (..., {len(sizes)}) like sizes, got {given.shape}")
+        raise ValueError(f"rates must have shape (..., {len(sizes)}) as sizes, got {given.shape}")
     if not ((given >= 0) & (given <= 1)).all():
         raise ValueError("rates must be between 0 and 1 spikes per neuron and step")
     arrives = 1 - (1 - given[..., :-1]) ** np.array(sizes[:-1] if fan_in is None else fan_in)

@@ -205,7 +205,7 @@ def _assumptions(placement: Placement | None, load: Workload | Operations) -> tu
         return ()
     if isinstance(load, Operations) or load.cores in (None, placement.cores):
         return placement.assumptions
-    return (*placement.assumptions, "the cores given by hand play no part on such a chip")
+    return (*placement.assumptions, "the number of cores set by the user does not matter on such a chip")
 
 
 def _energy_uj(plan: Plan, counts: Values) -> Values:
@@ -283,7 +283,7 @@ def _checked(load: Workload | Operations) -> Workload | Operations:
     sizes, n_layers = load.sizes, len(load.sizes)
     if n_layers < 2 or min(sizes) < 1 or len(load.recurrent) != n_layers - 1:
         raise ValueError(
-            "sizes must name an input and a layer or more, recurrent one less, "
+            "sizes must hold an input and at least one layer, and recurrent one value less, "
             f"got {sizes} and {load.recurrent}"
         )
     for name, given, most in (

@@ -40,7 +40,7 @@ def mean_power_mw(
     if (busy > 1 + _ROUNDING).any():
         most = _MS_PER_HOUR / np.nanmax(contact)
         raise ValueError(
-            f"contacts must not overlap: of {np.nanmax(contact):.6g} ms each, {most:.6g} fit into an hour, "
+            f"contacts must not overlap: {most:.6g} of {np.nanmax(contact):.6g} ms each fit into an hour, "
             f"got {rate.max():.6g}"
         )
     # uJ per hour are 1e-3 mJ per 3600 s.

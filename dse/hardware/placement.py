@@ -199,7 +199,7 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
     low, _ = _practice(net, rules, found)
     if max(sum(found), low or 0) > rules.cores:
         text = f"{sum(found)} cores" if low is None else f"at least {low} cores in practice"
-        broken.append(_Broken("cores", 0, f"{text}, the chip has {rules.cores}"))
+        broken.append(_Broken("cores", 0, f"{text}; the chip has {rules.cores}"))
     return found, tuple(broken)
 
 
@@ -239,28 +239,29 @@ def _assumptions(
 ) -> tuple[str, ...]:
     found = []
     if net.cores is not None:
-        found.append("the cores of every layer are given by hand")
+        found.append("the number of cores of each layer is set by the user")
     if net.delay_bits:
         found.append(
-            f"every synapse stores a delay of its own, {net.delay_bits} bits beside the "
+            f"every synapse stores an individual delay, {net.delay_bits} bits beside the "
             f"{_format(net.weight_bits, rules)} of its weight"
         )
     if any(_is_pruned(net, layer) for layer in range(len(net.sizes) - 1)):
         found.append(
-            "the weights that pruning left are spread evenly, each stored with the "
+            "the weights that remain after pruning are spread evenly, each stored with the "
             f"{rules.synapse_index_bits} bits of its target's index"
         )
     if rules.practice is not None and low is not None and high is not None:
         few, many = (f"{n / 1e3:g}" for n in rules.practice)
         if not net.delay_bits:
-            found.append("no synapse stores a delay of its own")
+            found.append("no synapse stores an individual delay")
         found.append(
-            f"{low} to {high} cores if a core holds {few} to {many} thousand weights of 8 bits, as compiler "
-            f"logs show, scaled by the bits per synapse; {n_cores} if weights filled its memory, "
-            "which energies and times are of; input neurons may take a few more"
+            f"{low} to {high} cores if a core holds {few} to {many} thousand 8-bit weights, as in compiler "
+            "logs, "
+            f"scaled by the bits per synapse; energies and times assume {n_cores}, with full core memories; "
+            "input neurons may need a few more"
         )
         if low <= rules.cores < high:
-            found.append(f"it may not fit: up to {high} cores in practice, the chip has {rules.cores}")
+            found.append(f"it may not fit: up to {high} cores in practice; the chip has {rules.cores}")
     return tuple(found)
 
 

@@ -175,13 +175,13 @@ def load(name: str | Path) -> Profile:
         text = Path(name).read_text(encoding="utf-8")
     except FileNotFoundError:
         known = known_names(str(name), names())
-        raise ConfigError([Fault(str(name), 0, f"no hardware profile; {known}")]) from None
+        raise ConfigError([Fault(str(name), 0, f"no such hardware profile; {known}")]) from None
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
         raise ConfigError([Fault(str(name), 0, f"cannot be read: {reason}")]) from None
     found = read(text, str(name))
     if found.name in names():
-        text = f"name must not be that of a profile of the package, got '{found.name}'"
+        text = f"name must differ from the names of shipped profiles, got '{found.name}'"
         raise ConfigError([Fault(str(name), 0, text)])
     return found
 
@@ -205,7 +205,7 @@ def load_all(entries: Sequence[str], base: Path) -> tuple[Profile, ...]:
             faults += error.faults
             continue
         if profile.name in found:
-            faults.append(Fault(str(base / entry), 0, f"another profile is named '{profile.name}' too"))
+            faults.append(Fault(str(base / entry), 0, f"another profile has the name '{profile.name}' too"))
         found[profile.name] = profile
     if faults:
         raise ConfigError(faults)
@@ -266,7 +266,7 @@ def _faults(document: Document) -> tuple[list[Fault], type[Profile] | None]:
         elif not isinstance(given, str) or not given:
             found.append(document.fault((key,), f"{key} must be text, got {given!r}"))
         elif key == "name" and not names_a_file(given):
-            found.append(document.fault((key,), f"name must be one that a file can have, got {given!r}"))
+            found.append(document.fault((key,), f"name must be valid as a file name, got {given!r}"))
     missing = [key for key in expected if key not in data and key != "interval_only"]
     return found + [document.fault((), f"{key} is missing") for key in missing], known[kind]
 
@@ -291,7 +291,7 @@ def _number_faults(key: str, figure: Figure, given: Any) -> list[str]:
         known = known_names(str(given["evidence"]), get_args(Evidence))
         messages.append(f"{key}.evidence is unknown, got {given['evidence']!r}; {known}")
     if "source" in given and (not isinstance(given["source"], str) or not given["source"]):
-        messages.append(f"{key}.source must say where the number is from, got {given['source']!r}")
+        messages.append(f"{key}.source must state the source of the number, got {given['source']!r}")
     if not set(get_args(End)) <= set(given):
         return messages
     ends = [given[end] for end in get_args(End)]
@@ -300,7 +300,7 @@ def _number_faults(key: str, figure: Figure, given: Any) -> list[str]:
     elif not 0 <= ends[0] <= ends[1] <= ends[2]:
         messages.append(f"{key} must be 0 <= low <= value <= high, got {ends}")
     elif figure.whole and (ends[0] != ends[2] or ends[1] < 1 or ends[1] != int(ends[1])):
-        messages.append(f"{key} must be one whole number >= 1, the same as low and high, got {ends}")
+        messages.append(f"{key} must be one integer >= 1, equal to low and high, got {ends}")
     elif figure.claim and (ends[0] != ends[2] or ends[1] not in (0, 1)):
-        messages.append(f"{key} must be 0 or 1, the same as low and high, got {ends}")
+        messages.append(f"{key} must be 0 or 1, equal to low and high, got {ends}")
     return messages

@@ -42,9 +42,9 @@ class _Network:
     n_steps: int = param(doc="network steps of an inference", low=0, high=_MOST)
     step_ms: float = param(1.0, doc="period of a step", low=0, low_open=True, high=_MOST)
     weight_bits: int = param(8, doc="bits per weight", low=1, high=_MOST_BITS)
-    delay_bits: int = param(0, doc="bits per synapse for a delay of its own", low=0, high=_MOST_BITS)
+    delay_bits: int = param(0, doc="bits per synapse for an individual delay", low=0, high=_MOST_BITS)
     pipeline_steps: int | None = param(
-        None, doc="steps through the layers, null: as the hardware takes", low=0, high=_MOST
+        None, doc="steps through the layers (default: as the hardware takes)", low=0, high=_MOST
     )
 
 
@@ -54,7 +54,7 @@ class _Operations:
     additions: float = param(doc="additions without multiplication", low=0, high=_MOST**2)
     n_weights: int = param(doc="stored numbers", low=0, high=_MOST**2)
     duration_ms: float = param(doc="length of the input", low=0, low_open=True, high=_MOST)
-    updates: float = param(0.0, doc="state updates of a spiking classifier", low=0, high=_MOST**2)
+    updates: float = param(0.0, doc="neuron updates of a spiking classifier", low=0, high=_MOST**2)
     number_bits: int = param(32, doc="bits per stored number", low=1, high=_MOST_BITS)
 
 
@@ -113,7 +113,7 @@ def _read(document: Document, faults: list[Fault]) -> Inference | None:
     if "macs" in data or "additions" in data:
         values = _scalars(_Operations, data, report)
         return None if values is None else _operations(values)
-    report((), "a workload must have layers (a network), or macs and additions (any other classifier)")
+    report((), "a workload must have either layers (a network) or macs and additions (any other classifier)")
     return None
 
 
@@ -191,7 +191,7 @@ def _for_all(key: str, entries: Sequence[_Entry], report: Report) -> bool:
     lack = [index for index, entry in enumerate(entries) if index and key not in entry]
     if len(lack) in (0, len(entries) - 1):
         return True
-    report(("layers", lack[0]), f"{dotted(('layers', lack[0]))} must have {key}, as other layers do")
+    report(("layers", lack[0]), f"{dotted(('layers', lack[0]))} must have {key}, because other layers do")
     return False
 
 
@@ -199,14 +199,14 @@ def _entries(data: Mapping[str, Any], report: Report) -> list[_Entry] | None:
     """Return what is written of each layer, or None after a fault that leaves nothing to read."""
     layers = data["layers"]
     if not isinstance(layers, list) or len(layers) < 2:
-        report(("layers",), f"layers must be a list of an input and one layer or more, got {echo(layers)}")
+        report(("layers",), f"layers must be a list of an input and at least one layer, got {echo(layers)}")
         return None
     if not any(isinstance(layer, dict) for layer in layers):
         return _flat(data, layers, report)
     for key in (*_COUNTS, *_OF_NEURONS):
         if key in data:
             inner = "cores" if key == "mapping" else key
-            report((key,), f"{key} must stand in each layer (as {inner}) where layers are mappings")
+            report((key,), f"{key} must be given in each layer (as {inner}) if layers are mappings")
     entries: list[_Entry] = []
     for index, layer in enumerate(layers):
         path: Keys = ("layers", index)
@@ -216,7 +216,7 @@ def _entries(data: Mapping[str, Any], report: Report) -> list[_Entry] | None:
         known = _IN_INPUT if index == 0 else _IN_LAYER
         for key in layer:
             if key not in known:
-                what = "of the input has no meaning" if key in _IN_LAYER else "is unknown"
+                what = "does not apply to the input" if key in _IN_LAYER else "is unknown"
                 report((*path, key), f"key '{key}' in {dotted(path)} {what}; {known_names(key, known)}")
         entry = {key: (layer[key], (*path, key)) for key in known if key in layer}
         if layer and "neurons" not in layer:
@@ -276,7 +276,7 @@ def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> di
         if not isinstance(given, list):
             return read(given, float, rule, path, report)
         if key == "mean_rate":
-            report(path, f"{dotted(path)} must be one number, got a list; spikes takes a count for each step")
+            report(path, f"{dotted(path)} must be one number, got a list; use spikes for one count per step")
             return INVALID
         if n_steps is not None and len(given) != n_steps:
             report(path, f"{dotted(path)} must have n_steps = {n_steps} counts, got {len(given)}")

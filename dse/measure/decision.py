@@ -130,7 +130,7 @@ def surface(
     n, n_steps, _ = spikes.shape
     done = np.empty((n, n_steps, 0)) if work is None else np.asanyarray(work)
     if done.ndim != 3 or done.shape[:2] != (n, n_steps):
-        raise ValueError(f"work must be ({n}, {n_steps}, m), got {done.shape}")
+        raise ValueError(f"work must have shape ({n}, {n_steps}, m), got {done.shape}")
     [found], _ = _surfaces(spikes, target, np.array([n_steps]), phi, theta, step_ms, done)
     return found if work is not None else dataclasses.replace(found, work=np.empty(0))
 

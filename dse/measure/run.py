@@ -332,7 +332,9 @@ def _of_spikes(
     output = said.output[..., asked.outputs]
     n, n_steps = output.shape[:2]
     if not n or not n_steps:
-        raise ValueError(f"a response must hold samples and steps, got output of shape {output.shape}")
+        raise ValueError(
+            f"a response must have at least one sample and one step, got output of shape {output.shape}"
+        )
     lengths = np.unique(np.rint(np.linspace(n_steps / READ_OUTS, n_steps, READ_OUTS)).astype(int))
     lengths = lengths[lengths > 0]
     label = _labels_after(output, lengths)

@@ -80,7 +80,7 @@ def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
     for name in dict.fromkeys(hardware):
         chip = profile(folder, name)
         if found.setdefault(chip.name, chip) != chip:
-            raise ConfigError([Fault(name, 0, f"another profile is named '{chip.name}' too")])
+            raise ConfigError([Fault(name, 0, f"another profile has the name '{chip.name}' too")])
     return list(found.values())
 
 

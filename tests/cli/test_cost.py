@@ -107,7 +107,7 @@ def test_cores_in_practice_are_a_range_and_rest_on_what_is_said(tmp_path: Path, 
         (row,) = rows(capsys, path, "--hardware", "loihi2_scenario")
         assert (row["n_cores_low"] <= claimed <= row["n_cores_high"]) == holds
         assert row["n_cores"] is None
-        assert any("every synapse stores a delay of its own" in text for text in row["assumptions"]) == holds
+        assert any("every synapse stores an individual delay" in text for text in row["assumptions"]) == holds
 
 
 def test_counts_of_each_step(tmp_path: Path, capsys: Captured) -> None:
@@ -134,7 +134,7 @@ def test_hardware_that_is_slower_than_the_sensor(tmp_path: Path, capsys: Capture
     # No more contacts fit than it can compute.
     most = 3.6e6 / row["hardware_latency_ms_high"]
     (fault,) = faults(capsys, path, "--contacts-per-hour", 1.01 * most)
-    assert f"{most:.6g} fit into an hour" in fault
+    assert f"{most:.6g} of {row['hardware_latency_ms_high']:.6g} ms each fit into an hour" in fault
 
 
 def test_no_steps_are_exact_zeros(tmp_path: Path, capsys: Captured) -> None:
@@ -175,14 +175,14 @@ def test_what_a_chip_cannot_run_is_said(tmp_path: Path, capsys: Captured) -> Non
     )
     document = json.loads(capsys.readouterr().out)
     chip, counted = document["rows"]
-    assert chip["not_applicable"] == "loihi1_silicon runs networks of spiking layers only"
+    assert chip["not_applicable"] == "loihi1_silicon runs only networks of spiking layers"
     assert chip["energy_uj"] is chip["fits"] is chip["misfits"] is None
     assert counted["energy_uj"] == pytest.approx(12000 * 4.6e-6 + 300 * 0.9e-6)
     assert (
         counted["n_cores"] is counted["latency_ms"] is counted["fits"] is counted["energy_static_uj"] is None
     )
     assert document["notes"] == [
-        "loihi1_silicon: not applicable, loihi1_silicon runs networks of spiking layers only",
+        "loihi1_silicon: not applicable, loihi1_silicon runs only networks of spiking layers",
         "op_4.6_0.9: dynamic energy alone; no static power, time, cores or limits are meant",
     ]
 
@@ -292,7 +292,7 @@ def test_every_mistake_at_once(net: Path, tmp_path: Path, capsys: Captured) -> N
     assert found[0].startswith("--battery-mwh: needs --contacts-per-hour")
     assert found[1] == f"{net}:2: n_steps must be in [0, 1e+09], got -1"
     assert found[2] == f"{net}:3: mean_rate[0] must be in [0, 1], got 2.0"
-    assert found[3].startswith("loihi1: no hardware profile; known: ")
+    assert found[3].startswith("loihi1: no such hardware profile; known: ")
     assert "spike_pj must be 0 <= low <= value <= high, got [580, 69.3, 79.695]" in found[4]
     assert len(found) == 5
 
@@ -310,12 +310,12 @@ def test_every_mistake_at_once(net: Path, tmp_path: Path, capsys: Captured) -> N
         ),
         (
             ["--contacts-per-hour", "36001"],
-            "--contacts-per-hour: contacts must not overlap: of 100 ms each, 36000 fit into an hour, "
+            "--contacts-per-hour: contacts must not overlap: 36000 of 100 ms each fit into an hour, "
             "got 36001 (on loihi1_silicon)",
         ),
         (
             ["--hardware", "op_4.6_0.9", "--hardware", "op_4.6_0.9"],
-            "op_4.6_0.9: another profile is named 'op_4.6_0.9' too",
+            "op_4.6_0.9: another profile has the name 'op_4.6_0.9' too",
         ),
     ],
 )
@@ -326,11 +326,11 @@ def test_one_mistake_is_one_line(net: Path, capsys: Captured, arguments: list[st
 def test_profiles_must_have_names_of_their_own(net: Path, tmp_path: Path, capsys: Captured) -> None:
     one, two = own_profile(tmp_path / "one.yaml"), own_profile(tmp_path / "two.yaml")
     assert faults(capsys, net, "--hardware", one, "--hardware", two) == [
-        f"{two}: another profile is named 'mine' too"
+        f"{two}: another profile has the name 'mine' too"
     ]
     packaged = own_profile(tmp_path / "three.yaml", name="op_4.6_0.9")
     (fault,) = faults(capsys, net, "--hardware", packaged)
-    assert "name must not be that of a profile of the package, got 'op_4.6_0.9'" in fault
+    assert "name must differ from the names of shipped profiles, got 'op_4.6_0.9'" in fault
 
 
 def test_no_such_workload(tmp_path: Path, capsys: Captured) -> None:

@@ -154,7 +154,7 @@ def test_a_terminal_shows_every_number(capsys: Captured) -> None:
         (
             "name: mine",
             "name: loihi1_silicon",
-            ": name must not be that of a profile of the package, got 'loihi1",
+            ": name must differ from the names of shipped profiles, got 'loihi1",
         ),
         ("doc: ", "doc: [", ": not valid YAML"),
     ],

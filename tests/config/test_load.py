@@ -111,8 +111,8 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
 @pytest.mark.parametrize(
     ("old", "new", "fault"),
     [
-        ("study: tiny", "study: a/b", "1: study must be a name that a folder can have, got 'a/b'"),
-        ("study: tiny", "study: ..", "1: study must be a name that a folder can have, got '..'"),
+        ("study: tiny", "study: a/b", "1: study must be valid as a folder name, got 'a/b'"),
+        ("study: tiny", "study: ..", "1: study must be valid as a folder name, got '..'"),
         ("study: tiny", "study: 5", "1: study must be text, got 5"),
         ("seed: 3", "seed: -1", "2: seed must be >= 0, got -1"),
         (

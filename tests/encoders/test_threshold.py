@@ -125,7 +125,7 @@ def test_means_that_were_removed_match_nothing():
     rng = np.random.default_rng(2)
     values = rng.normal(0, 1 + np.arange(6).reshape(6, 1, 1) % 2, (6, 40, 2))
     centred = recorded(*(values - values.mean(axis=1, keepdims=True)))
-    with pytest.raises(ValueError, match=r"^encoder.statistic must be std where every channel's mean has"):
+    with pytest.raises(ValueError, match=r"^encoder.statistic must be std if the mean of every channel is"):
         fitted(Threshold(), centred, [0, 1, 0, 1, 0, 1], np.arange(4))
     std = Threshold(statistic="std")
     encoder = fitted(std, centred, [0, 1, 0, 1, 0, 1], np.arange(4))

@@ -147,7 +147,7 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
 
 
 def test_inputs_that_do_not_fit_the_layer_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer expects 12"):
+    with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer has 12"):
         forward(
             rows_of(np.ones((1, 2, 5), np.uint8)),
             small_layers(np.random.default_rng(0))[0],

@@ -62,7 +62,7 @@ def test_leading_axes_are_design_points_of_their_own():
 @pytest.mark.parametrize(
     ("rates", "message"),
     [
-        ((0.1,), r"rates must be \(..., 2\) like sizes, got \(1,\)"),
+        ((0.1,), r"rates must have shape \(..., 2\) as sizes, got \(1,\)"),
         ((-0.1, 0.0), "rates must be between 0 and 1"),
         ((1.1, 0.0), "rates must be between 0 and 1"),
         ((np.nan, 0.0), "rates must be between 0 and 1"),

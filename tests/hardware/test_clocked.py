@@ -117,7 +117,7 @@ def test_the_change_that_is_named_is_the_smallest(rule, broken, least, change):
 
 def test_what_is_no_size_can_be_changed_too():
     assert rules(silent((16, 50, 7), weight_bits=9)) == {"weight_bits": "8 bits per weight"}
-    assert rules(silent((16, 50, 7), delay_bits=3)) == {"delays": "synapses without delays of their own"}
+    assert rules(silent((16, 50, 7), delay_bits=3)) == {"delays": "synapses without individual delays"}
     back = silent((16, 50, 7), recurrent=(True, True))
     assert rules(back) == {"recurrent_outputs": "an output layer without recurrence"}
     assert rules(silent((16, 50, 7), recurrent=(True, False))) == {}
@@ -141,7 +141,7 @@ def test_a_step_that_is_too_short_for_the_clock():
 
 def test_other_classifiers_do_not_run():
     one = np.array(1.0)
-    with pytest.raises(NotApplicable, match="xylo_imu runs networks of spiking layers only"):
+    with pytest.raises(NotApplicable, match="xylo_imu runs only networks of spiking layers"):
         cost(XYLO, Operations(one, one, one, one, one))
 
 

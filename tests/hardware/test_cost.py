@@ -130,7 +130,7 @@ def test_what_computes_slower_waits_less():
 
 
 def test_cores_by_hand_that_a_chip_does_not_ask_for_are_told():
-    told = "the cores given by hand play no part on such a chip"
+    told = "the number of cores set by the user does not matter on such a chip"
     by_hand = dataclasses.replace(workload((24, 50, 7), [46, 100, 10]), cores=(3, 2))
     assert told not in cost(PROFILE, by_hand).assumptions
     for name in ("truenorth", "xylo_imu", "mcu_m4"):
@@ -203,9 +203,9 @@ def test_more_spikes_never_cost_less(sizes, recurrent, spikes, layer, more):
         ({"n_steps": np.array(0.0)}, "spikes must be 0 where n_steps is 0"),
         ({"n_steps": np.array([1.0, 1.0])}, r"spikes must be \(2, 2\)"),
         ({"step_ms": 0.0}, "step_ms must be > 0"),
-        ({"sizes": (3,)}, "sizes must name an input and a layer"),
-        ({"sizes": (3, 0)}, "sizes must name"),
-        ({"recurrent": ()}, "recurrent one less"),
+        ({"sizes": (3,)}, "sizes must hold an input and at least one layer"),
+        ({"sizes": (3, 0)}, "sizes must hold"),
+        ({"recurrent": ()}, "recurrent one value less"),
         (
             {"synapses": (3.0, 0.0)},
             r"synapses must be between 0 and \(2, 0\) layer by layer, got \(3.0, 0.0\)",

@@ -24,7 +24,7 @@ def test_without_contacts_it_idles():
 
 def test_contacts_must_not_overlap():
     assert mean_power_mw(3600, 0.0, 1000.0, 7.0) == 0.0  # side by side
-    message = "contacts must not overlap: of 1000 ms each, 3600 fit into an hour, got 3601"
+    message = "contacts must not overlap: 3600 of 1000 ms each fit into an hour, got 3601"
     with pytest.raises(ValueError, match=message):
         mean_power_mw(3601, 0.0, [10.0, 1000.0], 7.0)
 

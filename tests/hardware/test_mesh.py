@@ -278,7 +278,7 @@ def test_what_pruning_left_is_stored_with_its_zeros_where_lists_do_not_fit():
     assert (found.fits, found.n_cores) == (True, before.n_cores)
     assert found.energy_uj == before.energy_uj
     assert found.assumptions == (
-        "weights of 0 are stored and read as any other: lists of what is left do not fit",
+        "weights of 0 are stored and read like others, because lists of the remaining weights do not fit",
     )
     half = dataclasses.replace(kept, stored=tuple(n // 2 for n in whole.dense))
     assert cost(SILICON, half).dynamic_uj < before.dynamic_uj
@@ -314,5 +314,5 @@ def test_an_answer_takes_a_step_per_layer(profile):
     operations = Operations(none, none, none, none, none)
     assert profile.pipeline_steps(operations) == 0
     assert load("op_4.6_0.9").pipeline_steps(SMALL) == 0
-    with pytest.raises(NotApplicable, match=f"{profile.name} runs networks of spiking layers only"):
+    with pytest.raises(NotApplicable, match=f"{profile.name} runs only networks of spiking layers"):
         cost(profile, operations)

@@ -208,7 +208,7 @@ def test_bits_delays_and_ticks(profile):
         "weight_bits": f"weights of {most} bits"
     }
     delays = silent((8, 8, 4), weight_bits=most, delay_bits=6)
-    assert rules(profile, delays) == {"delays": "synapses without delays of their own"}
+    assert rules(profile, delays) == {"delays": "synapses without individual delays"}
     fast = silent((8, 8, 4), weight_bits=most, step_ms=0.5)
     assert rules(profile, fast) == ({"tick_us": "steps of 1 ms"} if profile.tick_us.value else {})
 
@@ -243,7 +243,7 @@ def test_one_neuron(profile):
 @EACH
 def test_other_classifiers_do_not_run(profile):
     one = np.array(1.0)
-    with pytest.raises(NotApplicable, match=f"{profile.name} .* networks of spiking layers only"):
+    with pytest.raises(NotApplicable, match=f"{profile.name} .* networks of spiking layers"):
         cost(profile, Operations(one, one, one, one, one))
 
 

@@ -76,10 +76,12 @@ def test_68_of_120_cores_needs_a_delay_in_every_synapse():
     low, high = in_practice(PUBLISHED)
     assert not low <= 68 <= high
     plain = placed(PUBLISHED, rules=LOIHI_2)
-    assert "no synapse stores a delay of its own" in plain.assumptions
+    assert "no synapse stores an individual delay" in plain.assumptions
     delayed = placed(PUBLISHED, rules=LOIHI_2, delay_bits=6)
     assert delayed.low <= 68 <= delayed.high
-    assert "every synapse stores a delay of its own, 6 bits beside the 8 of its weight" in delayed.assumptions
+    assert (
+        "every synapse stores an individual delay, 6 bits beside the 8 of its weight" in delayed.assumptions
+    )
     assert any("34 to 75 cores if a core holds 17.1 to 39.2 thousand" in x for x in delayed.assumptions)
     assert plain.misfits == delayed.misfits == ()
     assert LOIHI_2.cores == 120
@@ -96,9 +98,9 @@ def test_practice_decides_whether_it_fits():
     # 233.9, and for the output 20 000 / 39 200 to 20 000 / 17 100: 103 + 1 to 234 + 2.
     found = placed((2000, 2000, 10), rules=LOIHI_2)
     assert (found.n_cores, found.low, found.high, found.misfits) == (22, 104, 236, ())
-    assert "it may not fit: up to 236 cores in practice, the chip has 120" in found.assumptions
+    assert "it may not fit: up to 236 cores in practice; the chip has 120" in found.assumptions
     (misfit,) = placed((2000, 2400, 10), rules=LOIHI_2).misfits
-    assert misfit.text == "at least 124 cores in practice, the chip has 120"
+    assert misfit.text == "at least 124 cores in practice; the chip has 120"
     # 119 cores x 39 200 / 2000 = 2332 neurons beside one core of output.
     assert "at most 2332 neurons in layer 1" in misfit.change
 
@@ -141,7 +143,7 @@ def test_output_axons_limit_the_neurons_of_a_core():
             10,
         ),
         ((4096, 10000, 10), "input_axons", "layer 2: 10000 input axons, 4096 per core", 336),
-        ((4096, 4096, 11), "cores", "138 cores, the chip has 128", 138),
+        ((4096, 4096, 11), "cores", "138 cores; the chip has 128", 138),
     ],
 )
 def test_broken_limits_are_named_and_the_network_is_placed_all_the_same(sizes, rule, text, n_cores):
@@ -258,7 +260,7 @@ def test_a_network_with_one_misfit_fits_with_any_of_its_changes(sizes, is_recurr
 def test_cores_by_hand_are_taken_as_given():
     found = placed(PUBLISHED, cores=(9, 2))
     assert (found.cores, found.misfits) == ((9, 2), ())
-    assert found.assumptions == ("the cores of every layer are given by hand",)
+    assert found.assumptions == ("the number of cores of each layer is set by the user",)
     by_hand = placed(PUBLISHED, rules=LOIHI_2, cores=(60, 8))
     assert (by_hand.n_cores, by_hand.low, by_hand.high) == (68, None, None)
 
@@ -306,7 +308,7 @@ def test_a_layer_wider_than_a_chip():
     found = placed((1, 140_000))
     assert found.cores == (137,)
     (misfit,) = found.misfits
-    assert str(misfit) == "137 cores, the chip has 128; fits with at most 131072 neurons in layer 1"
+    assert str(misfit) == "137 cores; the chip has 128; fits with at most 131072 neurons in layer 1"
 
 
 def test_neurons_are_spread_evenly():
@@ -382,7 +384,8 @@ def test_a_pruned_layer_stores_lists_of_what_is_left():
     found = placed(PUBLISHED, stored=(160 * 450, 450 * 11))
     assert found.cores == (2, 1)
     assert found.assumptions == (
-        "the weights that pruning left are spread evenly, each stored with the 10 bits of its target's index",
+        "the weights that remain after pruning are spread evenly, each stored with the 10 bits of its "
+        "target's index",
     )
     # Nothing removed: the dense format. Little removed: its indices take more than the weights that are gone.
     assert placed(PUBLISHED, stored=(1600 * 450, 450 * 11)).cores == (7, 1)

@@ -86,7 +86,7 @@ def test_a_spiking_network_by_hand(profile, cycle_nj, update_cycles, wake_us, sl
     idle_mw = sleep_mw + cycle_nj * clock_mhz * wake_us / 1e3
     assert found.idle_mw == pytest.approx(idle_mw)
     assert found.energy_throttled_uj == pytest.approx(energy_uj + idle_mw * (100 - busy_ms))
-    assert "it wakes once per step" in found.assumptions
+    assert "the processor wakes once per step" in found.assumptions
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_classifier_measured_in_float_by_hand(profile, cycle_nj, mac_cycles, s
     busy_ms = cycles / clock_mhz * 1e-3
     assert found.hardware_latency_ms == pytest.approx(busy_ms)
     assert found.energy_throttled_uj == pytest.approx(found.energy_uj + sleep_mw * (300 - busy_ms))
-    assert "it sleeps until all input has arrived" in found.assumptions
+    assert "the processor sleeps until all input has arrived" in found.assumptions
 
 
 def test_state_updates_of_operations_cost_what_those_of_a_network_do():
@@ -188,7 +188,7 @@ def test_states_that_do_not_fit_in_working_memory():
         (2482, None),  # 2 states and 64 slots of 4 bytes: 264 bytes a neuron
         (2483, "delays of 5 bits instead of 6"),
         (4819, "delays of 4 bits instead of 6"),
-        (40_961, "no delays of synapses of their own"),
+        (40_961, "no individual delays of synapses"),
         (81_921, "at most 2482 neurons instead of 81921"),
     ],
 )
@@ -313,8 +313,8 @@ def test_every_number_says_what_it_is(profile):
     ("change", "message"),
     [
         (lambda d: d["cycle_nj"].update(unit="pJ"), "cycle_nj.unit must be 'nJ', got 'pJ'"),
-        (lambda d: d["clock_mhz"].update(high=130), "clock_mhz must be one whole number"),
-        (lambda d: d["flash_kib"].update(low=0, value=0, high=0), "flash_kib must be one whole number >= 1"),
+        (lambda d: d["clock_mhz"].update(high=130), "clock_mhz must be one integer"),
+        (lambda d: d["flash_kib"].update(low=0, value=0, high=0), "flash_kib must be one integer >= 1"),
         (lambda d: d["wake_us"].update(low=50), "wake_us must be 0 <= low <= value <= high"),
         (lambda d: d.pop("sleep_uw"), "sleep_uw is missing"),
     ],

@@ -99,7 +99,7 @@ def test_a_file_of_ones_own_loads(tmp_path):
             lambda d: d["spike_pj"].update(evidence="guess"),
             "evidence is unknown, got 'guess'; known: measured",
         ),
-        (lambda d: d["spike_pj"].update(source=""), "spike_pj.source must say where"),
+        (lambda d: d["spike_pj"].update(source=""), "spike_pj.source must state"),
         (lambda d: d["spike_pj"].update(low=100), "spike_pj must be 0 <= low <= value <= high"),
         (lambda d: d["spike_pj"].update(low=-1), "spike_pj must be 0 <= low <= value <= high"),
         (
@@ -121,9 +121,9 @@ def test_a_file_of_ones_own_loads(tmp_path):
             lambda d: d.update(spike_pj=69.3),
             "spike_pj must hold exactly value, low, high, unit, evidence, source",
         ),
-        (lambda d: d["cores"].update(high=130), "cores must be one whole number"),
-        (lambda d: d["cores"].update(low=1.5, value=1.5, high=1.5), "cores must be one whole number"),
-        (lambda d: d["cores"].update(low=0, value=0, high=0), "cores must be one whole number"),
+        (lambda d: d["cores"].update(high=130), "cores must be one integer"),
+        (lambda d: d["cores"].update(low=1.5, value=1.5, high=1.5), "cores must be one integer"),
+        (lambda d: d["cores"].update(low=0, value=0, high=0), "cores must be one integer"),
         (
             lambda d: d["skips_zero_weights"].update(low=2, value=2, high=2),
             "skips_zero_weights must be 0 or 1",
@@ -137,7 +137,7 @@ def test_a_file_of_ones_own_loads(tmp_path):
         (lambda d: d.update(kind=["mesh"]), "unknown kind of hardware"),
         (lambda d: d.update(interval_only="yes"), "interval_only must be true or false, got 'yes'"),
         (lambda d: d.update(name=3), "name must be text, got 3"),
-        (lambda d: d.update(name="../mine"), "name must be one that a file can have, got '../mine'"),
+        (lambda d: d.update(name="../mine"), "name must be valid as a file name, got '../mine'"),
         (lambda d: d["spike_pj"].update(high=10**400), "must be finite numbers"),
     ],
 )
@@ -166,7 +166,7 @@ def test_every_fault_is_reported_at_once_with_its_line(tmp_path):
 
 def test_no_profile(tmp_path):
     with pytest.raises(
-        ConfigError, match=r"loihi_silicon: no hardware profile; .* Did you mean 'loihi1_silicon'"
+        ConfigError, match=r"loihi_silicon: no such hardware profile; .* Did you mean 'loihi1_silicon'"
     ):
         load("loihi_silicon")
     (tmp_path / "list.yaml").write_text("- 1\n")
@@ -189,7 +189,7 @@ def test_no_profile(tmp_path):
 
 def test_a_file_must_not_have_the_name_of_a_profile_of_the_package(tmp_path):
     file = written(tmp_path, lambda data: data.update(name="op_4.6_0.9"))
-    message = "name must not be that of a profile of the package, got 'op_4.6_0.9'"
+    message = "name must differ from the names of shipped profiles, got 'op_4.6_0.9'"
     with pytest.raises(ConfigError, match=message):
         load(file)
 
@@ -205,7 +205,7 @@ def test_profiles_of_a_search_space_have_names_of_their_own(tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_all(["one.yaml", "two.yaml", "three.yaml", "loihi2"], tmp_path)
     again, no_name, no_doc, unknown = map(str, caught.value.faults)
-    assert "two.yaml: another profile is named 'one' too" in again
+    assert "two.yaml: another profile has the name 'one' too" in again
     assert "three.yaml:1: name must be text" in no_name
     assert "three.yaml:3: doc must be text" in no_doc
-    assert "loihi2: no hardware profile; known: " in unknown
+    assert "loihi2: no such hardware profile; known: " in unknown

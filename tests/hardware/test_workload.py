@@ -193,7 +193,7 @@ def test_a_reference_run_from_its_file(run, tmp_path):
         (("[0.02, 0.1, 0]", "[0.02, high, 0]"), "3: mean_rate[1] must be a number, got 'high'"),
         (
             ("[0.02, 0.1, 0]", "[0.02, [0.1, 0.1], 0]"),
-            "3: mean_rate[1] must be one number, got a list; spikes",
+            "3: mean_rate[1] must be one number, got a list; use spikes",
         ),
         (("[0.02, 0.1, 0]", "[0.02, 0.1]"), "3: mean_rate must be a list of 3, one per layer, got 2 of them"),
         (("[0.02, 0.1, 0]", "0.02"), "3: mean_rate must be a list of 3, one per layer, got 0.02"),
@@ -208,8 +208,8 @@ def test_a_reference_run_from_its_file(run, tmp_path):
         (("n_steps: 100", "n_steps: .inf"), "2: n_steps must be an integer, got inf"),
         (("[24, 50, 7]", "[24, 0, 7]"), "1: layers[1] must be in [1, 1e+07], got 0"),
         (("[24, 50, 7]", "[24, 50.5, 7]"), "1: layers[1] must be an integer, got 50.5"),
-        (("[24, 50, 7]", "[24]"), "1: layers must be a list of an input and one layer or more, got [24]"),
-        (("[24, 50, 7]", "24"), "1: layers must be a list of an input and one layer or more, got 24"),
+        (("[24, 50, 7]", "[24]"), "1: layers must be a list of an input and at least one layer, got [24]"),
+        (("[24, 50, 7]", "24"), "1: layers must be a list of an input and at least one layer, got 24"),
         (("n_steps", "step_ms: 0\nn_steps"), "2: step_ms must be in (0, 1e+09], got 0"),
         (("n_steps", "weight_bits: 0\nn_steps"), "2: weight_bits must be in [1, 64], got 0"),
         (("n_steps", "macs: 5\nn_steps"), "2: unknown key 'macs'; known: "),
@@ -250,15 +250,15 @@ def test_every_fault_of_a_file_at_once():
         "- 12\n"
         "n_steps: 3\nmapping: [1, 1]\nweight_bit: 8\n"
     ) == [
-        "2: key 'updates' in layers[0] of the input has no meaning; known: neurons, spikes, mean_rate",
+        "2: key 'updates' in layers[0] does not apply to the input; known: neurons, spikes, mean_rate",
         "2: layers[0].mean_rate must be in [0, 1], got 1.2",
         "3: key 'coers' in layers[1] is unknown; known: neurons, spikes, mean_rate, updates, recurrent, "
         "cores, stored. Did you mean 'cores'?",
         "3: layers[1] must have either spikes or mean_rate, got both",
         "4: layers[2] must have either spikes or mean_rate, got neither",
-        "4: layers[2] must have cores, as other layers do",
+        "4: layers[2] must have cores, because other layers do",
         "5: layers[3] must be a mapping like the others, got 12",
-        "7: mapping must stand in each layer (as cores) where layers are mappings",
+        "7: mapping must be given in each layer (as cores) if layers are mappings",
         "8: unknown key 'weight_bit'; known: layers, spikes, mean_rate, updates, recurrent, mapping, stored, "
         "n_steps, step_ms, weight_bits, delay_bits, pipeline_steps. Did you mean 'weight_bits'?",
     ]
@@ -267,7 +267,13 @@ def test_every_fault_of_a_file_at_once():
 @pytest.mark.parametrize(
     ("text", "faults"),
     [
-        ("", ["1: a workload must have layers (a network), or macs and additions (any other classifier)"]),
+        (
+            "",
+            [
+                "1: a workload must have either layers (a network) or macs and additions (any other "
+                "classifier)"
+            ],
+        ),
         ("- 1\n", ["1: a workload must be a mapping of keys to values, got [1]"]),
         ("macs: 1\nadditions: 2\nn_weights: 3\n", ["1: duration_ms is required: length of the input"]),
         (

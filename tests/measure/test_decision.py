@@ -156,7 +156,7 @@ GOOD = {"output": OUTPUT, "target": [0, 1], "phi": [0], "theta": [0.5], "step_ms
         ({"target": [0, 2]}, r"target must be in 0..1, got 0..2"),
         ({"target": [-1, 0]}, r"target must be in 0..1, got -1..0"),
         ({"step_ms": 0.0}, "step_ms must be > 0"),
-        ({"work": np.zeros((2, 2, 1))}, r"work must be \(2, 3, m\)"),
+        ({"work": np.zeros((2, 2, 1))}, r"work must have shape \(2, 3, m\)"),
     ],
 )
 def test_wrong_input_is_named(change, message):

@@ -253,5 +253,7 @@ def test_several_networks_in_one_are_measured_but_on_no_chip(outcome: Outcome, d
 def test_a_response_without_steps_is_refused(outcome: Outcome, dataset: Dataset) -> None:
     assert isinstance(outcome.validation, Response)
     nothing = replace(outcome.validation, output=outcome.validation.output[:, :0])
-    with pytest.raises(ValueError, match=r"must hold samples and steps, got output of shape \(3, 0, 2\)"):
+    with pytest.raises(
+        ValueError, match=r"must have at least one sample and one step, got output of shape \(3, 0, 2\)"
+    ):
         measure(replace(outcome, validation=nothing), dataset, np.array([]), np.array([]), [])

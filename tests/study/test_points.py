@@ -202,7 +202,7 @@ def test_a_study_keeps_the_figures_that_it_was_run_with(study: Path) -> None:
     assert cheaper.at("value")["synaptic_event_pj"] == 31.0 and shipped == OPERATIONS
     changed = pricing.points(study, ["loihi1_silicon"])["energy_uj"]
     assert (changed < pd.read_parquet(study / "points.parquet")["energy_uj"]).all()
-    with pytest.raises(ConfigError, match=r"no hardware profile; .* Did you mean 'loihi1_silicon'"):
+    with pytest.raises(ConfigError, match=r"no such hardware profile; .* Did you mean 'loihi1_silicon'"):
         pricing.points(study, ["loihi1_silico"])
 
 
@@ -265,7 +265,7 @@ def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
     )
     one, other = str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")
     assert len(pricing.points(study, [one, one])) == 2
-    with pytest.raises(ConfigError, match="another profile is named 'mine' too"):
+    with pytest.raises(ConfigError, match="another profile has the name 'mine' too"):
         pricing.points(study, [one, other])
 
 

@@ -124,7 +124,7 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no hardware profile; known"),
+        (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no such hardware profile; known"),
         (["skyline", "FOLDER", "--draws", "0"], "must be an integer >= 1, got '0'"),
         (["skyline", "FOLDER", "--draws", "9999999"], "must be at most 100000, got 9999999"),
         (["skyline", "FOLDER", "--battery-mwh", "9"], "--battery-mwh needs --contacts-per-hour"),

@@ -443,7 +443,11 @@ def test_a_guilty_member_fails_alone(tmp_path: Path) -> None:
     assert set(reasons["crowded"]) == {""}
     assert set(reasons["killed"]) == {"worker died: signal 9"}
     assert set(reasons["diverged"]) == {"TrainingDiverged: loss is not finite in epoch 1"}
-    assert reasons["misshapen"].str.startswith("ValueError: a response must hold samples and steps").all()
+    assert (
+        reasons["misshapen"]
+        .str.startswith("ValueError: a response must have at least one sample and one step")
+        .all()
+    )
     assert set(reasons["forgotten"]) == {"RuntimeError: Together.fit_cohort left out designs [0]"}
     assert set(reasons["raise"]) == {"ValueError: hidden must be kind"}
     details = found.runs(3)[0]["details"]

@@ -22,7 +22,7 @@ INTERPRETED: bool = triton.knobs.runtime.interpret
 """The kernels run in Triton's interpreter, on CPU tensors; decided when triton is first imported."""
 
 SPIKE_TYPE = torch.float32 if INTERPRETED else torch.bfloat16
-"""What holds bfloat16 numbers: the interpreter, which cannot multiply them, holds them in float32."""
+"""Storage of bfloat16 numbers; the interpreter cannot multiply them and stores them as float32."""
 
 UNFUSED = {"enable_fp_fusion": False}
 """A kernel's option: it rounds after every multiplication, on the device as in the interpreter."""

@@ -40,34 +40,34 @@ from dse.registry import register
 class Clocked(Profile):
     """One clocked core with hidden and output neurons: SynSense Xylo's kind."""
 
-    input_channel_cycles: Number = figure("1", "cycles of every input, every step")
-    input_synapse_cycles: Number = figure("1", "cycles of every input spike and neuron with input weights")
-    neuron_cycles: Number = figure("1", "cycles of every hidden neuron, every step")
-    spike_cycles: Number = figure("1", "cycles of every spike of a hidden neuron")
-    hidden_synapse_cycles: Number = figure("1", "cycles of every hidden neuron that such a spike reaches")
-    output_spike_cycles: Number = figure("1", "cycles of every spike that goes to the outputs")
-    output_synapse_cycles: Number = figure("1", "cycles of every output that it goes to")
-    output_neuron_cycles: Number = figure("1", "cycles of every output, every step")
-    computing_uw: Number = figure("uW", "power while computing, in addition to all others")
+    input_channel_cycles: Number = figure("1", "cycles per input and step")
+    input_synapse_cycles: Number = figure("1", "cycles per input spike and neuron with input weights")
+    neuron_cycles: Number = figure("1", "cycles per hidden neuron and step")
+    spike_cycles: Number = figure("1", "cycles per spike of a hidden neuron")
+    hidden_synapse_cycles: Number = figure("1", "cycles per hidden neuron that such a spike reaches")
+    output_spike_cycles: Number = figure("1", "cycles per spike sent to the outputs")
+    output_synapse_cycles: Number = figure("1", "cycles per output that such a spike reaches")
+    output_neuron_cycles: Number = figure("1", "cycles per output and step")
+    computing_uw: Number = figure("uW", "power while computing, on top of the other powers")
     core_idle_uw: Number = figure("uW", "power of the core at any time")
-    io_uw: Number = figure("uW", "power of inputs and outputs while computing")
-    io_waiting_uw: Number = figure("uW", "power of inputs and outputs while waiting for the next step")
-    clock_mhz: Number = figure("MHz", "clock that the cycles are counted at", whole=True)
-    maximum_clock_mhz: Number = figure("MHz", "fastest clock", whole=True)
-    clock_margin: Number = figure("1", "times the cycles of a step in which everything spikes")
+    io_uw: Number = figure("uW", "power of input and output pins while computing")
+    io_waiting_uw: Number = figure("uW", "power of input and output pins while waiting for the next step")
+    clock_mhz: Number = figure("MHz", "clock frequency at which the cycle counts hold", whole=True)
+    maximum_clock_mhz: Number = figure("MHz", "highest clock frequency", whole=True)
+    clock_margin: Number = figure("1", "factor on the cycles of a step in which every neuron spikes")
     inputs: Number = figure("1", "input channels", whole=True)
     hidden_neurons: Number = figure("1", "neurons between inputs and outputs", whole=True)
     outputs: Number = figure("1", "output neurons", whole=True)
-    neurons_with_input: Number = figure("1", "hidden neurons that inputs may go to", whole=True)
-    neurons_with_output: Number = figure("1", "hidden neurons that may go to outputs", whole=True)
-    fan_out: Number = figure("1", "hidden neurons that a hidden neuron may go to", whole=True)
+    neurons_with_input: Number = figure("1", "hidden neurons that can receive inputs", whole=True)
+    neurons_with_output: Number = figure("1", "hidden neurons that can connect to outputs", whole=True)
+    fan_out: Number = figure("1", "hidden neurons that one hidden neuron can connect to", whole=True)
     hidden_weights: Number = figure("1", "weights between hidden neurons", whole=True)
     weight_bits: Number = figure("1", "bits per weight", whole=True)
 
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
         if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} runs networks of spiking layers only")
+            raise NotApplicable(f"{self.name} runs only networks of spiking layers")
         cycles = _cycles(load, figures)
         cycle_ns = 1e3 / self.clock_mhz.value
         computing_mw = figures["computing_uw"] * 1e-3
@@ -92,18 +92,17 @@ class Clocked(Profile):
         if needed_mhz > most_mhz:
             # In microseconds, rounded up so that the change is enough.
             least_ms = math.ceil(load.step_ms * needed_mhz / most_mhz * 1e3) / 1e3
-            text = f"a clock of {needed_mhz:.1f} MHz for steps of {load.step_ms:g} ms, {most_mhz:.0f} at most"
+            text = f"a clock of {needed_mhz:.1f} MHz for steps of {load.step_ms:g} ms, at most {most_mhz:.0f}"
             misfits.append(Misfit("maximum_clock_mhz", text, f"steps of {least_ms:.3f} ms"))
-        assumption = (
-            f"clock of {self.clock_mhz.value:.0f} MHz; if everything spiked, {needed_mhz:.1f} MHz would do"
-        )
+        assumption = f"clock of {self.clock_mhz.value:.0f} MHz; {needed_mhz:.1f} MHz suffice even if every "
+        "neuron spikes"
         return Placement((1,), tuple(misfits), assumptions=(assumption,))
 
     def _broken_limits(self, load: Workload) -> list[Misfit]:
         """Return the limits that the network breaks, whatever the clock."""
         hidden = load.sizes[1:-1]
         if not hidden:
-            text = "no hidden layer, inputs cannot go to outputs"
+            text = "it has no hidden layer, and inputs cannot connect to outputs"
             misfits = [Misfit("layers", text, "a hidden layer")]
         else:
             misfits = []
@@ -122,11 +121,11 @@ class Clocked(Profile):
             if needed > most:
                 misfits.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what}"))
         if load.recurrent[-1]:
-            text = "outputs that go to each other, only hidden neurons can"
+            text = "its outputs are recurrent, and only hidden neurons can be"
             misfits.append(Misfit("recurrent_outputs", text, "an output layer without recurrence"))
         if load.delay_bits:
-            text = f"{load.delay_bits} bits of delay per synapse, the chip has none"
-            misfits.append(Misfit("delays", text, "synapses without delays of their own"))
+            text = f"{load.delay_bits} bits of delay per synapse; the chip supports none"
+            misfits.append(Misfit("delays", text, "synapses without individual delays"))
         return misfits
 
 

@@ -32,9 +32,9 @@ from dse.records import Operations, Workload
 from dse.registry import register
 
 INDEX_BITS = 16
-"""Bits that say which neuron a weight of a list goes to."""
+"""Bits of the index of the target neuron in a list of weights."""
 STATE_BITS = 32
-"""Bits that a state takes in memory; Loihi's registers have 24."""
+"""Bits of a state in memory; the registers of Loihi have 24."""
 
 _WORD_BITS = 64
 _MEMORIES = ((8, "sram_8_kib_pj"), (32, "sram_32_kib_pj"), (1024, "sram_1_mib_pj"))
@@ -49,11 +49,11 @@ class MemoryHierarchy(Profile):
     int8_mac_pj: Number = figure("pJ", "an 8-bit integer multiply-accumulate")
     float_mac_pj: Number = figure("pJ", "a multiply-accumulate of numbers of more than 8 bits")
     update_pj: Number = figure("pJ", "the arithmetic of a neuron's update")
-    sram_8_kib_pj: Number = figure("pJ", "an access of 64 bits to a memory of 8 KiB")
-    sram_32_kib_pj: Number = figure("pJ", "the same, 32 KiB")
-    sram_1_mib_pj: Number = figure("pJ", "the same, 1 MiB")
-    dram_pj: Number = figure("pJ", "the same, larger")
-    fetched_per_used: Number = figure("1", "bits fetched per bit used, up to one access per value")
+    sram_8_kib_pj: Number = figure("pJ", "an access of 64 bits to a memory of up to 8 KiB")
+    sram_32_kib_pj: Number = figure("pJ", "the same, up to 32 KiB")
+    sram_1_mib_pj: Number = figure("pJ", "the same, up to 1 MiB")
+    dram_pj: Number = figure("pJ", "the same, above 1 MiB")
+    fetched_per_used: Number = figure("1", "bits fetched per bit used, at most one access per value")
 
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return the plan of any classifier (`Profile.plan`)."""

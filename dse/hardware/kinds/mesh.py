@@ -62,11 +62,11 @@ class _Work:
 class Mesh(Profile):
     """Asynchronous cores on a mesh, with a barrier at every step: Intel Loihi's kind."""
 
-    neuron_access_pj: Number = figure("pJ", "every mapped neuron, every step")
-    neuron_update_pj: Number = figure("pJ", "every neuron whose state changes, every step")
-    spike_pj: Number = figure("pJ", "every spike of a neuron")
-    synaptic_event_pj: Number = figure("pJ", "every synapse that a spike reaches")
-    message_pj: Number = figure("pJ", "every spike and core that it goes to")
+    neuron_access_pj: Number = figure("pJ", "per mapped neuron and step")
+    neuron_update_pj: Number = figure("pJ", "per step and neuron whose state changes")
+    spike_pj: Number = figure("pJ", "per spike of a neuron")
+    synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches")
+    message_pj: Number = figure("pJ", "per spike and core that receives it")
     hop_x_pj: Number = figure("pJ", "a message from a tile to the next along x")
     hop_y_pj: Number = figure("pJ", "a message from a tile to the next along y")
     neuron_access_ns: Number = figure("ns", "as neuron_access_pj")
@@ -75,38 +75,44 @@ class Mesh(Profile):
     synaptic_event_ns: Number = figure("ns", "as synaptic_event_pj")
     message_out_ns: Number = figure("ns", "sending a message")
     message_in_ns: Number = figure("ns", "receiving a message")
-    barrier_1_us: Number = figure("us", "synchronisation of a step, 1 tile in use")
+    barrier_1_us: Number = figure("us", "time of the synchronisation of a step, 1 tile in use")
     barrier_2_us: Number = figure("us", "the same from 2 tiles on")
     barrier_4_us: Number = figure("us", "the same from 4 tiles on")
     barrier_29_us: Number = figure("us", "the same from 29 tiles on")
-    congestion_factor: Number = figure("1", "times a step whose network is congested")
-    congestion_spikes: Number = figure("1", "spikes of a layer per step above which it is")
-    congestion_cores: Number = figure("1", "cores that those spikes go to, from which on it is")
+    congestion_factor: Number = figure("1", "factor on the time of a step if the network is congested")
+    congestion_spikes: Number = figure(
+        "1", "the network is congested above this many spikes of a layer per step"
+    )
+    congestion_cores: Number = figure("1", "and if they are sent to at least this many cores")
     static_mw: Number = figure("mW", "static power of the whole chip")
-    steps_per_layer: Number = figure("1", "steps that a spike takes to the next layer", whole=True)
+    steps_per_layer: Number = figure("1", "steps that a spike takes to reach the next layer", whole=True)
     cores: Number = figure("1", "cores of the chip", whole=True)
     cores_per_tile: Number = figure("1", "cores that share a router", whole=True)
     mesh_height: Number = figure("1", "tiles along y", whole=True)
     neurons_per_core: Number = figure("1", "neurons that a core holds", whole=True)
     synapse_memory_bits: Number = figure("1", "bits for synapses in a core", whole=True)
     input_axons_per_core: Number = figure("1", "sources of spikes that a core listens to", whole=True)
-    output_axons_per_core: Number = figure("1", "(neuron, destination core) pairs of a core", whole=True)
+    output_axons_per_core: Number = figure(
+        "1", "output axons of a core: pairs of neuron and destination core", whole=True
+    )
     synapse_block: Number = figure(
-        "1", "targets of an axon in a core that are stored as one block", whole=True
+        "1", "targets of an axon in a core that are stored in one block", whole=True
     )
-    synapse_header_bits: Number = figure("1", "bits that a block takes beside its synapses; no range")
-    synapse_word_bits: Number = figure("1", "bits that a block is rounded up to", whole=True)
-    synapse_index_bits: Number = figure("1", "bits of a target's index where zeros are skipped", whole=True)
+    synapse_header_bits: Number = figure("1", "bits of a block in addition to its synapses; without a range")
+    synapse_word_bits: Number = figure("1", "bits to a multiple of which a block is rounded up", whole=True)
+    synapse_index_bits: Number = figure(
+        "1", "bits of the index of a target if weights of 0 are not stored", whole=True
+    )
     weight_bits_any: Number = figure(
-        "1", "weights can be stored in any number of bits up to this", whole=True
+        "1", "weights can be stored with any number of bits up to this", whole=True
     )
-    weight_bits_most: Number = figure("1", "and in this, the most", whole=True)
+    weight_bits_most: Number = figure("1", "and with this number of bits, the largest", whole=True)
     delay_bits_most: Number = figure("1", "bits of a synapse's own delay", whole=True)
     practice_weights_per_core: Number = figure(
-        "1", "8-bit weights per core that a compiler was seen to reach; 0: as many as fit"
+        "1", "8-bit weights per core that a compiler reaches in practice; 0: as many as fit"
     )
     skips_zero_weights: Number = figure(
-        "1", "1 where a weight of 0 need not be stored and takes no synaptic event, else 0", claim=True
+        "1", "1 if weights of 0 are neither stored nor cause synaptic events, else 0", claim=True
     )
 
     @functools.cached_property
@@ -127,14 +133,17 @@ class Mesh(Profile):
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
         if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} runs networks of spiking layers only")
+            raise NotApplicable(f"{self.name} runs only networks of spiking layers")
         rules = self.rules
         net, synapses = architecture(load, rules), load.synapses if rules.skips_zero_weights else None
         placement = place(net, rules)
         if net.stored is not None and placement.misfits:
             dense = place(replace(net, stored=None), rules)
             if not dense.misfits:
-                told = "weights of 0 are stored and read as any other: lists of what is left do not fit"
+                told = (
+                    "weights of 0 are stored and read like others, because lists of the remaining weights "
+                    "do not fit"
+                )
                 placement, synapses = replace(dense, assumptions=(*dense.assumptions, told)), None
         work = _work(net, placement.cores, synapses, rules)
         energy_pj = {

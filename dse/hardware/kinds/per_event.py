@@ -42,13 +42,13 @@ from dse.registry import register
 class EventConvention(Profile):
     """Figures per synaptic event and neuron update: a convention, without cores, time or static power."""
 
-    synaptic_event_pj: Number = figure("pJ", "every synapse that a spike reaches, weights of 0 included")
-    neuron_update_pj: Number = figure("pJ", "every neuron, every step")
+    synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches, weights of 0 included")
+    neuron_update_pj: Number = figure("pJ", "per neuron and step")
 
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
         if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} counts networks of spiking layers only")
+            raise NotApplicable(f"{self.name} applies only to networks of spiking layers")
         none = np.zeros_like(figures["neuron_update_pj"])
         energy = {
             "synaptic_event": _per_spike(load, load.fan_out, figures["synaptic_event_pj"]),
@@ -62,17 +62,21 @@ class EventConvention(Profile):
 class PerEvent(Profile):
     """Cores with published energies per event and little else."""
 
-    synaptic_event_pj: Number = figure("pJ", "every synapse that a spike reaches")
-    neuron_update_pj: Number = figure("pJ", "every neuron, every step")
-    spike_pj: Number = figure("pJ", "every spike of a neuron")
-    all_in: Number = figure("1", "1 where synaptic_event_pj is all a busy chip draws, else 0", claim=True)
-    static_mw: Number = figure("mW", "static power of the whole chip beside that, at any time")
-    tick_us: Number = figure("us", "every step, whatever happens in it")
-    synaptic_event_ns: Number = figure("ns", "every synapse that a spike reaches")
-    skips_zero_weights: Number = figure(
-        "1", "1 where a weight of 0 need not be stored and takes no synaptic event, else 0", claim=True
+    synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches")
+    neuron_update_pj: Number = figure("pJ", "per neuron and step")
+    spike_pj: Number = figure("pJ", "per spike of a neuron")
+    all_in: Number = figure(
+        "1", "1 if synaptic_event_pj includes all energy of a busy chip, else 0", claim=True
     )
-    crossbar: Number = figure("1", "1 where a weight is bits of a crossbar, an axon each, else 0", claim=True)
+    static_mw: Number = figure("mW", "static power of the whole chip in addition, at any time")
+    tick_us: Number = figure("us", "per step, independent of activity")
+    synaptic_event_ns: Number = figure("ns", "per synapse that a spike reaches")
+    skips_zero_weights: Number = figure(
+        "1", "1 if weights of 0 are neither stored nor cause synaptic events, else 0", claim=True
+    )
+    crossbar: Number = figure(
+        "1", "1 if each bit of a weight takes an axon of a crossbar, else 0", claim=True
+    )
     inputs: Number = figure("1", "input channels", whole=True)
     cores: Number = figure("1", "cores of the chip", whole=True)
     neurons_per_core: Number = figure("1", "neurons that a core holds", whole=True)
@@ -83,7 +87,7 @@ class PerEvent(Profile):
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
         if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} runs networks of spiking layers only")
+            raise NotApplicable(f"{self.name} runs only networks of spiking layers")
         mapping = self._mapping(load)
         # Copies of a neuron get every spike that it gets; a weight of b bits has b bits of the crossbar.
         onward = [n * copies for n, copies in zip(load.sizes[1:], mapping.copies, strict=True)]
@@ -152,8 +156,8 @@ class PerEvent(Profile):
             text = f"weights of {load.weight_bits} bits, {most_bits} at most"
             found.append(Misfit("weight_bits", text, f"weights of {most_bits} bits"))
         if load.delay_bits:
-            text = f"{load.delay_bits} bits of delay per synapse, none are known to be possible"
-            found.append(Misfit("delays", text, "synapses without delays of their own"))
+            text = f"{load.delay_bits} bits of delay per synapse; none are known to be supported"
+            found.append(Misfit("delays", text, "synapses without individual delays"))
         if load.step_ms * 1e3 < self.tick_us.value:
             least_ms = self.tick_us.value * 1e-3
             text = f"steps of {load.step_ms:g} ms, a step takes {least_ms:g} ms"
@@ -199,7 +203,7 @@ class PerEvent(Profile):
         needed, limit = sum(mapping.cores), int(self.cores.value)
         if needed > limit:
             change = self._smaller(load) or f"{-(-needed // limit)} chips"
-            found.append(Misfit("cores", f"{needed} cores, the chip has {limit}", change))
+            found.append(Misfit("cores", f"{needed} cores; the chip has {limit}", change))
         return found
 
     def _smaller(self, load: Workload) -> str | None:
@@ -223,11 +227,11 @@ class PerEvent(Profile):
         found = []
         if self.all_in.value:
             found.append(
-                "all costs are inside the energy per synaptic event, which holds near the activity that it "
-                "was measured at; a chip with less to do costs up to its static power more"
+                "the energy per synaptic event includes all costs and holds near the activity at which it "
+                "was measured; at lower activity up to the static power of the chip comes on top"
             )
         elif self.static_mw.value == 0:
-            found.append("static power is unknown and left out; its high end is what whole chips draw")
+            found.append("static power is unknown and omitted; its high end is the power of a whole chip")
         if self.crossbar.value:
             found.append(
                 f"{mapping.axons_per_source} axons per source for the bits of a weight, and a copy of a "

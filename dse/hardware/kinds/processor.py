@@ -37,7 +37,7 @@ from dse.hardware.profile import Figures, Number, Profile, figure, fixed
 from dse.records import Operations, Workload
 from dse.registry import register
 
-_NO_PROGRAM = "the program and what it keeps beside weights and states take no memory"
+_NO_PROGRAM = "the program and its other variables take no memory"
 
 
 @register("hardware.kinds", "processor")
@@ -45,14 +45,16 @@ _NO_PROGRAM = "the program and what it keeps beside weights and states take no m
 class Processor(Profile):
     """A microcontroller with one core, which runs any classifier."""
 
-    cycle_nj: Number = figure("nJ", "a cycle of the running processor, whole chip")
+    cycle_nj: Number = figure("nJ", "energy of a cycle of the running processor, whole chip")
     mac_cycles: Number = figure("1", "cycles per 8-bit integer multiply-accumulate")
     float_mac_cycles: Number = figure("1", "cycles per floating-point multiply-accumulate")
     event_cycles: Number = figure("1", "cycles per synaptic event or other addition")
-    index_cycles: Number = figure("1", "more cycles per event where weights are lists with indices")
-    update_macs: Number = figure("1", "8-bit multiply-accumulates that a neuron's update takes as long as")
-    sleep_uw: Number = figure("uW", "the sleeping processor, memory kept")
-    wake_us: Number = figure("us", "waking up, as time at running power")
+    index_cycles: Number = figure(
+        "1", "additional cycles per event if weights are stored as lists with indices"
+    )
+    update_macs: Number = figure("1", "time of a neuron update, in 8-bit multiply-accumulates")
+    sleep_uw: Number = figure("uW", "power of the sleeping processor with memory retained")
+    wake_us: Number = figure("us", "time to wake up, at running power")
     clock_mhz: Number = figure("MHz", "clock", whole=True)
     flash_kib: Number = figure("KiB", "flash, for weights", whole=True)
     sram_kib: Number = figure("KiB", "working memory, for states", whole=True)
@@ -117,12 +119,14 @@ def _placed(load: Workload | Operations, limits: Mapping[str, float]) -> Placeme
     if isinstance(load, Operations):
         n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
         misfits = _flash_misfits(n_weights, load.number_bits, 0, flash)
-        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "it sleeps until all input has arrived"))
+        return Placement(
+            (1,), misfits, assumptions=(_NO_PROGRAM, "the processor sleeps until all input has arrived")
+        )
     lists = as_lists(load, _stored_bits(load))
     n_weights = sum(load.stored or ()) if lists else sum(load.dense)
     beside = _bytes(load.delay_bits) + (INDEX_BITS // 8 if lists else 0)
     misfits = _flash_misfits(n_weights, load.weight_bits, beside, flash) + _sram_misfits(load, sram)
-    return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "it wakes once per step"))
+    return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor wakes once per step"))
 
 
 def _flash_misfits(n_weights: int, bits: int, beside: int, flash: int) -> tuple[Misfit, ...]:
@@ -161,7 +165,7 @@ def _sram_misfits(load: Workload, sram: int) -> tuple[Misfit, ...]:
     if shorter is None:
         change = f"at most {sram * n_neurons // needed(load.delay_bits)} neurons instead of {n_neurons}"
     elif shorter == 0:
-        change = "no delays of synapses of their own"
+        change = "no individual delays of synapses"
     else:
         change = f"delays of {shorter} bits instead of {load.delay_bits}"
     text = f"states of {needed(load.delay_bits)} bytes, {sram} bytes of working memory"

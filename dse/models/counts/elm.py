@@ -104,10 +104,10 @@ class ELM:
             rngs: random generators by purpose; 'hidden' gives the random weights.
 
         Raises:
-            ValueError: there are no training samples, or windows are shorter than a step.
+            ValueError: there is no training sample, or windows are shorter than a step.
         """
         if not dataset.train.size:
-            raise ValueError("there are no training samples")
+            raise ValueError("training needs at least one training sample, got none")
         with single_threaded():
             return self._fit(dataset, rngs)
 

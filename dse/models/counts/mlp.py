@@ -85,7 +85,7 @@ class MLP(RateClassifier):
                 if "non-finite" not in str(error):
                     raise
                 raise TrainingDiverged(
-                    f"the weights became infinite or NaN at learning rate {self.learning_rate:g}"
+                    f"the weights became infinite or NaN with learning rate {self.learning_rate:g}"
                 ) from error
 
     def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:

@@ -148,10 +148,10 @@ class RateClassifier(ABC):
             rngs: random generators by purpose.
 
         Raises:
-            ValueError: there are no training samples, or windows are shorter than a step.
+            ValueError: there is no training sample, or windows are shorter than a step.
         """
         if not dataset.train.size:
-            raise ValueError("there are no training samples")
+            raise ValueError("training needs at least one training sample, got none")
         begin_s = time.perf_counter()
         counts = self._counts(dataset, dataset.train)
         lengths = input_lengths(counts.shape[1], self.read_outs)

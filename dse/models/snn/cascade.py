@@ -53,9 +53,9 @@ class Cascade(Stack):
         """Check what one key alone cannot say."""
         super().__post_init__()
         if not 1 <= len(self.first_hidden) <= 3:
-            raise ValueError(f"first_hidden must name 1 to 3 layers, got {len(self.first_hidden)}")
+            raise ValueError(f"first_hidden must have 1 to 3 layers, got {len(self.first_hidden)}")
         if self.cross_fit == 1:
-            raise ValueError("cross_fit must be 0, or 2 parts or more, got 1")
+            raise ValueError("cross_fit must be 0 or >= 2, got 1")
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
         """Train the first stack, then the second on its outputs; respond on validation and on test.
@@ -113,7 +113,7 @@ class Cascade(Stack):
             raise ValueError(f"model cascade needs a joint target, got {len(names) or 1} head")
         if self.first and self.first not in names:
             raise ValueError(
-                f"model.first must be a head of the target, {' or '.join(names)}, got '{self.first}'"
+                f"model.first must be a column of the target ({' or '.join(names)}), got '{self.first}'"
             )
         return names.index(self.first) if self.first else len(names) - 1
 

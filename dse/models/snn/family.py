@@ -28,7 +28,7 @@ class SNN(Stack):
 
         Raises:
             TrainingDiverged: loss, gradient or weights became NaN, infinite or hopelessly large.
-            ValueError: there are no training samples.
+            ValueError: there is no training sample.
         """
         ((_, outcome),) = train.train(dataset, [Design(self, training, rngs)], rngs)
         if isinstance(outcome, TrainingDiverged):

@@ -45,10 +45,10 @@ def rounded(network: Network, weight_bits: int, pruned: float) -> Network:
     """
     if network.arithmetic != "integer":
         raise ValueError(
-            f"only a network in integer arithmetic can be rounded, got one in {network.arithmetic} arithmetic"
+            f"only networks with integer arithmetic can be rounded, got {network.arithmetic} arithmetic"
         )
     if weight_bits not in range(2, BITS + 1):
-        raise ValueError(f"weight_bits must be a whole number from 2 to {BITS}, got {weight_bits}")
+        raise ValueError(f"weight_bits must be an integer from 2 to {BITS}, got {weight_bits}")
     if not 0 <= pruned < 1:
         raise ValueError(f"pruned must be in [0, 1), got {pruned}")
     for number, layer in enumerate(network.layers, 1):

@@ -79,14 +79,16 @@ class Stack:
     def __post_init__(self) -> None:
         """Check what one key alone cannot say."""
         if not 1 <= len(self.hidden) <= 3:
-            raise ValueError(f"hidden must name 1 to 3 layers, got {len(self.hidden)}")
+            raise ValueError(f"hidden must have 1 to 3 layers, got {len(self.hidden)}")
         for name in ("current_decay", "voltage_decay"):
             if not 1 <= len(getattr(self, name)) <= 2:
                 raise ValueError(
                     f"{name} must be one decay or two bounds, got {len(getattr(self, name))} numbers"
                 )
         if not self.input_delays or len(set(self.input_delays)) != len(self.input_delays):
-            raise ValueError(f"input_delays must be distinct and at least one, got {list(self.input_delays)}")
+            raise ValueError(
+                f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
+            )
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 

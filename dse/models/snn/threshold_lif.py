@@ -144,8 +144,8 @@ def structural_weights(n_channels: int, n_classes: int) -> Array:
     """
     if n_channels % n_classes:
         raise ValueError(
-            f"model.weights must be learnt where channels are no copies of one set per class, got structural "
-            f"with {n_channels} channels for {n_classes} classes"
+            "model.weights must be learnt unless the channels are one copy of a set per class, got "
+            f"structural with {n_channels} channels for {n_classes} classes"
         )
     return np.repeat(np.eye(n_classes), n_channels // n_classes, axis=1)
 

@@ -65,7 +65,7 @@ def train(
         threads: of the CPU, over the samples of a batch.
 
     Raises:
-        ValueError: there are no training samples, or the designs cannot train on the same batches.
+        ValueError: there is no training sample, or the designs cannot train on the same batches.
     """
     if not dataset.train.size:
         raise ValueError("training needs at least one training sample, got none")

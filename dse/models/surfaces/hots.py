@@ -96,7 +96,7 @@ class HOTS:
         """Learn prototypes and signatures from `dataset.train`; answer on validation and, if any, on test.
 
         Raises:
-            ValueError: there are no training samples.
+            ValueError: there is no training sample.
         """
         if not dataset.train.size:
             raise ValueError("training needs at least one training sample, got none")
@@ -187,7 +187,7 @@ class HOTS:
         rngs: Generators,
     ) -> Array:
         n = _rounded(self.prototypes * self.prototypes_factor**layer)
-        own = rngs("drawn surfaces", layer)
+        own = rngs("sampled surfaces", layer)
         drawn = drawn_surfaces(recordings, n_events, field, self.surfaces, 2 * n, own)
         rng = rngs("prototypes", layer)
         if self.clustering == "online":

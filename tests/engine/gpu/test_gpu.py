@@ -486,7 +486,7 @@ def test_what_does_not_fit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match=r"must have the same inputs, got \[5, 12\]"):
         engine.start([member((5, 3, 4), 0), MEMBERS[0]], N, T)
     cohort = engine.start(MEMBERS[:1], N, T)
-    with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer expects 12"):
+    with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer has 12"):
         cohort.step(rows_of(np.ones((N, T, 5))), LABELS, turns_of(MEMBERS[:1]))
     with pytest.raises(ValueError, match=r"gains of the first layer must be None"):
         cohort.step(rows_of(X), LABELS, {0: Turn(0.1, (np.ones((N, INPUTS), np.float32), None))})

@@ -289,7 +289,7 @@ def test_what_was_fitted_answers_again():
 
 def test_what_it_refuses():
     data = toy()
-    with pytest.raises(ValueError, match="there are no training samples"):
+    with pytest.raises(ValueError, match="training needs at least one training sample, got none"):
         fit(dataclasses.replace(data, train=data.train[:0]), SMALL)
     with pytest.raises(ValueError, match="window_ms must be >= the step of 10 ms, got 5"):
         fit(data, dataclasses.replace(SMALL, window_ms=5.0))

@@ -79,7 +79,7 @@ def test_the_start_depends_on_the_seed_alone():
 
 def test_a_run_away_training_says_so():
     family = MLP(**FAST | {"learning_rate": 1e30, "epochs": 5})
-    with pytest.raises(TrainingDiverged, match=r"infinite or NaN at learning rate 1e\+30"):
+    with pytest.raises(TrainingDiverged, match=r"infinite or NaN with learning rate 1e\+30"):
         family.fit(textures(), Training(), rngs)
 
 

@@ -258,7 +258,7 @@ def test_nothing_to_answer(family):
 
 @every_family
 def test_nothing_to_learn_from(family):
-    with pytest.raises(ValueError, match="there are no training samples"):
+    with pytest.raises(ValueError, match="training needs at least one training sample, got none"):
         family.fit(replace(textures(), train=np.zeros(0, np.int64)), Training(), rngs)
 
 

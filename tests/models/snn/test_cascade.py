@@ -203,9 +203,9 @@ def test_one_training_sample_and_silence() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"cross_fit": 1}, r"cross_fit must be 0, or 2 parts or more, got 1"),
-        ({"first_hidden": (1, 2, 3, 4)}, r"first_hidden must name 1 to 3 layers, got 4"),
-        ({"input_delays": (1, 1)}, r"must be distinct"),
+        ({"cross_fit": 1}, r"cross_fit must be 0 or >= 2, got 1"),
+        ({"first_hidden": (1, 2, 3, 4)}, r"first_hidden must have 1 to 3 layers, got 4"),
+        ({"input_delays": (1, 1)}, r"must hold at least one delay and none twice"),
     ],
 )
 def test_settings_that_contradict_are_refused(keys: dict[str, Any], message: str) -> None:
@@ -215,7 +215,9 @@ def test_settings_that_contradict_are_refused(keys: dict[str, Any], message: str
 
 def test_targets_that_do_not_fit_are_refused() -> None:
     data = joint()
-    with pytest.raises(ValueError, match=r"must be a head of the target, texture or profile, got 'speed'"):
+    with pytest.raises(
+        ValueError, match=r"must be a column of the target \(texture or profile\), got 'speed'"
+    ):
         fit(Cascade(first="speed"), data)
     with pytest.raises(ValueError, match=r"cascade needs a joint target, got 1 head"):
         fit(Cascade(), dataclasses.replace(data, heads=()))

@@ -164,7 +164,7 @@ def test_the_last_epochs_are_averaged() -> None:
     [
         ({"hidden": (1, 2, 3, 4)}, r"1 to 3 layers, got 4"),
         ({"current_decay": (0.1, 0.2, 0.3)}, r"one decay or two bounds, got 3"),
-        ({"input_delays": (1, 1)}, r"must be distinct"),
+        ({"input_delays": (1, 1)}, r"must hold at least one delay and none twice"),
         ({"false_rate": 0.9}, r"false_rate must be below true_rate"),
     ],
 )

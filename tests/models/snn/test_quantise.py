@@ -145,10 +145,10 @@ def test_8_bits_and_nothing_pruned_is_the_network_itself() -> None:
         (
             {"arithmetic": "float32"},
             (4, 0.0),
-            "integer arithmetic can be rounded, got one in float32 arithmetic",
+            "integer arithmetic can be rounded, got float32 arithmetic",
         ),
-        ({"arithmetic": "ideal"}, (8, 0.0), "got one in ideal arithmetic"),
-        ({}, (1, 0.0), "weight_bits must be a whole number from 2 to 8, got 1"),
+        ({"arithmetic": "ideal"}, (8, 0.0), "got ideal arithmetic"),
+        ({}, (1, 0.0), "weight_bits must be an integer from 2 to 8, got 1"),
         ({}, (9, 0.0), "got 9"),
         ({}, (4.5, 0.0), r"got 4\.5"),
         ({}, (4, 1.0), r"pruned must be in \[0, 1\), got 1\.0"),

@@ -101,7 +101,7 @@ def test_as_published():
     assert structural_weights(380, 20).shape == (20, 380)
     assert structural_weights(380, 20).sum(axis=1).tolist() == [19] * 20
     with pytest.raises(
-        ValueError, match=r"^model.weights must be learnt where .* 381 channels for 20 classes"
+        ValueError, match=r"^model.weights must be learnt unless .* 381 channels for 20 classes"
     ):
         structural_weights(381, 20)
 
