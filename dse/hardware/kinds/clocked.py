@@ -94,7 +94,10 @@ class Clocked(Profile):
             least_ms = math.ceil(load.step_ms * needed_mhz / most_mhz * 1e3) / 1e3
             text = f"a clock of {needed_mhz:.1f} MHz for steps of {load.step_ms:g} ms, at most {most_mhz:.0f}"
             misfits.append(Misfit("maximum_clock_mhz", text, f"steps of {least_ms:.3f} ms"))
-        assumption = f"clock of {self.clock_mhz.value:.0f} MHz; {needed_mhz:.1f} MHz suffice even if every neuron spikes"
+        assumption = (
+            f"clock of {self.clock_mhz.value:.0f} MHz; "
+            f"{needed_mhz:.1f} MHz suffice even if every neuron spikes"
+        )
         return Placement((1,), tuple(misfits), assumptions=(assumption,))
 
     def _broken_limits(self, load: Workload) -> list[Misfit]:
