@@ -17,7 +17,7 @@ const Details = (() => {
     return answer.ok ? answer.json() : null;
   }
 
-  const isServed = (page) => page.version !== undefined;
+  const isServed = (page) => page.tags !== undefined;
 
   // Resolves to the document of a trial, or to null where there is none.
   function of(page, trial) {

@@ -1,6 +1,6 @@
 "use strict";
-// A served page asks every few seconds for what changed since the version that it shows, and hands the whole
-// page on as event "live". Nothing here knows what a page holds; dse/dashboard/changes.py says what a change is.
+// A served page asks its server every few seconds for the data that changed, and hands the whole page on as
+// event "live". Nothing here knows what a page holds.
 (async () => {
   const EVERY_MS = 2000;
   const PATIENCE_MS = 60000;
@@ -11,43 +11,26 @@
   line.setAttribute("role", "status");
   document.querySelector("header").append(line);
 
-  // Objects are made from entries: a column named __proto__ stays a column.
-  function changed(old, change) {
-    if ("set" in change) return change.set;
-    if ("splice" in change) {
-      const [start, removed, items] = change.splice;
-      return [...old.slice(0, start), ...items, ...old.slice(start + removed)];
-    }
-    const parts = Object.entries(change.keys);
-    const kept = Object.entries(old).filter(([key]) => !change.gone.includes(key)).map(([key, value]) =>
-      [key, Object.hasOwn(change.keys, key) ? changed(value, change.keys[key]) : value]);
-    const added = parts.filter(([key]) => !Object.hasOwn(old, key)).map(([key, part]) => [key, part.set]);
-    return Object.fromEntries([...kept, ...added]);
-  }
-
-  // The token of a server on the network is part of the page's address.
-  function address() {
-    const query = new URLSearchParams(location.search);
-    query.set("since", page.version);
-    return `data.json?${query}`;
-  }
-
   function say(text, kind) {
     if (line.textContent !== text) line.textContent = text;
     line.className = kind;
   }
 
+  // A part of the page and its tag, or null where it is as before.
+  async function part(name) {
+    const headers = { "If-None-Match": page.tags[name] };
+    const answer = await fetch(Details.address(name, {}), { headers, cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
+    if (answer.status === 304) return null;
+    if (!answer.ok) throw new Error(`the server answered ${answer.status}`);
+    return { ...await answer.json(), tags: { [name]: answer.headers.get("ETag") } };
+  }
+
   async function ask() {
     try {
-      const answer = await fetch(address(), { cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
-      if (answer.status === 200) {
-        const { version, change, page: whole } = await answer.json();
-        page = { ...(whole ?? changed(page, change)), version };
-      } else if (answer.status !== 204) {
-        throw new Error(`the server answered ${answer.status}`);
-      }
+      const parts = (await Promise.all(Object.keys(page.tags).map(part))).filter((one) => one !== null);
+      for (const one of parts) page = { ...page, ...one, tags: { ...page.tags, ...one.tags } };
       // Once a connection is back, what was asked for meanwhile can be asked for again.
-      if (answer.status === 200 || line.className === "note") dispatchEvent(new CustomEvent("live", { detail: page }));
+      if (parts.length || line.className === "note") dispatchEvent(new CustomEvent("live", { detail: page }));
       heard = new Date();
       say("live", "");
     } catch {

@@ -1,6 +1,6 @@
 """Pages of a study and of a trial: one HTML file each, with its data and code; it opens offline.
 
-`serve` shows a study's page while the study runs, and sends what changed (`changes`).
+`serve` shows a study's page while the study runs.
 
 `gather` computes every number of a study's page, fronts included, on the full table; `write` fills a template
 of `dashboards/`, whose scripts only show what they are given. `details` gathers what is shown of one design

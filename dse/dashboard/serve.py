@@ -1,8 +1,9 @@
-"""The page of a study while it runs: a small server that reads, and says only what changed.
+"""The page of a study while it runs: a small server that only reads.
 
-Four routes are all that there is: `/` and `/data.json` are the page, `/design.json` what it shows of one
-trial, `/bundle.zip` a design point to keep. No address names a file. Requests must be meant for this machine
-(`Host`), or carry the token that is made when other machines may connect.
+Five routes are all that there is: `/` is the page, `/data.json` and `/progress.json` are its data, each sent
+again when it changed (`ETag`), `/design.json` is what the page shows of one trial, `/bundle.zip` a design
+point to keep. No address names a file. Requests must be meant for this machine (`Host`), or carry the token
+that is made when other machines may connect.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from dse.dashboard.changes import difference
 from dse.dashboard.write import Filled, as_json, filled
 
 PORT = 8050
@@ -44,6 +44,9 @@ _WORTH_PACKING = 1024
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # what an answer that is no page may do
 _MOST_DOCUMENTS = 16
 """Trials whose documents are kept, a few 100 kB each."""
+
+_OFTEN = ("progress",)
+"""Keys of a page that change with every trial that ends."""
 
 Page = Mapping[str, Any]
 
@@ -73,40 +76,60 @@ def _no_bundle(trial: int, point: int, hardware: str) -> Download:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A version of the page; equal pages have the same version, whichever server made them."""
+class Document:
+    """Part of a page as it is sent; equal parts have the same tag, whichever server made them."""
 
-    page: Page
-    digests: Mapping[str, str]
+    part: Page
 
     @functools.cached_property
-    def version(self) -> str:
-        return hashlib.sha256(as_json(self.digests).encode()).hexdigest()[:32]
+    def text(self) -> str:
+        return as_json(self.part)
+
+    @functools.cached_property
+    def tag(self) -> str:
+        """Its `ETag`; weak, because it names the packed answer too."""
+        return f'W/"{hashlib.sha256(self.text.encode()).hexdigest()[:32]}"'
+
+    @functools.cached_property
+    def packed(self) -> bytes:
+        return _packed(self.text.encode())
+
+
+@dataclass(frozen=True)
+class PageVersion:
+    """A version of the page: what changes with every trial that ends, and all that is read from tables."""
+
+    data: Document
+    progress: Document
 
     @functools.cached_property
     def filled(self) -> Filled:
-        return filled("page", {**self.page, "version": self.version}, live=True)
+        tags = {"data.json": self.data.tag, "progress.json": self.progress.tag}
+        return filled("page", {**self.data.part, **self.progress.part, "tags": tags}, live=True)
 
 
-def _digests(page: Page, last: Shown | None) -> dict[str, str]:
-    """Return a digest of each part of a page; one that is the same object as before is not read again."""
-    known = {} if last is None else {key: (value, last.digests[key]) for key, value in last.page.items()}
-    found = {}
-    for key, value in page.items():
-        old, digest = known.get(key, (None, ""))
-        same = digest and old is value
-        found[key] = digest if same else hashlib.sha256(as_json({key: value}).encode()).hexdigest()
-    return found
+def _version(page: Page, last: PageVersion | None) -> PageVersion:
+    """Return the version of a page; parts whose values are the same objects as in the last are reused."""
+    progress = {key: page[key] for key in _OFTEN if key in page}
+    data = {key: value for key, value in page.items() if key not in _OFTEN}
+    if last is None:
+        return PageVersion(Document(data), Document(progress))
+    return PageVersion(_renewed(last.data, data), _renewed(last.progress, progress))
+
+
+def _renewed(document: Document, part: Page) -> Document:
+    same = document.part.keys() == part.keys() and all(part[key] is document.part[key] for key in part)
+    return document if same else Document(part)
 
 
 class Live:
-    """The page of files that change: what they were last read as, however they are now."""
+    """The page of files that change: as they were when they could last be read."""
 
     def __init__(
         self,
         read: Callable[[], Page],
-        needed: Sequence[Path],
-        more: Sequence[Path],
+        required: Sequence[Path],
+        optional: Sequence[Path],
         waiting: Callable[[], Page],
     ) -> None:
         """Remember where to look.
@@ -114,48 +137,40 @@ class Live:
         Args:
             read: gathers the page; whatever it raises means that the files cannot be read now. Parts that are
                 the same objects as last time are known to be unchanged.
-            needed: files without which there is no page. All are looked at for every request, and read when
+            required: files without which there is no page. All are looked at for every request, and read when
                 one of them has changed.
-            more: files that need not be there.
+            optional: files that need not be there.
             waiting: gathers the page before they could be read for the first time.
         """
         self._read = read
-        self._needed = needed
-        self._files = [*needed, *more]
+        self._required = required
+        self._files = [*required, *optional]
         self._good: Page | None = None
         self._waiting = waiting
         self._read_at = ""
-        self._seen: object = None
-        self._shown: tuple[Shown, Shown | None] | None = None
+        self._stamps: list[Stamp | None] = []
+        self._version: PageVersion | None = None
         self._reading = threading.Lock()
 
-    def shown(self) -> tuple[Shown, Shown | None]:
-        """Return the page and the one before it; while another request reads a new one, the last."""
-        if not self._reading.acquire(blocking=self._shown is None):
-            assert self._shown is not None
-            return self._shown
+    def version(self) -> PageVersion:
+        """Return the page as the files are now; while another request reads a new one, the last."""
+        if not self._reading.acquire(blocking=self._version is None):
+            assert self._version is not None
+            return self._version
         try:
-            seen = self._stamps()
-            if self._shown is None or seen != self._seen:
-                last = None if self._shown is None else self._shown[0]
-                page = self._page()
-                new = Shown(page, _digests(page, last))
-                if last is None or last.version != new.version:
-                    self._shown = (new, last)
-                self._seen = seen  # files that changed while they were read are read again next time
-            assert self._shown is not None
-            return self._shown
+            stamps = [stamp(path) for path in self._files]
+            if self._version is None or stamps != self._stamps:
+                self._version = _version(self._page(), self._version)
+                self._stamps = stamps  # files that changed while they were read are read again next time
+            return self._version
         finally:
             self._reading.release()
-
-    def _stamps(self) -> list[tuple[int, int, int] | None]:
-        return [stamp(path) for path in self._files]
 
     def _page(self) -> Page:
         try:
             page = self._read()
         except Exception as error:  # a file cut short raises nearly anything, and the server goes on
-            missing = [path.name for path in self._needed if not path.exists()]
+            missing = [path.name for path in self._required if not path.exists()]
             if self._good is None and missing:
                 return self._waiting()
             print(str(error) or type(error).__name__, file=sys.stderr)
@@ -165,21 +180,25 @@ class Live:
         return page
 
     def _unreadable(self, missing: Sequence[str]) -> Page:
-        what = f"{' and '.join(missing)} cannot be found" if missing else "The tables cannot be read"
+        fault = f"{' and '.join(missing)} cannot be found" if missing else "The tables cannot be read"
         if self._good is None:
-            text = f"{what}: they are damaged, or are being written. This page looks again when they change."
+            text = f"{fault}: they are damaged, or are being written. This page looks again when they change."
             return {**self._waiting(), "state": {"title": "No table to read", "text": text}}
-        note = f"{what} now. This is the study as it was read at {self._read_at}."
+        note = f"{fault} now. This is the study as it was read at {self._read_at}."
         return {**self._good, "notes": [note, *self._good["notes"]]}
 
 
-def stamp(path: Path) -> tuple[int, int, int] | None:
+Stamp = tuple[int, int, int]
+"""Inode, time of the last change in ns, and size of a file."""
+
+
+def stamp(path: Path) -> Stamp | None:
     """Return what changes when a file is written or replaced; None where there is none."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_ino, found.st_mtime_ns, found.st_size
+    return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 class Server(ThreadingHTTPServer):
@@ -240,8 +259,7 @@ class Server(ThreadingHTTPServer):
         Raises:
             Refused: there is nothing to show.
         """
-        shown, _ = self.live.shown()
-        key = shown.digests["columns"], trial  # progress changes all the time, and no document
+        key = self.live.version().data.tag, trial
         with self._gathering:
             if key not in self._documents:
                 self._documents[key] = as_json(self._design(trial))
@@ -256,7 +274,7 @@ class Server(ThreadingHTTPServer):
         Raises:
             Refused: there is no such point, or it cannot be exported.
         """
-        self.live.shown()
+        self.live.version()
         with self._exporting:
             return self._bundle(trial, point, hardware)
 
@@ -297,18 +315,20 @@ class _Handler(BaseHTTPRequestHandler):
             return
         path, _, query = self.path.partition("?")
         if path == "/":
-            shown, _ = self.server.live.shown()
-            self._send(HTTPStatus.OK, "text/html", shown.filled.html, shown.filled.policy)
+            page = self.server.live.version().filled
+            self._send("text/html", page.html.encode(), policy=page.policy)
         elif path == "/data.json":
-            self._send_changes(_fields(query).get("since", ""))
+            self._send_document(self.server.live.version().data)
+        elif path == "/progress.json":
+            self._send_document(self.server.live.version().progress)
         elif path in ("/design.json", "/bundle.zip"):
-            self._send_asked(path, query)
+            self._send_design(path, query)
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
     do_HEAD = do_GET
 
-    def _send_asked(self, path: str, query: str) -> None:
+    def _send_design(self, path: str, query: str) -> None:
         """Send what there is of one design, or say why it cannot be sent."""
         text, download = "", None
         try:
@@ -324,7 +344,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
         else:
             if download is None:
-                self._send(HTTPStatus.OK, "application/json", text)
+                self._send("application/json", text.encode())
             else:
                 self._send_file(download)
 
@@ -355,41 +375,45 @@ class _Handler(BaseHTTPRequestHandler):
         right = hmac.compare_digest(given.encode(), self.server.token.encode())
         return None if right else HTTPStatus.FORBIDDEN
 
-    def _send_changes(self, since: str) -> None:
-        """Send what changed since a version; the whole page if that is unknown, nothing if it is this one."""
-        shown, last = self.server.live.shown()
-        if since == shown.version:
-            self._send(HTTPStatus.NO_CONTENT)
+    def _send_document(self, document: Document) -> None:
+        """Send a part of the page, or that it is as the reader has it."""
+        if self.headers.get("If-None-Match") == document.tag:
+            self.send_response(HTTPStatus.NOT_MODIFIED)
+            self._guard(_NOTHING)
+            self.send_header("ETag", document.tag)
+            self.end_headers()
             return
-        body: dict[str, Any] = {"version": shown.version}
-        if last is not None and since == last.version:
-            body["change"] = difference(last.page, shown.page)
-        else:
-            body["page"] = shown.page
-        self._send(HTTPStatus.OK, "application/json", as_json(body))
+        self._send(
+            "application/json", document.text.encode(), packed=lambda: document.packed, tag=document.tag
+        )
 
-    def _send(self, status: HTTPStatus, kind: str = "", text: str = "", policy: str = _NOTHING) -> None:
-        body = text.encode()
-        packed = len(body) > _WORTH_PACKING and "gzip" in self.headers.get("Accept-Encoding", "")
-        if packed:
-            body = gzip.compress(body, compresslevel=5, mtime=0)
-        self.send_response(status)
+    def _send(
+        self,
+        kind: str,
+        body: bytes,
+        *,
+        policy: str = _NOTHING,
+        packed: Callable[[], bytes] | None = None,
+        tag: str = "",
+    ) -> None:
+        is_packed = len(body) > _WORTH_PACKING and "gzip" in self.headers.get("Accept-Encoding", "")
+        if is_packed:
+            body = packed() if packed else _packed(body)
+        self.send_response(HTTPStatus.OK)
         self._guard(policy)
-        if kind:
-            self.send_header("Content-Type", f"{kind}; charset=utf-8")
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Vary", "Accept-Encoding")
-        if packed:
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Vary", "Accept-Encoding")
+        if is_packed:
             self.send_header("Content-Encoding", "gzip")
+        if tag:
+            self.send_header("ETag", tag)
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)
 
     def _guard(self, policy: str) -> None:
-        self.send_header(
-            "Content-Security-Policy",
-            f"{policy}; frame-ancestors 'none'",
-        )
+        self.send_header("Content-Security-Policy", f"{policy}; frame-ancestors 'none'")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("X-Frame-Options", "DENY")
         self.send_header("Referrer-Policy", "no-referrer")  # the address may hold the token
@@ -417,6 +441,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Keep no log: an address may hold the token."""
+
+
+def _packed(body: bytes) -> bytes:
+    return gzip.compress(body, compresslevel=5, mtime=0)
 
 
 def _fields(query: str) -> dict[str, str]:

@@ -15,7 +15,7 @@ import pytest
 from dse.cli import main
 from dse.dashboard.study import page_server
 from dse.study.results import open as open_study
-from tests.dashboard.test_serve import served
+from tests.serving import served
 from tests.spaces import write_space
 
 Captured = pytest.CaptureFixture[str]

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import gzip
-import http.client
 import itertools
 import json
 import re
-import socket
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from http import HTTPStatus
 
 import pandas as pd
@@ -27,8 +24,9 @@ from dse.dashboard.serve import (
     Refused,
     Server,
 )
-from tests.dashboard.test_changes import applied
 from tests.page_data import OBJECTIVES, points
+from tests.serving import answer_to, ask, connect, served
+from tests.waiting import PATIENCE_MS, PATIENCE_S, until
 
 HOSTILE = ("__proto__", "</script><script>window.hacked=1</script>", "<img src=x onerror=window.hacked=1>")
 
@@ -68,19 +66,6 @@ def running(live, host="127.0.0.1", port=0, design=nothing_known, **more):
     return served(Server(live, host, port, design, **more))
 
 
-@contextmanager
-def served(server):
-    """Let a server answer in a thread of its own."""
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-    thread.start()
-    try:
-        yield server
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
-
-
 @pytest.fixture
 def folder(tmp_path):
     return Folder(tmp_path)
@@ -93,22 +78,16 @@ def server(folder):
         yield server
 
 
-def ask(server, path="/", method="GET", **headers):
-    """Send a request; return its status, headers and body."""
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
-    try:
-        connection.request(method, path, headers=headers)
-        answer = connection.getresponse()
-        return answer.status, answer.headers, answer.read()
-    finally:
-        connection.close()
+def data(server):
+    """Return what the page shows and does not follow from its trials alone."""
+    status, _, body = ask(server, "/data.json")
+    assert status == 200
+    return json.loads(body)
 
 
-def data(server, since=""):
-    """Return what the page is told after a version; None if nothing."""
-    status, _, body = ask(server, f"/data.json?since={since}")
-    assert status == (200 if body else 204)
-    return json.loads(body) if body else None
+def tag(server, path="/data.json"):
+    """Return the tag of the version of a part of the page."""
+    return ask(server, path, "HEAD")[1]["ETag"]
 
 
 def test_the_page_is_the_one_that_a_file_holds(server, folder):
@@ -117,9 +96,9 @@ def test_the_page_is_the_one_that_a_file_holds(server, folder):
     assert status == 200
     assert headers["Content-Type"] == "text/html; charset=utf-8"
     held = json.loads(text.split('<script type="application/json" id="data">')[1].split("</script>")[0])
-    version = held.pop("version")
+    tags = held.pop("tags")
     assert held == json.loads(json.dumps(folder.read()))
-    assert data(server, version) is None
+    assert tags == {name: tag(server, f"/{name}") for name in ("data.json", "progress.json")}
 
 
 def test_only_its_own_scripts_may_run_and_nobody_may_frame_it(server):
@@ -131,7 +110,7 @@ def test_only_its_own_scripts_may_run_and_nobody_may_frame_it(server):
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "connect-src 'self'" in policy
     assert "script-src 'unsafe-inline'" not in policy
-    for path in ("/", "/data.json", "/nothing"):
+    for path in ("/", "/data.json", "/progress.json", "/nothing"):
         _, headers, _ = ask(server, path)
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
         assert headers["X-Content-Type-Options"] == "nosniff"
@@ -143,21 +122,19 @@ def test_only_its_own_scripts_may_run_and_nobody_may_frame_it(server):
 
 
 def test_only_what_changed_is_sent(server, folder):
-    first = data(server)
-    assert data(server, first["version"]) is None
+    first = tag(server)
+    for method in ("GET", "HEAD"):
+        status, headers, nothing = ask(server, "/data.json", method, **{"If-None-Match": first})
+        assert (status, headers["ETag"], headers["Content-Length"], nothing) == (304, first, None, b"")
     folder.write(pd.concat([points(), points(trial=5, accuracy=0.99).iloc[:1]], ignore_index=True))
-    part = data(server, first["version"])
-    assert set(part) == {"version", "change"}
-    assert part["change"]["keys"]["columns"]["keys"]["accuracy"] == {
-        "keys": {"values": {"splice": [5, 0, [0.99]]}},
-        "gone": [],
-    }
-    whole = data(server)
-    assert whole["version"] == part["version"]
-    assert applied(first["page"], part["change"]) == whole["page"]
-    assert data(server, part["version"]) is None
-    folder.write(points(accuracy=0.1))
-    assert set(data(server, first["version"])) == {"version", "page"}  # two versions old
+    status, headers, body = ask(server, "/data.json", **{"If-None-Match": first})
+    assert status == 200
+    assert headers["ETag"] != first
+    assert json.loads(body) == data(server)
+    assert json.loads(body)["columns"]["accuracy"]["values"][-1] == 0.99
+    assert tag(server) == headers["ETag"]
+    folder.write(points())
+    assert tag(server) == first
 
 
 def test_a_table_is_read_once_for_every_time_that_it_is_written(server, folder):
@@ -170,9 +147,8 @@ def test_a_table_is_read_once_for_every_time_that_it_is_written(server, folder):
 
 
 def test_a_server_started_again_knows_what_the_page_has(server, folder):
-    version = data(server)["version"]
     with running(folder.live()) as another:
-        assert data(another, version) is None
+        assert tag(another) == tag(server)
 
 
 def test_answers_are_packed_for_those_who_can_unpack(server):
@@ -183,7 +159,7 @@ def test_answers_are_packed_for_those_who_can_unpack(server):
     assert len(small) < len(body)
 
 
-@pytest.mark.parametrize("path", ["/", "/data.json"])
+@pytest.mark.parametrize("path", ["/", "/data.json", "/progress.json"])
 def test_head_is_get_without_a_body(server, path):
     _, of_get, body = ask(server, path)
     status, headers, nothing = ask(server, path, "HEAD")
@@ -216,10 +192,7 @@ def test_other_methods_are_refused(server, method):
     ],
 )
 def test_no_address_names_a_file(server, path):
-    connection = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
-    with connection, connection.makefile("rb") as answer:
-        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-        text = answer.read()
+    text = answer_to(server, f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     assert text.startswith(b"HTTP/1.0 404 ")
     assert text.endswith(b"\r\n\r\n404 Not Found\n")  # nothing that was sent comes back
 
@@ -229,8 +202,9 @@ def test_no_address_names_a_file(server, path):
     [
         ("/?" + "x" * LONGEST_ADDRESS, {}, 414),
         ("/?" + "x" * 100_000, {}, 414),
-        ("/data.json?since=" + "a=b&" * 200, {}, 200),
-        ("/data.json?since=%ff%00&token=", {}, 200),
+        ("/data.json?" + "a=b&" * 200, {}, 200),
+        ("/data.json?x=%ff%00&token=", {}, 200),
+        ("/data.json", {"If-None-Match": "\xff" * 200}, 200),
         ("/", {"Cookie": "x" * LONGEST_HEADERS}, 431),
         ("/", {"Cookie": "x" * 100_000}, 431),
         ("/", {f"X-{k}": "x" for k in range(200)}, 431),
@@ -245,10 +219,7 @@ def test_huge_requests_are_refused(server, path, headers, status):
     "sent", [b"\r\n", b"\x00\xff\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b""]
 )
 def test_what_is_no_request_does_no_harm(server, sent, capsys):
-    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
-        connection.sendall(sent)
-        connection.shutdown(socket.SHUT_WR)
-        connection.recv(1000)
+    answer_to(server, sent)
     assert ask(server)[0] == 200
     assert capsys.readouterr().err == ""
 
@@ -275,7 +246,7 @@ def test_another_host_needs_the_token(folder):
     with running(folder.live(), "0.0.0.0") as server:
         assert len(server.token) >= 32
         assert server.url.endswith(f":{server.server_port}/?token={server.token}")
-        for path in ("/", "/data.json", "/nothing"):
+        for path in ("/", "/data.json", "/progress.json", "/nothing"):
             for query in (
                 "",
                 "?token=",
@@ -303,24 +274,22 @@ def test_a_taken_port_is_said(server, folder):
 
 def test_a_study_without_a_trial_has_a_face(folder):
     with running(folder.live()) as server:
-        first = data(server)
-        assert first["page"]["state"]["title"] == "No design yet"
+        assert data(server)["state"]["title"] == "No design yet"
         folder.table.write_bytes(b"PAR1")
-        damaged = data(server, first["version"])
-        assert damaged["change"]["keys"]["state"]["keys"]["title"] == {"set": "No table to read"}
+        assert data(server)["state"]["title"] == "No table to read"
         folder.write(points())
-        assert data(server)["page"]["state"] is None
+        assert data(server)["state"] is None
 
 
 @pytest.mark.parametrize("harm", ["cut", "empty", "text", "missing"])
 def test_the_last_good_page_stays(server, folder, harm, capsys):
-    good = data(server)["page"]
+    good = data(server)
     whole = folder.table.read_bytes()
     if harm == "missing":
         folder.table.unlink()
     else:
         folder.table.write_bytes({"cut": whole[:-100], "empty": b"", "text": b"no table"}[harm])
-    kept = data(server)["page"]
+    kept = data(server)
     note, *others = kept.pop("notes")
     why = "points.parquet cannot be found" if harm == "missing" else "The tables cannot be read"
     assert re.fullmatch(rf"{why} now. This is the study as it was read at \d\d:\d\d:\d\d.", note)
@@ -328,7 +297,7 @@ def test_the_last_good_page_stays(server, folder, harm, capsys):
     assert kept == {key: value for key, value in good.items() if key != "notes"}
     assert len(capsys.readouterr().err.splitlines()) >= 1
     folder.write(points())
-    assert data(server)["page"] == good
+    assert data(server) == good
 
 
 def test_many_at_once_while_the_table_is_written(server, folder):
@@ -348,49 +317,46 @@ def test_many_at_once_while_the_table_is_written(server, folder):
     stop.set()
     writer.join()
     assert [status for status, _, _ in answers] == [200, 404] * 30
-    pages = [json.loads(body)["page"] for status, _, body in answers if status == 200]
+    pages = [json.loads(body) for status, _, body in answers if status == 200]
     assert all(len(set(page["columns"]["accuracy"]["values"])) == 1 for page in pages)
     assert [page["notes"] for page in pages if any("read" in note for note in page["notes"])] == []
 
 
 def test_silent_connections_do_not_pile_up(server):
-    def connect():
-        return socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
+    def answers():
+        try:
+            return ask(server)[0] == 200
+        except OSError:
+            return False
 
-    silent = [connect() for _ in range(MOST_READERS)]
-    with connect() as one_more:
+    silent = [connect(server) for _ in range(MOST_READERS)]
+    with connect(server) as one_more:
         assert one_more.recv(1) == b""
     for connection in silent:
         connection.close()
-    deadline = time.monotonic() + 10
-    while True:
-        try:
-            assert ask(server)[0] == 200
-            break
-        except OSError:  # a place is free once its thread has seen the end
-            assert time.monotonic() < deadline
+    until(answers, "a place that is free once its thread has seen the end")
 
 
 def test_while_one_reads_others_get_the_last_page(folder):
     folder.write(points())
     reading, go_on = threading.Event(), threading.Event()
     live = folder.live()
-    first, _ = live.shown()
+    first = live.version()
     read = live._read
 
     def slow():
         reading.set()
-        assert go_on.wait(10)
+        assert go_on.wait(PATIENCE_S)
         return read()
 
     live._read = slow
     folder.write(points(accuracy=0.5))
     with ThreadPoolExecutor(1) as pool:
-        new = pool.submit(live.shown)
-        assert reading.wait(10)
-        assert live.shown()[0] is first
+        new = pool.submit(live.version)
+        assert reading.wait(PATIENCE_S)
+        assert live.version() is first
         go_on.set()
-        assert new.result()[0].version != first.version
+        assert new.result().data.tag != first.data.tag
 
 
 # ---- what is asked of one design
@@ -455,11 +421,13 @@ def test_a_document_outlasts_progress(folder, designs):
     live = Live(lambda: {**page, "progress": next(trials_done)}, [folder.table], [], dict)
     with running(live, design=designs.design) as server:
         first = ask(server, "/design.json?trial=7")[2]
-        versions = {json.loads(ask(server, "/data.json")[2])["version"]}
+        tags = tag(server), tag(server, "/progress.json")
+        assert json.loads(ask(server, "/progress.json")[2]) == {"progress": 0}
         folder.write(points())
-        versions.add(json.loads(ask(server, "/data.json")[2])["version"])
+        assert tag(server) == tags[0]
+        assert tag(server, "/progress.json") != tags[1]
+        assert json.loads(ask(server, "/progress.json")[2]) == {"progress": 1}
         assert ask(server, "/design.json?trial=7")[2] == first
-    assert len(versions) == 2
     assert designs.asked == [7]
 
 
@@ -501,10 +469,7 @@ def test_a_design_can_be_downloaded(serving):
 )
 @pytest.mark.parametrize("path", ["/design.json?trial", "/bundle.zip?point=0&hardware=chip&trial"])
 def test_a_number_is_digits(serving, designs, path, trial):
-    connection = socket.create_connection(("127.0.0.1", serving.server_port), timeout=10)
-    with connection, connection.makefile("rb") as answer:
-        connection.sendall(f"GET {path}{trial} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-        text = answer.read()
+    text = answer_to(serving, f"GET {path}{trial} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     assert text.startswith(b"HTTP/1.0 400 ")
     assert text.split(b"\r\n\r\n")[1] in (
         b"trial must be a number of up to nine digits.\n",
@@ -592,6 +557,7 @@ def tab(chromium):
     The browser itself logs requests that find nobody: the page may ask once more after its server has gone.
     """
     context = chromium.new_context(viewport={"width": 1280, "height": 720})
+    context.set_default_timeout(PATIENCE_MS)
     context.add_init_script(QUICKLY)
     tab = context.new_page()
     tab.faults = []
@@ -607,7 +573,7 @@ def trials(tab):
 
 
 def hears(tab, condition, **arguments):
-    tab.wait_for_function(condition, timeout=15_000, **arguments)
+    tab.wait_for_function(condition, **arguments)
 
 
 def test_rows_come_in_and_nothing_jumps(tab, folder):
@@ -675,12 +641,10 @@ def test_nothing_is_drawn_again_while_nothing_changes(tab, folder):
         tab.on("response", lambda answer: answers.append((answer.status, answer.url)))
         tab.goto(server.url)
         tab.evaluate("addEventListener('live', () => { window.drawn = true; })")
-        deadline = time.monotonic() + 15
-        while len(answers) < 3 and time.monotonic() < deadline:
-            tab.wait_for_timeout(100)
+        while len(answers) < 5:
+            tab.wait_for_event("response")
         statuses = [status for status, url in answers]
-        assert len(statuses) >= 3
-        assert statuses == [200, *[204] * (len(statuses) - 1)]
+        assert statuses == [200, *[304] * (len(statuses) - 1)]
         assert tab.evaluate("window.drawn") is None
 
 
@@ -691,7 +655,7 @@ def test_a_study_grows_from_nothing_and_a_link_waits_for_it(tab, folder):
         folder.table.write_bytes(b"PAR1")
         hears(tab, "document.querySelector('#state h2').textContent === 'No table to read'")
         folder.write(points())
-        tab.wait_for_selector("#plot .plot-container", timeout=15_000)
+        tab.wait_for_selector("#plot .plot-container")
         assert tab.input_value("#x") == "n_weights"
         assert trials(tab) == ["0", "1", "2", "3"]
         folder.table.write_bytes(b"")

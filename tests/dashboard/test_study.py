@@ -22,8 +22,8 @@ from dse.deploy import bundle
 from dse.deploy.evaluate import export
 from dse.study import explore, results
 from tests import tiny_study
-from tests.dashboard.test_serve import ask, served
 from tests.page_data import held
+from tests.serving import ask, served
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,52 @@
+"""A server of a test: let it answer, ask it, and hear its bare words."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.client import HTTPMessage
+
+from dse.dashboard.serve import Server
+from tests.waiting import PATIENCE_S
+
+
+@contextmanager
+def served(server: Server) -> Iterator[Server]:
+    """Let a server answer in a thread of its own."""
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def ask(
+    server: Server, path: str = "/", method: str = "GET", **headers: str
+) -> tuple[int, HTTPMessage, bytes]:
+    """Send a request; return its status, headers and body."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)
+    try:
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read()
+    finally:
+        connection.close()
+
+
+def connect(server: Server) -> socket.socket:
+    """Return a connection on which nothing was said yet."""
+    return socket.create_connection(("127.0.0.1", server.server_port), timeout=PATIENCE_S)
+
+
+def answer_to(server: Server, sent: bytes) -> bytes:
+    """Send bytes that need be no request, and return all that comes back."""
+    with connect(server) as connection, connection.makefile("rb") as answer:
+        connection.sendall(sent)
+        connection.shutdown(socket.SHUT_WR)
+        return answer.read()

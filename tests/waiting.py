@@ -1,0 +1,17 @@
+"""How long tests wait for something that must happen: as long as a busy machine may need."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+PATIENCE_S = 600.0
+PATIENCE_MS = 1000 * PATIENCE_S
+
+
+def until(condition: Callable[[], object], what: str) -> None:
+    """Wait until a condition holds; a failure names what was waited for."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE_S:.0f} s in vain: {what}"
+        time.sleep(0.01)
