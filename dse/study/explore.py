@@ -53,12 +53,13 @@ def run(
         raise ConfigError([Fault(str(space.source), 0, text)])
     profiles = load_all(space.hardware, space.source.parent)
     folder = Path(results) / space.study
-    with store.exclusive(folder), shown(progress) as report:
+    n_workers = jobs or space.execution.jobs
+    with store.exclusive(folder), shown(progress, n_workers) as report:
         store.sweep(folder)
         pricing.check(profiles, folder)
         claim(space, folder)
         ledger = Ledger(folder / "journal.log", space)
-        workers = Workers(jobs or space.execution.jobs)
+        workers = Workers(n_workers)
         runs = Runs(space, folder, profiles, workers, report)
         results_tables = _Tables(space, folder, runs, profiles)
         runs.recall(ledger.entries)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
-# Between two lines of a log about what goes on, at least.
+from dse.study.time_left import TimeLeft
+
+# At least so long between two lines of a log about the work in progress.
 _DOING_S = 10.0
 
 
@@ -18,26 +20,34 @@ class Progress(Protocol):
     def expect(self, n_runs: int) -> None:
         """Announce that many more training runs."""
 
-    def advance(self, text: str) -> None:
-        """One run has ended; `text` says which and how."""
+    def plan(self, work: Sequence[float]) -> None:
+        """Announce the estimated work of runs that are about to be trained, in any unit."""
+
+    def advance(self, text: str, work: float = 0.0) -> None:
+        """One run has ended; `text` says which and how, `work` is what was planned for it."""
 
     def doing(self, text: str) -> None:
-        """Say what goes on before the next run ends: what comes later replaces it."""
+        """Say what is being done before the next run ends; each text replaces the one before."""
 
     def note(self, text: str) -> None:
         """Say something that matters: a warning, a stage."""
 
 
 @contextmanager
-def shown(wanted: bool) -> Iterator[Progress]:
-    """Yield what shows progress: a bar on a terminal, lines elsewhere, nothing where not wanted."""
+def shown(wanted: bool, n_workers: int = 1) -> Iterator[Progress]:
+    """Yield what shows progress: a bar on a terminal, lines elsewhere, nothing where not wanted.
+
+    Args:
+        wanted: whether to show it.
+        n_workers: workers that train at a time.
+    """
     if not wanted:
         yield Silent()
     elif sys.stderr.isatty():
-        with _bar() as bar:
+        with _bar(n_workers) as bar:
             yield bar
     else:
-        yield Lines()
+        yield Lines(n_workers)
 
 
 class Silent:
@@ -46,7 +56,10 @@ class Silent:
     def expect(self, n_runs: int) -> None:
         """Say nothing."""
 
-    def advance(self, text: str) -> None:
+    def plan(self, work: Sequence[float]) -> None:
+        """Say nothing."""
+
+    def advance(self, text: str, work: float = 0.0) -> None:
         """Say nothing."""
 
     def doing(self, text: str) -> None:
@@ -59,25 +72,31 @@ class Silent:
 class Lines:
     """One line per run, for logs."""
 
-    def __init__(self) -> None:
-        self._began = self._said = time.monotonic()
-        self._done = 0
-        self._expected = 0
+    def __init__(self, n_workers: int = 1) -> None:
+        self._last_doing_s = time.monotonic()
+        self._left = TimeLeft(n_workers, self._last_doing_s)
 
     def expect(self, n_runs: int) -> None:
         """Raise the number of runs expected."""
-        self._expected += n_runs
+        self._left.expect(n_runs)
 
-    def advance(self, text: str) -> None:
-        """Print the run and an estimate of the time left."""
-        self._done += 1
-        left = (time.monotonic() - self._began) / self._done * max(0, self._expected - self._done)
-        self.note(f"{self._done}/{self._expected} {text}, about {_duration(left)} left")
+    def plan(self, work: Sequence[float]) -> None:
+        """Add the work of runs that are about to be trained."""
+        self._left.plan(work)
+
+    def advance(self, text: str, work: float = 0.0) -> None:
+        """Print the run and, once there is an estimate, the time left."""
+        now_s = time.monotonic()
+        self._left.end(now_s, work)
+        left_s = self._left.seconds(now_s)
+        estimate = "" if left_s is None else f", about {duration(left_s)} left"
+        self.note(f"{self._left.n_ended}/{self._left.n_expected} {text}{estimate}")
 
     def doing(self, text: str) -> None:
         """Print a line, now and then."""
-        if time.monotonic() - self._said >= _DOING_S:
-            self._said = time.monotonic()
+        now_s = time.monotonic()
+        if now_s - self._last_doing_s >= _DOING_S:
+            self._last_doing_s = now_s
             self.note(text)
 
     def note(self, text: str) -> None:
@@ -88,27 +107,36 @@ class Lines:
 
 
 @contextmanager
-def _bar() -> Iterator[Progress]:
+def _bar(n_workers: int) -> Iterator[Progress]:
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Rich
 
     columns = (
         BarColumn(),
         MofNCompleteColumn(),
-        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[left]}"),
         TextColumn("{task.description}"),
     )
+    left = TimeLeft(n_workers, time.monotonic())
     with Rich(*columns, console=Console(stderr=True)) as rich:
-        task = rich.add_task("preparing", total=0)
+        task = rich.add_task("preparing", total=0, left="")
 
         class Bar:
             def expect(self, n_runs: int) -> None:
-                rich.update(task, total=(rich.tasks[0].total or 0) + n_runs)
+                left.expect(n_runs)
+                rich.update(task, total=left.n_expected)
 
-            def advance(self, text: str) -> None:
-                rich.update(task, advance=1, description=escape(text))
+            def plan(self, work: Sequence[float]) -> None:
+                left.plan(work)
+
+            def advance(self, text: str, work: float = 0.0) -> None:
+                now_s = time.monotonic()
+                left.end(now_s, work)
+                left_s = left.seconds(now_s)
+                estimate = "" if left_s is None else f"about {duration(left_s)} left"
+                rich.update(task, advance=1, description=escape(text), left=estimate)
 
             def doing(self, text: str) -> None:
                 rich.update(task, description=escape(text))
@@ -119,7 +147,12 @@ def _bar() -> Iterator[Progress]:
         yield Bar()
 
 
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+def duration(seconds: float) -> str:
+    """Return a duration in words, as finely as an estimate allows: 40 s, 7 min, 2 h 10 min."""
+    if seconds < 95:
+        return f"{max(10, 10 * round(seconds / 10))} s"
+    minutes = round(seconds / 60)
+    if minutes < 60:
+        return f"{minutes} min"
+    hours, minutes = divmod(10 * round(minutes / 10), 60)
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"

@@ -62,6 +62,7 @@ class Runs:
         self._cache = _opened_cache(folder, progress)
         self._records: dict[tuple[int, int], Record] = {}
         self._warned: set[str] = set()
+        self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
 
     def of(self, trial: int) -> list[Record]:
         """Return the records of a trial's finished runs, repeat 0 first."""
@@ -212,6 +213,8 @@ class Runs:
             else:
                 fitting.append(run)
                 demands.append(demand)
+                self._work[run.trial, run.repeat] = demand.cost
+        self._progress.plan([demand.cost for demand in demands])
         device, threads = execution.device, execution.threads
         plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
         return [trial.Cohort(tuple(fitting[i] for i in members), device, threads) for members in plan]
@@ -241,8 +244,9 @@ class Runs:
             self._fail(run.trial, run.repeat, run.design, why)
 
     def _keep(self, record: Record) -> None:
-        self._records[record["trial"], record["repeat"]] = record
-        self._progress.advance(_told(record))
+        key = record["trial"], record["repeat"]
+        self._records[key] = record
+        self._progress.advance(_told(record), self._work.get(key, 0.0))
 
     def _fail(
         self,

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from dse.study.progress import Progress, shown
+from dse.study.progress import Progress, duration, shown
 
 
 def report(progress: Progress) -> None:
@@ -14,7 +14,8 @@ def report(progress: Progress) -> None:
     progress.doing("preparing data: 1 of 9 recordings [soon]")
     progress.note("warning: [bold] resting level gives fabric away")
     progress.expect(1)
-    progress.advance("trial 0 accuracy 0.9")
+    progress.plan([1.0])
+    progress.advance("trial 0 accuracy 0.9", 1.0)
     progress.advance("trial 1 failed: [red]")
 
 
@@ -25,12 +26,12 @@ def test_lines(capsys: pytest.CaptureFixture[str]) -> None:
     assert captured.out == ""
     assert captured.err.splitlines() == [
         "warning: [bold] resting level gives fabric away",
-        "1/2 trial 0 accuracy 0.9, about 0 s left",
-        "2/2 trial 1 failed: [red], about 0 s left",
+        "1/2 trial 0 accuracy 0.9",
+        "2/2 trial 1 failed: [red]",
     ]
 
 
-def test_what_goes_on_is_a_line_now_and_then(
+def test_work_in_progress_is_a_line_now_and_then(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [0.0]
@@ -48,10 +49,14 @@ def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_bar_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
+
+
+def test_a_bar_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    on_a_terminal(monkeypatch)
     with shown(True) as progress:
         report(progress)
     captured = capsys.readouterr()
@@ -59,15 +64,37 @@ def test_a_bar_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: py
     assert "2/2" in captured.err
     assert "trial 1 failed: [red]" in captured.err
     assert "[bold] resting level" in captured.err
+    assert "left" not in captured.err
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(59.4, "59 s"), (61, "1 min 1 s"), (7260, "2 h 1 min")])
-def test_the_time_left_is_readable(
-    seconds: float, text: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_the_time_left_is_shown_once_it_is_known(
+    is_terminal: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock = iter([0.0, seconds])
-    monkeypatch.setattr("dse.study.progress.time.monotonic", lambda: next(clock))
-    with shown(True) as progress:
-        progress.expect(2)
-        progress.advance("trial 0")
-    assert capsys.readouterr().err == f"1/2 trial 0, about {text} left\n"
+    clock = [0.0]
+    monkeypatch.setattr("dse.study.progress.time.monotonic", lambda: clock[0])
+    if is_terminal:
+        on_a_terminal(monkeypatch)
+    with shown(True, n_workers=1) as progress:
+        progress.expect(20)
+        progress.plan([60.0] * 20)
+        for run in range(6):
+            clock[0] += 60
+            progress.advance(f"trial {run}", 60.0)
+    shown_text = capsys.readouterr().err
+    assert "about 14 min left" in shown_text
+    if not is_terminal:
+        *before, last = shown_text.splitlines()
+        assert last == "6/20 trial 5, about 14 min left"
+        assert not any("left" in line for line in before)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        *((1, "10 s"), (59.4, "60 s"), (94, "90 s"), (100, "2 min"), (3500, "58 min")),
+        *((3599, "1 h"), (7260, "2 h"), (8000, "2 h 10 min")),
+    ],
+)
+def test_a_duration_is_as_coarse_as_the_estimate(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
