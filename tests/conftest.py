@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from tests.waiting import PATIENCE_MS
+
 ROOT = Path(__file__).resolve().parent.parent
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER_FLAGS = (
@@ -56,21 +58,27 @@ def chromium() -> Iterator[Any]:
     """A headless Chromium driven by playwright; tests that need it are skipped where there is none."""
     fetched = ROOT / ".venv" / "browser" / "chromium"
     candidates = [os.environ.get("DSE_CHROMIUM"), *map(shutil.which, BROWSERS), fetched]
-    path = next((Path(found) for found in candidates if found and Path(found).exists()), None)
+    path = next((Path(name) for name in candidates if name and Path(name).exists()), None)
     if path is None:
         pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on PATH, DSE_CHROMIUM is not set")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=list(BROWSER_FLAGS))
+        browser = driver.chromium.launch(executable_path=path, args=list(BROWSER_FLAGS), timeout=PATIENCE_MS)
         yield browser
         browser.close()
+
+
+def patient(context: Any) -> Any:
+    """Return a browser's context whose tabs wait as long as a busy machine may need."""
+    context.set_default_timeout(PATIENCE_MS)
+    return context
 
 
 @pytest.fixture(scope="session")
 def warm_tab(chromium: Any) -> Iterator[Any]:
     """A tab that has compiled the drawing library, which takes a new one four times as long as a page."""
-    context = chromium.new_context()
+    context = patient(chromium.new_context())
     yield context.new_page()
     context.close()
 
@@ -84,7 +92,7 @@ def new_tab(chromium: Any, warm_tab: Any) -> Iterator[Callable[..., Any]]:
         if free:
             tab = free.pop()
         else:
-            contexts.append(chromium.new_context())
+            contexts.append(patient(chromium.new_context()))
             tab = contexts[-1].new_page()
         tab.set_viewport_size({"width": size[0], "height": size[1]})
         tab.emulate_media(color_scheme=scheme)

@@ -22,6 +22,7 @@ from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
 from dse.store import StoreError
 from dse.study import explore
+from tests.waiting import until
 
 N_CHANNELS, N_STEPS, N_PER_CLASS = 4, 20, 12
 
@@ -36,9 +37,12 @@ class Fake:
         "fine", choices=("fine", "raise", "memory", "nan", "killed", "slow"), doc="what happens in training"
     )
     seconds: float = param(0.0, low=0, doc="time that training takes")
+    gate: str = param("", doc="file that must exist before networks of 4 neurons are trained")
 
     def fit(self, dataset: Dataset, training: Any, rngs: Any) -> Outcome:
         time.sleep(self.seconds)
+        if self.gate and self.hidden[0] == 4:
+            until(Path(self.gate).exists, f"{self.gate} to exist")
         if self.mood == "killed":
             os.kill(os.getpid(), signal.SIGKILL)
         if self.mood == "raise":

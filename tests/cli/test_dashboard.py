@@ -24,6 +24,7 @@ from dse.study import results
 from tests import tiny_study
 from tests.page_data import held
 from tests.report.made import write
+from tests.waiting import PATIENCE_MS, PATIENCE_S, until
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 # Tables are written at most once a minute; here after each run.
@@ -44,22 +45,30 @@ def fake_model() -> Iterator[None]:
 
 
 @contextmanager
-def shown(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Run `dse dashboard`, and yield its process and the address that it printed."""
-    command = [sys.executable, "-m", "dse", "dashboard", *arguments]
-    with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+def ending(process: subprocess.Popen[Any]) -> Iterator[None]:
+    """Leave no process behind, whatever fails."""
+    with process:
         try:
-            assert process.stdout is not None
-            yield process, process.stdout.readline().split()[0]
+            yield
         finally:
             process.kill()
 
 
+@contextmanager
+def shown(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run `dse dashboard`, and yield its process and the address that it printed."""
+    command = [sys.executable, "-m", "dse", "dashboard", *arguments]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with ending(process):
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        assert first, f"{' '.join(command)}: ended without an address"
+        yield process, first.split()[0]
+
+
 def ask(url: str, path: str) -> Any:
     at = urlsplit(url)
-    connection = http.client.HTTPConnection("127.0.0.1", at.port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", at.port, timeout=PATIENCE_S)
     try:
         connection.request("GET", path)
         answer = connection.getresponse()
@@ -81,15 +90,17 @@ def study_folder(path: Path, **changes: Any) -> Path:
 def test_a_page_from_before_the_first_trial_to_the_last(
     fake_model: None, chromium: Any, tmp_path: Path
 ) -> None:
-    model = {"kind": "fake", "hidden": {"choice": [[4], [8], [16]]}, "seconds": 2.5}
+    gate = tmp_path / "gate"
+    model = {"kind": "fake", "hidden": {"choice": [[4], [8], [16]]}, "gate": str(gate)}
     space = tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
     folder = tmp_path / "results" / space.study
     run = subprocess.Popen([sys.executable, "-c", RUN, str(tmp_path)], cwd=ROOT, stderr=subprocess.PIPE)
-    with run:
-        while not (folder / "search_space.yaml").exists():
-            assert run.poll() is None
+    with ending(run):
+        until(lambda: run.poll() is not None or (folder / "search_space.yaml").exists(), "the study begins")
+        assert run.poll() is None
         with shown(str(folder), "--port", "0") as (process, url):
             tab = chromium.new_page()
+            tab.set_default_timeout(PATIENCE_MS)
             faults: list[str] = []
             tab.on("pageerror", lambda error: faults.append(str(error)))
             tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)
@@ -97,21 +108,20 @@ def test_a_page_from_before_the_first_trial_to_the_last(
                 "window.seen = []; addEventListener('live', (e) => seen.push(e.detail.counts))"
             )
             tab.goto(url)
-            tab.wait_for_function(
-                "document.querySelector('#counts').textContent.startsWith('3 finished')", timeout=60_000
-            )
-            assert run.wait(60) == 0
-            # It grew: from an empty page, or from one trial, by what the server sent meanwhile.
+            assert "No design yet" in tab.inner_text("main")
+            gate.touch()
+            tab.wait_for_function("document.querySelector('#counts').textContent.startsWith('3 finished')")
+            assert run.wait(PATIENCE_S) == 0
+            # It grew from an empty page by what the server sent meanwhile.
             counts = tab.evaluate("window.seen.map((counts) => counts.finished ?? 0)")
             assert counts == sorted(counts)
-            assert len(counts) >= 2
             assert counts[-1] == 3
             assert ask(url, "/trials.parquet") == (404, None)
-            page = ask(url, "/data.json")[1]["page"]
+            page = ask(url, "/data.json")[1] | ask(url, "/progress.json")[1]
             process.send_signal(signal.SIGINT)
-            rest, errors = process.communicate(timeout=20)
+            rest, errors = process.communicate(timeout=PATIENCE_S)
             tab.close()
-    assert (process.returncode, rest, errors) == (0, "ended\n", "")
+    assert (process.returncode, rest, errors) == (0, "stopped\n", "")
     assert faults == []
     written = held(write_page(results.open(folder), tmp_path / "page.html"))
     assert sorted(written.pop("details")) == ["0", "1", "2"]  # which a server sends when they are asked for
@@ -124,8 +134,8 @@ def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:
     with shown(str(study_folder(tmp_path)), "--port", "0") as (_, url):
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", url)
         status, answer = ask(url, "/data.json")
-    assert (status, answer["page"]["name"]) == (200, "tiny")
-    assert answer["page"]["state"]["title"] == "No design yet"
+    assert (status, answer["name"]) == (200, "tiny")
+    assert answer["state"]["title"] == "No design yet"
 
 
 def test_other_hosts_are_given_a_token(fake_model: None, tmp_path: Path) -> None:
@@ -214,7 +224,7 @@ def test_a_page_of_another_definition_and_published_designs(
     assert page["marks"] == gather_marks(made)
     assert {mark["name"][0] for mark in page["marks"]} == {"A", "D"}
     with shown(str(made.folder), "--port", "0", "--page", str(own)) as (_, url):
-        served = ask(url, "/data.json")[1]["page"]
+        served = ask(url, "/data.json")[1]
     assert all(served[part] == page[part] for part in ("definition", "marks", "notes"))
 
 

@@ -22,6 +22,7 @@ from dse.recordings.scene import COLUMNS, Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
 from tests.spaces import SPACE
+from tests.waiting import PATIENCE_S
 
 Captured = pytest.CaptureFixture[str]
 ROOT = Path(__file__).resolve().parents[2]
@@ -248,7 +249,7 @@ def test_stopped_half_way_leaves_what_was_there(scene: Path, tmp_path: Path, how
         while not process.stderr.readline().startswith("5/"):
             assert process.poll() is None
         process.send_signal(how)
-        stdout, stderr = process.communicate(timeout=30)
+        stdout, stderr = process.communicate(timeout=PATIENCE_S)
     assert stdout == ""
     assert out.read_bytes() == b"an older file"
     assert list(folder.iterdir()) == [out]

@@ -19,6 +19,7 @@ from dse import store
 from dse.study import results
 from dse.study.results import Study
 from tests import tiny_study
+from tests.waiting import PATIENCE_S, until
 
 ROOT = Path(__file__).resolve().parents[2]
 N_RUNS = 8
@@ -66,10 +67,7 @@ def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 def wait_until(process: subprocess.Popen[str], condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
-    while process.poll() is None and not condition():
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.002)
+    until(lambda: process.poll() is not None or condition(), "the study to come so far")
 
 
 def assert_same(folder: Path, whole: Study) -> None:
@@ -102,7 +100,8 @@ def test_kill_9_at_random_moments(tmp_path: Path, whole: Study) -> None:
 
 
 def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> None:
-    model = {**tiny_study.plain()["model"], "kind": "together", "seconds": 0.1}
+    gate = tmp_path / "gate"
+    model = {**tiny_study.plain()["model"], "kind": "together", "gate": str(gate)}
     folders = [tmp_path / name for name in ("whole", "killed")]
     for folder in folders:
         folder.mkdir()
@@ -113,6 +112,7 @@ def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> Non
     process.communicate()
     kept = finished_runs(folders[1])
     assert 2 <= len(kept) < 6
+    gate.touch()
     for folder in folders:
         assert tiny_study.run_folder(str(folder)) == 0
     assert kept.items() <= finished_runs(folders[1]).items()
@@ -127,7 +127,7 @@ def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole
     process = start(folder)
     wait_until(process, lambda: len(finished_runs(folder)) >= 2)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=30)
+    _, told = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert told == ""
     stopped = finished_runs(folder)
@@ -146,7 +146,7 @@ def test_a_full_disk_while_data_are_prepared(
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     folder = prepare(tmp_path / "full")
     process = start(folder, limit=4_000)  # the offsets of the spikes' rows take 6 kB
-    _, told = process.communicate(timeout=60)
+    _, told = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
     assert told.count("\n") == 1
     assert f"{tmp_path / 'cache'}: cannot be written: File too large; free some space and run" in told
@@ -172,7 +172,7 @@ def test_kill_9_while_data_are_prepared(
 def test_a_full_disk_stops_the_study_and_fails_no_design(tmp_path: Path, whole: Study) -> None:
     folder = prepare(tmp_path / "full")
     process = start(folder, limit=6_000)
-    _, told = process.communicate(timeout=60)
+    _, told = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
     assert told.count("\n") == 1
     assert "cannot be written: File too large; free some space and run the same command again" in told

@@ -14,6 +14,7 @@ import pytest
 
 from dse.study import workers as execution
 from dse.study.workers import THREADS, Failure, Workers, memory_budget
+from tests.waiting import PATIENCE_S, until
 
 
 def square(x: int) -> int:
@@ -82,7 +83,7 @@ def count_to(job: tuple[int, str]) -> Iterator[int]:
 
 def wait_for(path: str) -> Iterator[str]:
     yield "before"
-    _until(Path(path).exists)
+    until(Path(path).exists, f"{path} to exist")
     yield "after"
 
 
@@ -148,15 +149,18 @@ def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
         [(_, pid)] = workers.map(sleep, [0.0])
         assert isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
-        _until(lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None)
+        until(
+            lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None,
+            "the worker to die",
+        )
         assert list(workers.map(square, [3])) == [(3, 9)]
 
 
 def test_leaving_the_block_ends_a_running_job_at_once() -> None:
     began = time.monotonic()
     with Workers(2) as workers:
-        _, pid = next(workers.map(sleep, [0.0, 60.0]))
-    assert time.monotonic() - began < 30
+        _, pid = next(workers.map(sleep, [0.0, 2 * PATIENCE_S]))
+    assert time.monotonic() - began < PATIENCE_S
     assert isinstance(pid, int)
     assert _gone(pid)
 
@@ -171,16 +175,16 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "pid"
     parent = subprocess.Popen([sys.executable, "-c", script, str(path)], cwd=Path(__file__).parents[2])
     try:
-        _until(lambda: path.exists() and path.read_text() != "")
+        until(lambda: path.exists() and path.read_text() != "", "the worker to start")
     finally:
         parent.kill()
         parent.wait()
-    _until(lambda: _gone(int(path.read_text())))
+    until(lambda: _gone(int(path.read_text())), "the worker to end")
 
 
 def announce(path: str) -> None:
     Path(path).write_text(str(os.getpid()))
-    time.sleep(60)
+    time.sleep(2 * PATIENCE_S)
 
 
 def test_jobs_below_one_are_refused() -> None:
@@ -195,11 +199,3 @@ def _gone(pid: int) -> bool:
         return True
     status = Path(f"/proc/{pid}/stat")  # an orphan that nobody has reaped yet is a zombie
     return status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z"
-
-
-def _until(condition: object, seconds: float = 20) -> None:
-    assert callable(condition)
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.02)
