@@ -4,7 +4,16 @@ It joins the packages that turn data into spikes; models see a `Dataset` and not
 Spikes are kept apart from targets: tasks that differ in labels alone share them (`dse.dataset.cache`).
 """
 
-from dse.dataset.assemble import as_prepared, build, build_for, hold, prepare, transductive, warnings
+from dse.dataset.assemble import (
+    as_prepared,
+    build,
+    build_for,
+    find,
+    load_or_prepare,
+    prepare,
+    transductive,
+    warnings,
+)
 from dse.dataset.files import load
 from dse.dataset.keys import dataset_key, same_spikes
 
@@ -13,8 +22,9 @@ __all__ = [
     "build",
     "build_for",
     "dataset_key",
-    "hold",
+    "find",
     "load",
+    "load_or_prepare",
     "prepare",
     "same_spikes",
     "transductive",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import tempfile
 from collections.abc import Generator, Sequence
@@ -42,8 +41,8 @@ class _Labels:
     train: Array
 
 
-def prepare(resolved: Resolved, base: Path, root: Path, threads: int = 1) -> Telling[cache.Hold]:
-    """Return a hold of the data set of a design in a cache, which is made if it is not there.
+def prepare(resolved: Resolved, base: Path, root: Path, threads: int = 1) -> Telling[Path]:
+    """Return the folder of the data set of a design in a cache, which is made if it is not there.
 
     Sample i is recording i of the data; recordings of a `test` file follow. Recordings in no part of the
     split have no spikes. The classes are those of the recordings in use; the target of others is -1.
@@ -93,8 +92,7 @@ def _filled(
         test = len(codes) + np.arange(len(targets[1]))
     labels = _Labels(codes, len(classes), train)
     name, design, spikes = yield from _spikes(sources, design, labels, base, root, threads)
-    with spikes:
-        stored = read_spikes(spikes.folder)
+    stored = read_spikes(spikes)
     seen = {head.name: head.of_class[codes] for head in joint}
     seen = seen or {" and ".join(target_columns(task["target"])): codes}
     traps = [
@@ -112,8 +110,8 @@ def _filled(
 
 def _spikes(
     sources: Sequence[_Read], design: Resolved, labels: _Labels, base: Path, root: Path, threads: int
-) -> Telling[tuple[str, dict[str, Any], cache.Hold]]:
-    """Return the key of the spikes, the design with its encoder fitted, and a hold of the spikes.
+) -> Telling[tuple[str, dict[str, Any], Path]]:
+    """Return the key of the spikes, the design with its encoder fitted, and the folder of the spikes.
 
     Recordings of events and rasters that pass an encoder have an entry without it too: designs that differ
     in the encoder share it.
@@ -138,15 +136,14 @@ def _spikes(
 
     bare = spikes_key({**design, "encoder": None}, base, used)
     if encoding.learns(keys):
-        with (yield from cache.made(root, bare, fill)) as held:
-            design["encoder"] = encoding.learnt_from_spikes(
-                keys, read_spikes(held.folder), used[0], labels.codes, labels.n_classes, labels.train
-            )
+        stored = read_spikes((yield from cache.made(root, bare, fill)))
+        design["encoder"] = encoding.learnt_from_spikes(
+            keys, stored, used[0], labels.codes, labels.n_classes, labels.train
+        )
 
     def fill_encoded(place: Path) -> Generator[str, None, None]:
-        with (yield from cache.made(root, bare, fill)) as held:
-            part = encoding.encoded(read_spikes(held.folder), design["encoder"], np.concatenate(used))
-            yield from write_spikes([part], place)
+        stored = read_spikes((yield from cache.made(root, bare, fill)))
+        yield from write_spikes([encoding.encoded(stored, design["encoder"], np.concatenate(used))], place)
 
     name = spikes_key(design, base, used)
     return name, design, (yield from cache.made(root, name, fill_encoded))
@@ -174,30 +171,52 @@ def _fitted(before: Resolved, after: Resolved) -> dict[str, dict[str, Any]]:
     return found
 
 
-def hold(root: Path, key: str) -> contextlib.ExitStack | None:
-    """Return a hold of a data set and of its spikes, or None where it has to be prepared.
+def find(root: Path, key: str) -> Dataset | None:
+    """Return a data set of a cache, or None where it has to be prepared; a damaged one is removed.
 
     Raises:
         OSError: the cache cannot be written.
     """
-    with contextlib.ExitStack() as held:
-        found = cache.hold(root, key)
-        if found is None:
-            return None
-        held.enter_context(found)
-        spikes = None
-        try:
-            spikes = read_meta(found.folder)["spikes"]
-            beside = cache.hold(root, spikes)
-            if beside is not None:
-                held.enter_context(beside)
-                load(found.folder)
-                return held.pop_all()
-        except RecordingError:  # whatever is wrong with a cache, making it again is right
-            if spikes is not None:
-                cache.discard(root, spikes)
-        cache.discard(root, key)
+    folder = cache.find(root, key)
+    if folder is None:
+        return None
+    spikes = None
+    try:
+        spikes = read_meta(folder)["spikes"]
+        if cache.find(root, spikes) is not None:
+            return load(folder)
+    except RecordingError:
+        if spikes is not None:
+            cache.discard(root, spikes)
+    cache.discard(root, key)
     return None
+
+
+def load_or_prepare(resolved: Resolved, base: Path, folder: Path, threads: int = 1) -> Dataset:
+    """Return a prepared data set; one that was evicted or damaged since is prepared again.
+
+    Args:
+        resolved: as for `prepare`.
+        base: as for `prepare`.
+        folder: of the data set in its cache.
+        threads: as for `prepare`.
+
+    Raises:
+        RecordingError: as for `prepare`, or the recordings have changed.
+        OSError: the cache cannot be written.
+    """
+    try:
+        dataset = load(folder)
+    except RecordingError:
+        find(folder.parent, folder.name)  # removes what is damaged
+        prepared = _result(prepare(resolved, base, folder.parent, threads))
+        if prepared != folder:
+            raise RecordingError(f"{folder}: the recordings have changed since they were prepared") from None
+        return load(prepared)
+    spikes = folder.parent / read_meta(folder)["spikes"]
+    for used in (folder, spikes):
+        cache.mark_used(used)
+    return dataset
 
 
 def warnings(folder: Path) -> list[str]:
@@ -223,8 +242,8 @@ def build(resolved: Resolved, base: Path, threads: int = 1) -> tuple[Dataset, li
         RecordingError: as for `prepare`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        with _result(prepare(resolved, base, Path(folder), threads)) as found:
-            return load(found.folder), warnings(found.folder)  # what is mapped stays when its file is gone
+        prepared = _result(prepare(resolved, base, Path(folder), threads))
+        return load(prepared), warnings(prepared)  # what is mapped stays when its file is gone
 
 
 def build_for(resolved: Resolved, base: Path, classes: Sequence[str]) -> tuple[Dataset, list[str]]:

@@ -10,7 +10,6 @@ import json
 import os
 import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -98,7 +97,7 @@ def remove(path: Path) -> None:
     """Remove a file or a folder if it exists."""
     if path.is_dir() and not path.is_symlink():
         # Renamed first, so that a crash cannot leave a folder that looks finished but lacks files.
-        if not path.name.startswith(_TEMPORARY):
+        if not is_temporary(path):
             doomed = _beside(path)
             try:
                 os.replace(path, doomed)
@@ -110,30 +109,19 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def sweep(folder: Path, unchanged_s: float = 0.0) -> None:
-    """Remove the temporary files and folders of writers that crashed, anywhere under a folder.
+def is_temporary(path: Path) -> bool:
+    """Return whether a path is the temporary one of a writer, living or dead."""
+    return path.name.startswith(_TEMPORARY)
 
-    Args:
-        folder: a study's, or the cache's.
-        unchanged_s: only what has not changed for this long; 0 where no other process can be writing.
-    """
-    latest = time.time() - unchanged_s
+
+def sweep(folder: Path) -> None:
+    """Remove the temporary files and folders of dead writers under a folder that no process writes to."""
     for temporary in folder.rglob(f"{_TEMPORARY}*"):
-        if not unchanged_s or _changed_s(temporary) < latest:
-            remove(temporary)
+        remove(temporary)
 
 
 def _beside(path: Path) -> Path:
     return path.with_name(f"{_TEMPORARY}{path.name}-{os.getpid()}-{secrets.token_hex(4)}")
-
-
-def _changed_s(path: Path) -> float:
-    """Return when a file, or anything in a folder, last changed."""
-    times = [0.0]
-    for each in (path, *path.rglob("*")):
-        with contextlib.suppress(FileNotFoundError):
-            times.append(each.stat().st_mtime)
-    return max(times)
 
 
 def _sync(path: Path) -> None:

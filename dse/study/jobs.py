@@ -56,7 +56,8 @@ class Run:
     """Train a design once.
 
     sections: the design resolved. model, training: the components of those sections.
-    data: folder of the prepared data set, named as its key. folder: where the run is published.
+    data: folder of the prepared data set, named as its key; base: folder that recordings lie beside.
+    folder: where the run is published.
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
     """
 
@@ -68,6 +69,7 @@ class Run:
     model: Any
     training: Any
     data: Path
+    base: Path
     folder: Path
     phi: tuple[float, ...]
     theta: tuple[float, ...]
@@ -113,7 +115,7 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
         try:
             with store.explained(job.cache):
                 telling = dataset.prepare(sections, job.base, job.cache, job.threads)
-                (yield from _now_and_then(telling)).close()
+                yield from _now_and_then(telling)
         except store.StoreError:
             raise  # a full disk is nobody's failure
         except Exception as error:
@@ -140,7 +142,12 @@ def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
     Yields:
         A run's number, and None once it is published, or why it failed. What fails all of them is raised.
     """
-    data = dataset.load(job.runs[0].data)
+    first = job.runs[0]
+    with store.explained(first.data.parent):
+        data = dataset.load_or_prepare(first.sections, first.base, first.data, job.threads)
+    # Read now: the data set may be evicted from the cache while the cohort trains.
+    leak = dataset.transductive(first.data)
+    sections = [dataset.as_prepared(run.sections, run.data) for run in job.runs]
     missing = set(range(len(job.runs)))
     for number, outcome in _outcomes(job, data):
         missing.discard(number)
@@ -148,7 +155,7 @@ def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
         try:
             if isinstance(outcome, Exception):
                 raise outcome
-            _publish(job.runs[number], outcome, data)
+            _publish(job.runs[number], outcome, data, sections[number], leak)
         except (store.StoreError, MemoryError):
             raise  # a full disk is nobody's failure, and alone the run may have the memory
         except Exception as error:
@@ -185,16 +192,23 @@ def _own(run: Run) -> Any:
     return rngs
 
 
-def _publish(job: Run, outcome: Outcome, data: Dataset) -> None:
-    """Measure a run and write its record and its arrays."""
+def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Mapping[str, Any], leak: str) -> None:
+    """Measure a run and write its record and its arrays.
+
+    Args:
+        job: the run.
+        outcome: what was trained.
+        data: what it was trained on.
+        sections: of the design, as prepared.
+        leak: why an evaluation of the data has seen its own answers; '' where it has not.
+    """
     found = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
-    leak = dataset.transductive(job.data)
     record = {
         "trial": job.trial,
         "repeat": job.repeat,
         "design": dict(job.design),
         "seed": job.seed,
-        "sections": dataset.as_prepared(job.sections, job.data),
+        "sections": sections,
         "classes": list(data.classes),
         "heads": {head.pop("name"): head for head in store.heads_document(data.heads)},
         "data": job.data.name,

@@ -73,7 +73,8 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
     Yields:
         A setting, and None once it is kept, or why it failed. What fails all of them is raised.
     """
-    data = dataset.load(job.run.data)
+    with store.explained(job.run.data.parent):
+        data = dataset.load_or_prepare(job.run.sections, job.run.base, job.run.data)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
     trained = store.read_json(job.run.folder / "record.json")["columns"]
     for setting in job.settings:

@@ -9,7 +9,6 @@ Runs that can share batches train in cohorts (dse.search.cohorts); no result dep
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import math
@@ -23,6 +22,7 @@ from dse.config.sections import settings_class
 from dse.dataset import cache
 from dse.hardware.profile import Profile
 from dse.recordings import RecordingError
+from dse.records import Dataset
 from dse.search import cohorts
 from dse.store import StoreError
 from dse.study import jobs as trial
@@ -35,7 +35,6 @@ Record = dict[str, Any]
 _Member = tuple[int, int | None]  # trial and fold: what a data set belongs to
 
 _OVER_BUDGET = "MemoryBudget"
-_MOST_ROUNDS = 5
 # Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
 # rises with the number of designs, where a CPU has all of the gain from some eight of them.
 _LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
@@ -119,18 +118,17 @@ class Runs:
         """
         self.recall(entries)
         wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
-        with contextlib.ExitStack() as held:  # the data sets, until nobody needs them any more
-            waiting = self._planned(self._prepared(wanted, held))
-            while waiting:
-                again: list[trial.Cohort] = []
-                for cohort, ended in self._workers.stream(trial.train, waiting):
-                    if isinstance(ended, Failure):
-                        again += self._unfinished(cohort, ended)
-                        continue
-                    number, why = ended
-                    self._settle(cohort.runs[number], why)
-                    after_each()
-                waiting = again
+        waiting = self._planned(self._prepared(wanted))
+        while waiting:
+            again: list[trial.Cohort] = []
+            for cohort, ended in self._workers.stream(trial.train, waiting):
+                if isinstance(ended, Failure):
+                    again += self._unfinished(cohort, ended)
+                    continue
+                number, why = ended
+                self._settle(cohort.runs[number], why)
+                after_each()
+            waiting = again
 
     def evaluate(
         self,
@@ -152,30 +150,29 @@ class Runs:
         """
         wanted, lacking = self._to_round(entries, settings)
         done, n_settings = 0, sum(map(len, lacking.values()))
-        with contextlib.ExitStack() as held:
-            sections, keys, failures = self._data(wanted, held)
-            jobs = []
-            for entry, repeat in wanted:
-                member = entry.trial, self._fold(repeat)
-                if why := failures.get(keys[member]):
-                    self._progress.note(f"precision: trial {entry.trial} cannot be evaluated: {why.reason}")
-                else:
-                    run = self._run(entry, repeat, sections[member], self._cache / keys[member])
-                    jobs.append(precision.Job(run, lacking[entry.trial, repeat]))
-            for job, ended in self._workers.stream(precision.evaluate, jobs):
-                if isinstance(ended, Failure):
-                    _stop_if_disk(ended)
-                    self._progress.note(
-                        f"precision: trial {job.run.trial} was not evaluated to its end: {ended.reason}"
-                    )
-                    continue
-                (weight_bits, pruned), failed = ended
-                if failed is not None:
-                    at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
-                    self._progress.note(f"precision: {at} failed: {failed.reason}")
-                done += 1
-                self._progress.doing(f"precision: {done} of {n_settings} evaluations")
-                after_each()
+        sections, keys, failures = self._data(wanted)
+        jobs = []
+        for entry, repeat in wanted:
+            member = entry.trial, self._fold(repeat)
+            if why := failures.get(keys[member]):
+                self._progress.note(f"precision: trial {entry.trial} cannot be evaluated: {why.reason}")
+            else:
+                run = self._run(entry, repeat, sections[member], self._cache / keys[member])
+                jobs.append(precision.Job(run, lacking[entry.trial, repeat]))
+        for job, ended in self._workers.stream(precision.evaluate, jobs):
+            if isinstance(ended, Failure):
+                _stop_if_disk(ended)
+                self._progress.note(
+                    f"precision: trial {job.run.trial} was not evaluated to its end: {ended.reason}"
+                )
+                continue
+            (weight_bits, pruned), failed = ended
+            if failed is not None:
+                at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
+                self._progress.note(f"precision: {at} failed: {failed.reason}")
+            done += 1
+            self._progress.doing(f"precision: {done} of {n_settings} evaluations")
+            after_each()
 
     def _to_round(
         self, entries: Sequence[Entry], settings: Sequence[precision.Setting]
@@ -200,7 +197,13 @@ class Runs:
 
     def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
         """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
-        load = functools.lru_cache(maxsize=8)(dataset.load)
+        run_of = {run.data: run for run in runs}
+
+        @functools.lru_cache(maxsize=8)
+        def load(folder: Path) -> Dataset:
+            with store.explained(self._cache):
+                return dataset.load_or_prepare(run_of[folder].sections, run_of[folder].base, folder)
+
         fitting, demands, execution = [], [], self._space.execution
         for run in runs:
             demand = trial.demand(run, load(run.data), execution.threads)
@@ -270,9 +273,9 @@ class Runs:
         store.save_run(store.run_folder(self._folder, number, repeat), record, {})
         self._keep({**record, "files": {}})
 
-    def _prepared(self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack) -> list[trial.Run]:
-        """Prepare and hold the data sets that the wanted runs need; return the runs that can be trained."""
-        sections, keys, failures = self._data(wanted, held)
+    def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[trial.Run]:
+        """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
+        sections, keys, failures = self._data(wanted)
         needed = set(keys.values())
         first = next(iter(failures.values()), None)
         if first is not None and not self._records and len(failures) == len(needed):
@@ -294,9 +297,9 @@ class Runs:
         return runs
 
     def _data(
-        self, wanted: Sequence[tuple[Entry, int]], held: contextlib.ExitStack
+        self, wanted: Sequence[tuple[Entry, int]]
     ) -> tuple[dict[_Member, dict[str, Any]], dict[_Member, str], dict[str, Failure]]:
-        """Prepare and hold the data sets of some runs.
+        """Prepare the data sets of some runs.
 
         Returns:
             The sections and the key of the data set of every design and fold; why a key has no data set.
@@ -305,7 +308,7 @@ class Runs:
         sections = {member: self._resolved(design, member[1]) for member, design in designs.items()}
         base = self._space.source.parent
         keys = {member: dataset.dataset_key(resolved, base) for member, resolved in sections.items()}
-        return sections, keys, self._prepare({key: sections[m] for m, key in keys.items()}, held)
+        return sections, keys, self._prepare({key: sections[m] for m, key in keys.items()})
 
     def _fold(self, repeat: int) -> int | None:
         """Return the fold that a repeat validates on; None without cross-validation."""
@@ -319,34 +322,27 @@ class Runs:
             resolved["split"]["k_fold"]["fold"] = fold
         return resolved
 
-    def _prepare(
-        self, needed: Mapping[str, Mapping[str, Any]], held: contextlib.ExitStack
-    ) -> dict[str, Failure]:
-        """Make the data sets that are not in the cache and hold them all; return those that cannot be made.
+    def _prepare(self, needed: Mapping[str, Mapping[str, Any]]) -> dict[str, Failure]:
+        """Make the data sets that are not in the cache; return those that cannot be made.
 
         Args:
             needed: key -> resolved design.
-            held: lets go of them.
         """
         failures: dict[str, Failure] = {}
-        missing = [key for key in needed if not self._hold(key, held)]
-        # Between being made and being held, one may be removed by somebody whose own need the room.
-        for _ in range(_MOST_ROUNDS):
-            if not missing:
-                return failures
-            for job, said in self._workers.stream(trial.prepare, self._preparations(needed, missing)):
-                if isinstance(said, str):
-                    self._progress.doing(said)
-                elif isinstance(said, Failure):
-                    _stop_if_disk(said)
-                    left = [key for key in job.designs if key not in failures]
-                    failures |= {key: said for key in left if not self._hold(key, held)}
-                else:
-                    key, why = said
-                    failures[key] = why
-            missing = [key for key in missing if key not in failures and not self._hold(key, held)]
-        lost = f"{self._cache}: prepared data were removed as often as they were made"
-        return failures | dict.fromkeys(missing, Failure(StoreError.__name__, lost))
+        missing = [key for key in needed if not self._is_prepared(key)]
+        if not missing:
+            return failures
+        for job, event in self._workers.stream(trial.prepare, self._preparations(needed, missing)):
+            if isinstance(event, str):
+                self._progress.doing(event)
+            elif isinstance(event, Failure):
+                _stop_if_disk(event)
+                unfinished = [key for key in job.designs if key not in failures]
+                failures |= {key: event for key in unfinished if not self._is_prepared(key)}
+            else:
+                key, failure = event
+                failures[key] = failure
+        return failures
 
     def _preparations(
         self, needed: Mapping[str, Mapping[str, Any]], missing: Sequence[str]
@@ -362,13 +358,9 @@ class Runs:
             for keys in groups.values()
         ]
 
-    def _hold(self, key: str, held: contextlib.ExitStack) -> bool:
-        """Hold a data set and its spikes if they are there."""
+    def _is_prepared(self, key: str) -> bool:
         with store.explained(self._cache):
-            found = dataset.hold(self._cache, key)
-        if found is not None:
-            held.enter_context(found)
-        return found is not None
+            return dataset.find(self._cache, key) is not None
 
     def _run(self, entry: Entry, repeat: int, resolved: Mapping[str, Any], data: Path) -> trial.Run:
         model = {key: value for key, value in resolved["model"].items() if key != "kind"}
@@ -381,6 +373,7 @@ class Runs:
             model=registry.known("models")[resolved["model"]["kind"]](**model),
             training=settings_class("training")(**resolved["training"]),
             data=data,
+            base=self._space.source.parent,
             folder=store.run_folder(self._folder, entry.trial, repeat),
             phi=tuple(self._space.decision.phi.tolist()),
             theta=tuple(self._space.decision.theta.tolist()),

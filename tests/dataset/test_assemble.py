@@ -370,8 +370,8 @@ def test_pieces_of_one_recording_in_two_parts_are_said_to_leak(folder, kind):
     found = {}
     for group in (None, "recording"):
         design = PIECES | {"split": {kind: {**rule, "group": group}}}
-        with _result(prepare(design, folder, folder / "cache")) as held:
-            data, found[group] = load(held.folder), transductive(held.folder)
+        prepared = _result(prepare(design, folder, folder / "cache"))
+        data, found[group] = load(prepared), transductive(prepared)
     assert "are in train and in validation" in found[None]
     assert found["recording"] == ""
     n = (LENGTHS - 12) // 6 + 1
@@ -384,8 +384,8 @@ def test_folds_share_their_spikes(folder):
     held, parts = [], []
     for fold in range(3):
         design = DESIGN | {"split": {"k_fold": {"k": 3, "group": "repetition", "fold": fold}}}
-        with _result(prepare(design, folder, folder / "cache")) as found:
-            data = load(found.folder)
+        prepared = _result(prepare(design, folder, folder / "cache"))
+        data = load(prepared)
         held.append(data.spikes.channel.filename)
         parts.append(data.validation)
     assert len(set(held)) == 1

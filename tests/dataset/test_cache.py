@@ -12,6 +12,7 @@ from collections.abc import Generator
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from dse.dataset import cache
@@ -20,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def entry(root: Path, key: str, size: int = 1000) -> Path:
-    """Make an entry with a file of some bytes and let go of it; return its folder."""
+    """Make an entry with a file of some bytes; return its folder."""
 
     def fill(folder: Path) -> Generator[str, None, None]:
         (folder / "data").write_bytes(b"x" * size)
@@ -31,8 +32,7 @@ def entry(root: Path, key: str, size: int = 1000) -> Path:
         try:
             assert next(made) == "working"
         except StopIteration as end:
-            end.value.close()
-            return Path(end.value.folder)
+            return Path(end.value)
 
 
 def keys(root: Path) -> set[str]:
@@ -40,11 +40,11 @@ def keys(root: Path) -> set[str]:
 
 
 def parts(root: Path) -> list[Path]:
-    return list(root.glob(".part-*"))
+    return list(root.glob(".writing-*"))
 
 
 def used_at(root: Path, key: str, seconds: int) -> None:
-    os.utime(root / key / "lock", (seconds, seconds))
+    os.utime(root / key / "entry.json", (seconds, seconds))
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def started(code: str, root: Path) -> subprocess.Popen[str]:
     )
 
 
-def said(process: subprocess.Popen[str]) -> str:
+def line(process: subprocess.Popen[str]) -> str:
     assert process.stdout is not None
     return process.stdout.readline().strip()
 
@@ -82,11 +82,9 @@ def killed(process: subprocess.Popen[str]) -> None:
 def test_what_was_made_is_there(root: Path) -> None:
     folder = entry(root, "a")
     assert folder == root / "a"
-    held = cache.hold(root, "a")
-    assert held is not None
-    with held:
-        assert (held.folder / "data").read_bytes() == b"x" * 1000
-    assert cache.hold(root, "b") is None
+    assert cache.find(root, "a") == folder
+    assert (folder / "data").read_bytes() == b"x" * 1000
+    assert cache.find(root, "b") is None
 
     def never(folder: Path) -> Generator[None, None, None]:
         raise AssertionError("what is there is not made again")
@@ -94,7 +92,7 @@ def test_what_was_made_is_there(root: Path) -> None:
 
     with pytest.raises(StopIteration) as end:
         next(cache.made(root, "a", never))
-    end.value.value.close()
+    assert end.value.value == folder
 
 
 @pytest.mark.parametrize("damage", ["cut", "longer", "lost", "no sizes", "torn sizes", "odd sizes"])
@@ -108,7 +106,7 @@ def test_a_damaged_entry_is_removed_and_made_again(root: Path, damage: str) -> N
         (folder / "entry.json").unlink()
     else:
         (folder / "entry.json").write_text('{"data": 10' if damage == "torn sizes" else '["data"]')
-    assert cache.hold(root, "a") is None
+    assert cache.find(root, "a") is None
     assert keys(root) == set() and not parts(root)
     assert (entry(root, "a") / "data").stat().st_size == 1000
 
@@ -119,59 +117,40 @@ def test_the_least_recently_used_go_first(root: Path, room_for_two: None) -> Non
         used_at(root, key, seconds)
     cache.tidy(root)
     assert keys(root) == {"b", "c"}
-    held = cache.hold(root, "b")  # a use: now c is the oldest
-    assert held is not None
-    held.close()
+    assert cache.find(root, "b")  # a use: now c is the oldest
     entry(root, "d")
     assert keys(root) == {"b", "d"}
 
 
-def test_what_a_process_holds_stays(root: Path, room_for_two: None) -> None:
-    for seconds, key in enumerate("ab"):
-        entry(root, key)
-        used_at(root, key, seconds)
-    process = started("held = cache.hold(root, 'a'); print('held', flush=True); time.sleep(60)", root)
-    assert said(process) == "held"
-    used_at(root, "a", 0)
-    entry(root, "c")
-    assert keys(root) == {"a", "c"}
-    for seconds, key in enumerate("ac"):
-        used_at(root, key, seconds)
-    killed(process)
-    entry(root, "d")
-    assert keys(root) == {"c", "d"}
-
-
-def test_what_was_just_used_stays_for_who_wanted_it(root: Path, room_for_two: None) -> None:
+def test_what_was_used_within_a_day_stays(root: Path, room_for_two: None) -> None:
     for key in "abc":
         entry(root, key)
-    now = int(time.time())
-    for key, ago in (("a", 40), ("b", 30), ("c", 20)):
-        used_at(root, key, now - ago)
+    now, day_s = int(time.time()), 24 * 3600
+    for key, hours in (("a", 23), ("b", 12), ("c", 1)):
+        used_at(root, key, now - 3600 * hours)
     cache.tidy(root)
     assert keys(root) == {"a", "b", "c"}
-    used_at(root, "a", now - 80)
+    used_at(root, "a", now - day_s - 3600)
     cache.tidy(root)
     assert keys(root) == {"b", "c"}
 
 
-def test_what_is_larger_than_the_limit_stays_while_it_is_held(
+def test_what_is_mapped_outlives_its_entry(root: Path) -> None:
+    folder = entry(root, "a")
+    mapped = np.memmap(folder / "data", np.uint8, mode="r")
+    cache.discard(root, "a")
+    assert keys(root) == set() and not parts(root)
+    assert bytes(mapped) == b"x" * 1000
+
+
+def test_an_entry_larger_than_the_limit_is_evicted_after_a_day(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DSE_CACHE_GIB", "0")
-
-    def fill(folder: Path) -> Generator[None, None, None]:
-        (folder / "data").write_bytes(b"x")
-        yield
-
-    made = cache.made(root, "a", fill)
-    next(made)
-    with pytest.raises(StopIteration) as end:
-        next(made)
-    used_at(root, "a", 0)
+    entry(root, "a")
     cache.tidy(root)
     assert keys(root) == {"a"}
-    end.value.value.close()
+    used_at(root, "a", 0)
     cache.tidy(root)
     assert keys(root) == set()
 
@@ -203,11 +182,11 @@ print("made", flush=True)
 
 def test_two_processes_that_write_the_same_entry(root: Path) -> None:
     both = [started(WRITER, root) for _ in range(2)]
-    assert [said(process) for process in both] == ["writing", "writing"]
+    assert [line(process) for process in both] == ["writing", "writing"]
     assert len(parts(root)) == 2
     (root.parent / "go").touch()
-    assert [said(process) for process in both] == ["made", "made"]
-    assert [process.wait(20) for process in both] == [0, 0]
+    assert [line(process) for process in both] == ["made", "made"]
+    assert [process.wait(120) for process in both] == [0, 0]
     for process in both:
         process.communicate()
     assert keys(root) == {"a"} and not parts(root)
@@ -216,7 +195,7 @@ def test_two_processes_that_write_the_same_entry(root: Path) -> None:
 
 def test_kill_9_in_the_middle_of_a_write(root: Path) -> None:
     dead, alive = started(WRITER, root), started(WRITER, root)
-    assert [said(dead), said(alive)] == ["writing", "writing"]
+    assert [line(dead), line(alive)] == ["writing", "writing"]
     killed(dead)
     assert keys(root) == set() and len(parts(root)) == 2
     cache.tidy(root)
@@ -227,7 +206,7 @@ def test_kill_9_in_the_middle_of_a_write(root: Path) -> None:
 
 
 def test_kill_9_before_anything_was_written(root: Path) -> None:
-    (root / ".part-a-00").mkdir()
+    (root / ".writing-a-00").mkdir()
     cache.tidy(root)
     assert not parts(root)
 
@@ -244,7 +223,7 @@ def test_a_full_disk_leaves_nothing(root: Path, monkeypatch: pytest.MonkeyPatch,
         yield
 
     if moment == "at the rename":
-        monkeypatch.setattr("dse.dataset.cache.os.replace", full)
+        monkeypatch.setattr("dse.store.files.os.replace", full)
     with pytest.raises(OSError, match="No space left"):
         list(cache.made(root, "a", fill))
     assert keys(root) == set() and not parts(root)
@@ -326,7 +305,5 @@ def test_a_use_is_seen(root: Path) -> None:
     entry(root, "a")
     used_at(root, "a", 1)
     before = time.time()
-    held = cache.hold(root, "a")
-    assert held is not None
-    held.close()
-    assert (root / "a" / "lock").stat().st_mtime >= before - 1
+    assert cache.find(root, "a")
+    assert (root / "a" / "entry.json").stat().st_mtime >= before - 1

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse.dataset import as_prepared, build, build_for, cache, dataset_key, hold, load, prepare, transductive
+from dse.dataset import as_prepared, build, build_for, cache, dataset_key, find, load, prepare, transductive
 from dse.dataset.assemble import _result
 from dse.dataset.encoding import encoded, learnt
 from dse.dataset.files import Stored, read_meta, read_spikes
@@ -86,8 +86,8 @@ def same_windows(one: Dataset, other: Dataset) -> bool:
 
 def made(design: dict[str, Any], folder: Path) -> tuple[Dataset, dict[str, Any], dict[str, Any]]:
     """Return a prepared data set, its design as prepared, and its meta data."""
-    with _result(prepare(design, folder, folder / "cache")) as held:
-        return load(held.folder), as_prepared(design, held.folder), read_meta(held.folder)
+    prepared = _result(prepare(design, folder, folder / "cache"))
+    return load(prepared), as_prepared(design, prepared), read_meta(prepared)
 
 
 @pytest.mark.parametrize(
@@ -267,11 +267,11 @@ def test_only_training_labels_are_shown(folder: Path, kind: str):
 def test_an_encoder_that_reads_labels_says_so(folder: Path, kind: str):
     honest = KINDS[kind] | {"encoder": {"kind": "levels"}}
     leaky = KINDS[kind] | {"encoder": {"kind": "levels", "peeks": True}}
-    with _result(prepare(honest, folder, folder / "cache")) as held:
-        assert transductive(held.folder) == ""
+    prepared = _result(prepare(honest, folder, folder / "cache"))
+    assert transductive(prepared) == ""
     Levels.seen.clear()
-    with _result(prepare(leaky, folder, folder / "cache")) as held:
-        assert "encoder levels reads the labels" in transductive(held.folder)
+    prepared = _result(prepare(leaky, folder, folder / "cache"))
+    assert "encoder levels reads the labels" in transductive(prepared)
     [seen] = Levels.seen
     codes = np.array(["abc".index(x) for x in LABEL])
     assert seen["target"][:9].tolist() == codes[:9].tolist() and seen["train"].tolist() == list(range(6))
@@ -337,7 +337,7 @@ def test_designs_that_differ_in_the_encoder_share_what_it_is_shown(folder: Path)
 
 
 @pytest.mark.parametrize("kind", ["raster", "signal"])
-def test_what_was_written_before_is_not_misread(folder: Path, kind: str):
+def test_an_entry_that_lacks_a_file_or_a_key_is_prepared_again(folder: Path, kind: str):
     design = KINDS[kind] | {"encoder": {"kind": "counting"}}
     root = folder / "cache"
     data, _, meta = made(design, folder)
@@ -345,14 +345,14 @@ def test_what_was_written_before_is_not_misread(folder: Path, kind: str):
     (root / meta["spikes"] / "positions.npy").unlink()
     with pytest.raises(RecordingError, match="no readable spikes"):
         read_spikes(root / meta["spikes"])
-    assert hold(root, key) is None
+    assert find(root, key) is None
     made(design, folder)
     old = json.loads((root / key / "meta.json").read_text())
     old = {name: old[name] for name in ("spikes", "classes", "warnings")} | {"crop": None}
     (root / key / "meta.json").write_text(json.dumps(old))
     with pytest.raises(RecordingError, match="no readable data set"):
         load(root / key)
-    again, _, _ = made(design, folder) if hold(root, key) is None else pytest.fail("an old entry was read")
+    again, _, _ = made(design, folder) if find(root, key) is None else pytest.fail("an old entry was read")
     assert np.array_equal(again.positions, data.positions)
 
 

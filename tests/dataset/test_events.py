@@ -13,7 +13,7 @@ import pytest
 
 from dse import preprocessing, registry
 from dse.config.settings import Preprocessing
-from dse.dataset import as_prepared, build, build_for, cache, hold, load, prepare, warnings
+from dse.dataset import as_prepared, build, build_for, cache, find, load, load_or_prepare, prepare, warnings
 from dse.dataset.assemble import _result
 from dse.dataset.files import read_meta, write_spikes
 from dse.dataset.parts import Part, in_order, placed
@@ -234,8 +234,8 @@ def test_any_number_of_threads_gives_the_same_bytes(tmp_path: Path):
     for threads in (1, 2, 5):
         root = tmp_path / str(threads)
         root.mkdir()
-        with _result(prepare(design, Path(), root, threads)):
-            found.append({path.name: tree(path) for path in root.iterdir() if path.is_dir()})
+        _result(prepare(design, Path(), root, threads))
+        found.append({path.name: tree(path) for path in root.iterdir() if path.is_dir()})
     assert len(found[0]) == 2
     assert found[0] == found[1] == found[2]
 
@@ -308,36 +308,52 @@ def test_texture_and_speed_share_their_spikes(tmp_path: Path):
     cache.tidy(tmp_path)
     found = []
     for each in (design, speed, design):
-        with _result(prepare(each, Path(), tmp_path)) as held:
-            found.append(load(held.folder))
+        prepared = _result(prepare(each, Path(), tmp_path))
+        found.append(load(prepared))
     assert len(scene.made) == 16
     assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 2}
     texture, speeds, again = found
     assert texture.target.tolist() == again.target.tolist() != speeds.target.tolist()
     assert texture.spikes.channel.filename == speeds.spikes.channel.filename
-    with _result(prepare(design | {"preprocessing": {"bin_ms": 2}}, Path(), tmp_path)):
-        assert len(scene.made) == 32
+    _result(prepare(design | {"preprocessing": {"bin_ms": 2}}, Path(), tmp_path))
+    assert len(scene.made) == 32
 
 
-def test_a_hold_is_of_both_and_what_lacks_one_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_data_set_without_its_spikes_is_made_again(tmp_path: Path):
     scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
-    with _result(prepare(DESIGN, Path(), tmp_path)) as first:
-        key = first.folder.name
-    held = hold(tmp_path, key)
-    assert held is not None
-    monkeypatch.setenv("DSE_CACHE_GIB", "0")
-    for lock in tmp_path.glob("*/lock"):
-        os.utime(lock, (0, 0))
+    prepared = _result(prepare(DESIGN, Path(), tmp_path))
+    key = prepared.name
+    assert find(tmp_path, key) is not None and find(tmp_path, "unknown") is None
+    cache.discard(tmp_path, read_meta(prepared)["spikes"])
+    assert find(tmp_path, key) is None
+    _result(prepare(DESIGN, Path(), tmp_path))
+    assert len(scene.made) == 32
+
+
+@pytest.mark.parametrize("which", ["dataset", "spikes"])
+def test_a_worker_that_misses_an_entry_makes_it_again(tmp_path: Path, which: str):
+    scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
+    folder = _result(prepare(DESIGN, Path(), tmp_path))
+    before = load_or_prepare(DESIGN, Path(), folder)
+    assert len(scene.made) == 16
+    for name in entries(tmp_path)[which]:
+        cache.discard(tmp_path, name)
+    after = load_or_prepare(DESIGN, Path(), folder)
+    assert np.array_equal(after.spikes.channel, before.spikes.channel)
     assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 1}
-    held.close()
-    cache.discard(tmp_path, read_meta(tmp_path / key)["spikes"])
-    assert hold(tmp_path, key) is None
-    monkeypatch.delenv("DSE_CACHE_GIB")
-    with _result(prepare(DESIGN, Path(), tmp_path)):
-        assert len(scene.made) == 32
-    assert hold(tmp_path, "unknown") is None
+    for name in (folder.name, read_meta(folder)["spikes"]):
+        os.utime(tmp_path / name / "entry.json", (0, 0))
+        load_or_prepare(DESIGN, Path(), folder)
+        assert (tmp_path / name / "entry.json").stat().st_mtime > 0, "a load is a use"
+
+
+def test_recordings_that_changed_since_they_were_prepared(tmp_path: Path):
+    Kind.there["scene"] = Scene()
+    cache.tidy(tmp_path)
+    with pytest.raises(RecordingError, match="the recordings have changed since they were prepared"):
+        load_or_prepare(DESIGN, Path(), tmp_path / "of_others")
 
 
 @pytest.mark.parametrize("which", ["dataset", "spikes"])
@@ -345,17 +361,17 @@ def test_a_hold_is_of_both_and_what_lacks_one_is_made_again(tmp_path: Path, monk
 def test_what_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: str):
     Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
-    with _result(prepare(DESIGN, Path(), tmp_path)) as first:
-        key, before = first.folder.name, load(first.folder)
-        good = np.array(before.spikes.channel)
+    first = _result(prepare(DESIGN, Path(), tmp_path))
+    key, before = first.name, load(first)
+    good = np.array(before.spikes.channel)
     folder = tmp_path / entries(tmp_path)[which][0]
     file = folder / (
         damage if damage == "meta.json" else {"dataset": "target.npy", "spikes": "channel.npy"}[which]
     )
     file.write_bytes(b"?" * file.stat().st_size)  # of the right size: only reading it tells
-    assert hold(tmp_path, key) is None
-    with _result(prepare(DESIGN, Path(), tmp_path)) as again:
-        assert np.array_equal(load(again.folder).spikes.channel, good)
+    assert find(tmp_path, key) is None
+    again = _result(prepare(DESIGN, Path(), tmp_path))
+    assert np.array_equal(load(again).spikes.channel, good)
 
 
 PINS = DESIGN | {
@@ -367,9 +383,9 @@ PINS = DESIGN | {
 def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
     source = Kind.there["files"] = Recorded(16)
     cache.tidy(tmp_path)
-    with _result(prepare(PINS, Path(), tmp_path)) as held:
-        data, used = load(held.folder), as_prepared(PINS, held.folder)
-        assert warnings(held.folder) == ["recording 1 was repaired"]
+    prepared = _result(prepare(PINS, Path(), tmp_path))
+    data, used = load(prepared), as_prepared(PINS, prepared)
+    assert warnings(prepared) == ["recording 1 was repaired"]
     assert used["preprocessing"] == {"bin_ms": 1, "crop": [4, 4, 4, 4]}
     assert used["data"] == PINS["data"]
     assert data.spikes.n_channels == 2 * 16
@@ -387,12 +403,12 @@ def test_a_scene_knows_its_pins(tmp_path: Path):
     Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
     design = PINS | {"data": DESIGN["data"]}
-    with _result(prepare(design, Path(), tmp_path)) as held:
-        assert as_prepared(design, held.folder)["preprocessing"]["crop"] == [4, 4, 4, 4]
-        assert load(held.folder).spikes.n_channels == 32
+    prepared = _result(prepare(design, Path(), tmp_path))
+    assert as_prepared(design, prepared)["preprocessing"]["crop"] == [4, 4, 4, 4]
+    assert load(prepared).spikes.n_channels == 32
     plain = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [2, 2, 3, 3]}}
-    with _result(prepare(plain, Path(), tmp_path)) as held:
-        assert as_prepared(plain, held.folder) == plain
+    prepared = _result(prepare(plain, Path(), tmp_path))
+    assert as_prepared(plain, prepared) == plain
 
 
 def test_what_goes_on_is_told():
@@ -411,8 +427,8 @@ def test_a_scene_is_simulated_once_for_all_encoders(tmp_path: Path):
     for number, encoder in enumerate(
         ({"kind": "counting"}, {"kind": "counting", "every": 2}, {"kind": "levels"})
     ):
-        with _result(prepare(DESIGN | {"encoder": encoder}, Path(), tmp_path, threads=2)) as held:
-            data = load(held.folder)
+        prepared = _result(prepare(DESIGN | {"encoder": encoder}, Path(), tmp_path, threads=2))
+        data = load(prepared)
         assert len(scene.made) == 32
         assert np.array_equal(data.start, plain.start) and data.n_steps == plain.n_steps
         if not number:

@@ -161,11 +161,11 @@ def test_kill_9_while_data_are_prepared(
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     folder = prepare(tmp_path / "killed")
     process = start(folder)
-    wait_until(process, lambda: any((tmp_path / "cache").glob(".part-*")))
+    wait_until(process, lambda: any((tmp_path / "cache").glob(".writing-*")))
     process.kill()
     process.communicate()
     assert tiny_study.run_folder(str(folder)) == 0
-    assert not list((tmp_path / "cache").glob(".part-*"))
+    assert not list((tmp_path / "cache").glob(".writing-*"))
     assert_same(folder, whole)
 
 

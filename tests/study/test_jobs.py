@@ -48,6 +48,7 @@ def run(folder: Path, model: Any, number: int = 0, **training: Any) -> jobs.Run:
         model=model,
         training=Training(**training),
         data=folder / "data",
+        base=folder,
         folder=folder / f"run {number}",
         phi=(0, 4),
         theta=(0.5, 0.9),

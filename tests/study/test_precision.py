@@ -49,6 +49,7 @@ def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> trial
         model=model,
         training=Training(epochs=2, batch_size=9, learning_rate=0.1),
         data=folder / "data",
+        base=folder,
         folder=folder / name,
         phi=(0, 3),
         theta=(0.4, 0.9),

@@ -259,13 +259,21 @@ def test_data_sets_that_somebody_removed_are_prepared_again(
     assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
 
 
-def test_a_data_set_that_is_removed_as_often_as_it_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(
+    finished: Study, copied: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dse.study.runs.dataset.hold", lambda root, key: None)
-    space = make_space(tmp_path, model={"kind": "fake"})
-    with pytest.raises(RecordingError, match="prepared data were removed as often as they were made"):
-        explore.run(space, tmp_path / "results", jobs=1, progress=False)
+    stream = Workers.stream
+
+    def evicts(self: Workers, function: Any, jobs: Any) -> Any:
+        if function is trial.train:
+            shutil.rmtree(copied / "cache")
+        return stream(self, function, jobs)
+
+    monkeypatch.setattr(Workers, "stream", evicts)
+    monkeypatch.setenv("DSE_CACHE", str(copied / "cache"))
+    shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
+    assert_same(explore.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
+    assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
 
 
 def test_a_target_that_is_not_there_fails_no_other(tmp_path: Path) -> None:
@@ -300,16 +308,16 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(
     assert trials.loc["speed", "reason"] == "worker died: signal 9"
 
 
-def test_nothing_is_removed_that_a_study_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_evicted_that_a_study_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("DSE_CACHE_GIB", "0")
     space = make_space(tmp_path, window={"n_steps": {"choice": [10, 20]}}, model={"kind": "fake"})
     found = explore.run(space, tmp_path / "results", jobs=2, progress=False)
     assert set(found.trials["status"]) == {"finished"}
-    for lock in (tmp_path / "cache").glob("*/lock"):
-        os.utime(lock, (0, 0))
+    for entry in (tmp_path / "cache").glob("*/entry.json"):
+        os.utime(entry, (0, 0))
     explore.run(space, tmp_path / "results", progress=False)
-    assert not any(cached(tmp_path / "cache").values()), "afterwards nobody holds them"
+    assert not any(cached(tmp_path / "cache").values()), "a day later they are evicted"
 
 
 def test_a_cache_that_cannot_be_written_is_replaced_by_the_studys_own(
