@@ -39,7 +39,7 @@ from dse.config.settings import Preprocessing
 from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
 from dse.records import Block
-from dse.scene import reference, simulate
+from dse.scene import background, reference, simulate
 from dse.scene.camera import start_phases
 from dse.scene.load import load_scene
 from dse.scene.scene import Method, Scene
@@ -153,20 +153,20 @@ def case(texture: str, motion: str, noise_hz: float = 0.0, duration_ms: float = 
     )  # fmt: skip
 
 
-def seen(scene: Scene, *, key: int | None = None, background: Block | None = None) -> Block:
+def seen(scene: Scene, *, key: int | None = None, resets: Block | None = None) -> Block:
     """Return trial 0 as the reference camera sees it.
 
     Args:
         scene: the scene.
         key: of the start levels; None: those of the trial.
-        background: events that reset their pixels.
+        resets: background events that reset their pixels.
     """
     paths, thresholds = simulate.pin_paths(scene, 0, reference.STEP_MS), simulate.thresholds(scene)
     width, height = scene.sensor.frame_px
     start = simulate.start_levels(scene, 0) if key is None else start_phases(key, height, width)
     camera = scene.camera
     return reference.camera(
-        paths.t_s, paths.px, paths.radius_px, paths.edge_px, start, thresholds, camera, background
+        paths.t_s, paths.px, paths.radius_px, paths.edge_px, start, thresholds, camera, resets
     )
 
 
@@ -207,7 +207,7 @@ def error(rounds: int) -> Iterator[Table]:
         rows.append(("default, all pins read the texture", cpu_s, likeness(found, slow, scene)))
         for hz in (0.1, 1.0):
             noisy = replace(scene, camera=replace(scene.camera, noise_hz=hz))
-            reset = seen(scene, background=simulate.noise(noisy, 0))
+            reset = seen(scene, resets=background.events(noisy, 0))
             rows.append((f"{hz:g} Hz/px of background reset no pixel", None, likeness(slow, reset, scene)))
         rate = len(slow.t_us) / seconds / 1e3
         table = Table(

@@ -20,7 +20,7 @@ import numpy as np
 
 from dse.native.compiled import compiled
 from dse.records import Array, Block
-from dse.scene import simulate
+from dse.scene import background, simulate
 from dse.scene.scene import Camera, Scene
 
 STEP_MS = 0.1
@@ -34,7 +34,7 @@ def events(scene: Scene, k: int, step_ms: float = STEP_MS) -> Block:
     paths = simulate.pin_paths(scene, k, step_ms)
     start, thresholds = simulate.start_levels(scene, k), simulate.thresholds(scene)
     seen = camera(paths.t_s, paths.px, paths.radius_px, paths.edge_px, start, thresholds, scene.camera)
-    return in_order([seen, simulate.noise(scene, k)])
+    return in_order([seen, background.events(scene, k)])
 
 
 def camera(

@@ -7,8 +7,8 @@ import pytest
 
 from dse.records import Block
 from dse.scene import camera, reference
-from dse.scene.camera import DROPPED, EVENTS, LOOKS, LOST, N_TALLY, OVERFLOW, Sink
 from dse.scene.scene import Camera
+from dse.scene.sink import DROPPED, EVENTS, LOOKS, LOST, N_TALLY, OVERFLOW, list_sink
 
 SIZE = (48, 40)
 RADIUS, EDGE, CONTRAST = 4.2, 0.45, 5.0
@@ -21,36 +21,24 @@ def thresholds(on: float = 0.3, off: float = 0.3) -> np.ndarray:
     return (np.array([off, on]) * spread).astype(np.float32)
 
 
-def sink(capacity: int = 1 << 16) -> Sink:
-    none = np.zeros(0, np.int32)
-    return Sink(
-        np.empty(capacity, np.int32), np.empty(capacity, np.int32), np.empty(capacity, np.int32),
-        np.empty(capacity, np.uint8), np.zeros((1, 0), np.uint64), np.zeros((1, 0), np.uint8),
-        none, none, none, none, 0, 0, 1, -1, 0, 0, 1, 0,
-    )  # fmt: skip
-
-
 def watch(
     t_s: np.ndarray, px: np.ndarray, theta: np.ndarray, refractory_us: float = 0.0, capacity: int = 1 << 16
 ) -> tuple[Block, np.ndarray]:
     """Return the events of pins looked at at every point of their path (n, pin, 2), and the tally."""
     gain = np.exp(theta * np.array([-1.0, 1.0])).astype(np.float32)
-    pixels, light = camera.state(theta, gain, KEY, refractory_us), camera.light_of(RADIUS, EDGE, CONTRAST)
+    pixels, light = camera.blank(theta, gain, KEY, refractory_us), camera.light_of(RADIUS, EDGE, CONTRAST)
     n_pins = px.shape[1]
     others = [[j for j in range(n_pins) if j != i] for i in range(n_pins)]
     first = np.arange(n_pins + 1) * (n_pins - 1)
     neighbours = np.array(others, dtype=np.int64).reshape(-1)
-    at, tally, to = px[0] - 0.5, np.zeros(N_TALLY, np.int64), sink(capacity)
-    near = np.empty((n_pins, 2))
-    camera.wake(pixels, light, at, first, neighbours, near)
+    sink, tally = list_sink(capacity), np.zeros(N_TALLY, np.int64)
+    view = camera.view(pixels, light, sink, tally, px[0] - 0.5, first, neighbours)
+    camera.wake(view)
     for t0, t1, places in zip(t_s[:-1] * 1e6, t_s[1:] * 1e6, px[1:] - 0.5, strict=True):
         for i, (x, y) in enumerate(places):
-            camera.look(
-                pixels, light, to, tally, camera.ramp(), near, at, first, neighbours, i,
-                float(t0), x, y, float(t1),
-            )  # fmt: skip
+            camera.look(view, i, x, y, float(t0), float(t1))
     n = min(int(tally[EVENTS]), capacity)
-    seen = Block(to.t_us[:n].astype(np.int64), to.x[:n], to.y[:n], to.polarity[:n])
+    seen = Block(sink.t_us[:n].astype(np.int64), sink.x[:n], sink.y[:n], sink.polarity[:n])
     return reference.in_order([seen]), tally
 
 

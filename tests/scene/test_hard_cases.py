@@ -12,7 +12,7 @@ from dse import preprocessing
 from dse.config.settings import Preprocessing
 from dse.recordings.pooling import pooling
 from dse.records import Block
-from dse.scene import checks, reference, simulate
+from dse.scene import background, checks, reference, simulate
 from dse.scene.scene import Method, Sensor, Texture, Variation
 from dse.scene.tip import pins_mm
 from dse.scene.trial import trial
@@ -57,7 +57,7 @@ def test_without_force_there_is_background_alone() -> None:
     scene = small.scene(force_n=0.0, camera=replace(small.CAMERA, noise_hz=1.0), variation=Variation())
     assert trial(scene, 0).drift != 0
     found, flags = simulate.simulated(scene, 0)
-    noise = simulate.noise(scene, 0)
+    noise = background.events(scene, 0)
     np.testing.assert_array_equal(found.t_us, noise.t_us)
     assert len(noise.t_us) > 1000
     assert flags.looks == 0 and not flags.contact_saturated
@@ -181,7 +181,7 @@ def test_a_rigid_shift_beyond_the_pitch_loses_no_event() -> None:
 
 def test_noise_near_the_threshold_has_a_ceiling() -> None:
     def rate(**other: float) -> float:
-        return simulate.background_hz(small.scene(camera=replace(small.CAMERA, noise_hz=0.1, **other)))
+        return background.rate_hz(small.scene(camera=replace(small.CAMERA, noise_hz=0.1, **other)))
 
     assert rate() == 0.1
     assert rate(noise_rms=0.1) == pytest.approx(0.1 + 3000 * math.exp(-4.5))
@@ -189,8 +189,8 @@ def test_noise_near_the_threshold_has_a_ceiling() -> None:
     assert rate(noise_rms=0.5, threshold=0.1, bandwidth_hz=1e6, refractory_us=500.0) == pytest.approx(2000)
     assert rate(noise_rms=0.5, bandwidth_hz=1e9, readout_mev_s=10.0) == pytest.approx(1e7 / 88**2)
     scene = small.scene(camera=replace(small.CAMERA, threshold=0.05, noise_rms=0.2), duration_ms=50.0)
-    expected = simulate.background_hz(scene) * 88 * 88 * 0.05
-    assert len(simulate.noise(scene, 0).t_us) == pytest.approx(expected, rel=0.01)
+    expected = background.rate_hz(scene) * 88 * 88 * 0.05
+    assert len(background.events(scene, 0).t_us) == pytest.approx(expected, rel=0.01)
 
 
 def test_a_threshold_above_the_contrast_sends_nothing_and_is_warned_of() -> None:
@@ -257,7 +257,7 @@ def test_an_events_clock_is_that_of_its_pins(texture: Texture) -> None:
     moved = np.abs(np.diff(paths.px, axis=0)).max(axis=(1, 2))
     ends_us = 1e6 * paths.t_s[1:][moved > 1e-4].max()
     assert 100_000 < ends_us < 115_000
-    found, noise = simulate.events(scene, 0).t_us, simulate.noise(scene, 0).t_us
+    found, noise = simulate.events(scene, 0).t_us, background.events(scene, 0).t_us
     signal = len(found) - len(noise)
     assert np.sum(found < 100_000) - np.sum(noise < 100_000) > 0.95 * signal > 5000
     # Skin that creeps to rest moves less than `skip`: looked at once when all is still, it sends few.

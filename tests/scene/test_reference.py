@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.records import Block
-from dse.scene import reference, simulate
+from dse.scene import background, reference, simulate
 from dse.scene.scene import Camera
 from dse.scene.tip import image_px, pins_mm
 from tests.scene import small
@@ -206,7 +206,7 @@ def test_background_events_can_be_made_to_reset_their_pixels() -> None:
 
 def test_a_trial_is_the_camera_on_its_path_and_its_noise() -> None:
     scene = small.scene(camera=replace(small.CAMERA, noise_hz=5.0), duration_ms=60.0)
-    found, noise = reference.events(scene, 0), simulate.noise(scene, 0)
+    found, noise = reference.events(scene, 0), background.events(scene, 0)
     paths = simulate.pin_paths(scene, 0, reference.STEP_MS)
     signal = reference.camera(
         paths.t_s, paths.px, paths.radius_px, paths.edge_px,

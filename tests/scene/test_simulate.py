@@ -14,7 +14,7 @@ from dse import preprocessing
 from dse.config.settings import Preprocessing
 from dse.recordings.pooling import pooling
 from dse.records import Block
-from dse.scene import reference, simulate
+from dse.scene import background, reference, simulate
 from dse.scene.scene import Method, Variation
 from tests.scene import small
 
@@ -197,7 +197,7 @@ def test_the_camera_is_one_camera_and_its_start_is_the_trials_own() -> None:
 
 def test_background_events_are_uniform_and_part_of_the_trial() -> None:
     scene = replace(DENIM, camera=replace(small.CAMERA, noise_hz=20.0))
-    noise, quiet = simulate.noise(scene, 0), simulate.events(replace(DENIM, camera=small.CAMERA), 0)
+    noise, quiet = background.events(scene, 0), simulate.events(replace(DENIM, camera=small.CAMERA), 0)
     expected = 20.0 * 88 * 88 * 0.3
     assert len(noise.t_us) == pytest.approx(expected, abs=5 * np.sqrt(expected))
     assert (np.diff(noise.t_us) >= 0).all()
