@@ -44,7 +44,7 @@ from benchmarks import chip_simulation
 from benchmarks.mapped_cases import Case
 from benchmarks.worker import NotInstalled, Worker, pythons
 from dse import dataset, seeds
-from dse.hardware.cost import cost, cost_of_steps
+from dse.hardware.cost import Cost, cost, cost_of_steps
 from dse.hardware.profile import Profile, load
 from dse.measure.run import read_out
 from dse.models.snn.family import SNN
@@ -52,7 +52,7 @@ from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
 from dse.models.training import Training
 from dse.neurons.cuba_lif import quantise
-from dse.records import Array, Dataset, Network, Response, Workload
+from dse.records import Array, Dataset, Floats, Network, Response, Workload
 
 HARDWARE = "loihi1_silicon"
 STEP_MS, N_STEPS = 1.0, 100
@@ -213,7 +213,7 @@ def simulated(profile: Profile, case: Case, asked: Asked) -> list[str]:
     means_s, of_means = least_s(partial(cost, profile, means), asked.rounds)
     steps_s, of_steps = least_s(partial(cost_of_steps, profile, steps), asked.rounds)
     plain_us, queues_us = (float(x.step_ns.mean()) * 1e-3 for x in (plain, queues))
-    held = float(of_means.step_time_us_low) <= queues_us <= float(of_means.step_time_us_high)
+    held = float(of_means.step_time_us.low) <= queues_us <= float(of_means.step_time_us.high)
     inputs, *neurons = means.spikes / case.n_steps
     return [
         str(chip.n_cores),
@@ -224,8 +224,8 @@ def simulated(profile: Profile, case: Case, asked: Asked) -> list[str]:
         f"{1e6 * means_s:.0f}",
         f"{1e6 * steps_s:.0f}",
         percent(float(of_steps.dynamic_uj), plain.energy_pj * 1e-6),
-        percent(float(of_means.step_time_us), plain_us),
-        percent(float(of_steps.step_time_us), plain_us),
+        percent(float(of_means.step_time_us.value), plain_us),
+        percent(float(of_steps.step_time_us.value), plain_us),
         percent(queues_us, plain_us),
         "yes" if held else "NO",
     ]
@@ -387,24 +387,24 @@ def mean_errors(profile: Profile, steps: Workload, rounds: int) -> list[str]:
     each_s, of_each = least_s(partial(cost, profile, each), rounds)
     steps_s, exact = least_s(of_every_step, rounds)
 
-    def against(name: str) -> list[str]:
-        expected = np.array([float(getattr(x, name)) for x in exact])
-        found = float(getattr(of_mean, name)), float(getattr(of_each, name).mean())
-        return [percent(x, float(expected.mean())) for x in found]
+    def against(figure: Callable[[Cost], Floats]) -> list[str]:
+        expected = np.array([float(figure(x)) for x in exact])
+        approximate = float(figure(of_mean)), float(figure(of_each).mean())
+        return [percent(x, float(expected.mean())) for x in approximate]
 
     inputs, *neurons = steps.spikes.mean(axis=(0, 1))
-    step_us = np.array([float(x.step_time_us) for x in exact])
-    worst = float((of_each.step_time_us / step_us).min())
+    step_us = np.array([float(x.step_time_us.value) for x in exact])
+    worst = float((of_each.step_time_us.value / step_us).min())
     return [
         str(n),
         str(steps.spikes.shape[1]),
         ", ".join(f"{x:.3g}" for x in (inputs, sum(neurons))),
         f"{step_us.mean():.3f}",
         *(f"{1e9 * s / n:.0f}" for s in (mean_s, each_s, steps_s)),
-        *against("dynamic_uj"),
-        *against("step_time_us"),
+        *against(lambda x: x.dynamic_uj),
+        *against(lambda x: x.step_time_us.value),
         percent(worst, 1.0),
-        *against("energy_uj"),
+        *against(lambda x: x.energy_uj.value),
     ]
 
 
@@ -525,7 +525,8 @@ def bits_row(
     said = respond(network, data, data.validation)
     priced = cost(profile, replace(mean_of(of_response(network, said)), weight_bits=weight_bits))
     accuracy = float(np.mean(read_out(said.output) == truth))
-    return accuracy, network.n_weights, priced.n_cores, float(priced.dynamic_uj), float(priced.energy_uj)
+    energy_uj = float(priced.energy_uj.value)
+    return accuracy, network.n_weights, priced.n_cores.value, float(priced.dynamic_uj), energy_uj
 
 
 PARTS: Mapping[str, Callable[[Asked], Table]] = {

@@ -123,10 +123,10 @@ def price(hardware: str, n_architectures: int, n_points: int) -> dict[str, float
     cost(profile, points[0])
     before_gib = peak_gib()
     began = time.process_time()
-    found = [cost(profile, x).energy_uj_high for x in loads]
+    found = [cost(profile, x).energy_uj.high for x in loads]
     took, gib = time.process_time() - began, peak_gib()
     began = time.process_time()
-    one_by_one = np.array([float(cost(profile, x).energy_uj_high) for x in points])
+    one_by_one = np.array([float(cost(profile, x).energy_uj.high) for x in points])
     loop_s = (time.process_time() - began) / len(points)
     per_load = len(points) // len(loads[:100])
     sample = np.concatenate([x[:per_load] for x in found[:100]])

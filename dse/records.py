@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,9 +295,9 @@ class Workload:
 
     sizes: tuple[int, ...]
     recurrent: tuple[bool, ...]
-    n_steps: Array
-    spikes: Array
-    updates: Array | None
+    n_steps: Floats
+    spikes: Floats
+    updates: Floats | None
     step_ms: float
     weight_bits: int = 8
     synapses: tuple[float, ...] | None = None
@@ -319,6 +319,33 @@ class Workload:
         pairs = zip(self.sizes, self.sizes[1:], self.recurrent, strict=False)
         return tuple(n * (before + n * back) for before, n, back in pairs)
 
+    @property
+    def number_bits(self) -> int:
+        """Bits per stored number."""
+        return self.weight_bits
+
+    @property
+    def input_ms(self) -> Floats:
+        """Time (...) on the sensor's clock until the input is complete."""
+        return np.asarray(self.n_steps) * self.step_ms
+
+    @property
+    def counts(self) -> Floats:
+        """What happens in an inference, (..., F) float64: steps, spikes of each layer, updates of each."""
+        n_steps = np.asarray(self.n_steps, np.float64)
+        spikes = np.asarray(self.spikes, np.float64)
+        updates = n_steps[..., None] * np.array(self.sizes[1:]) if self.updates is None else self.updates
+        return np.concatenate([n_steps[..., None], spikes, np.asarray(updates, np.float64)], axis=-1)
+
+    def step_us(self, computing_us: Floats) -> Floats:
+        """Return the mean time of a step from that of the inference, (..., as n_steps): 0 without steps."""
+        steps = np.asarray(self.n_steps, np.float64)
+        return np.divide(computing_us, steps, out=np.zeros_like(computing_us), where=steps > 0)
+
+    def pipeline_us(self, step_us: Floats) -> Floats:
+        """Return the time that the last answer still takes through the layers, at the step period."""
+        return np.asarray(self.pipeline_steps * np.maximum(self.step_ms * 1e3, step_us))
+
     def mapped(self, change: Callable[[Array], Array]) -> Workload:
         """Return the same with a change made to every array of design points, leading axes first."""
         return replace(
@@ -328,12 +355,73 @@ class Workload:
             updates=None if self.updates is None else change(self.updates),
         )
 
+    def over_steps(self) -> Workload:
+        """Return the inference whose steps these are: spikes (..., step, layer), n_steps (..., step)."""
+        return replace(
+            self,
+            n_steps=np.asarray(self.n_steps).sum(axis=-1),
+            spikes=np.asarray(self.spikes).sum(axis=-2),
+            updates=None if self.updates is None else np.asarray(self.updates).sum(axis=-2),
+        )
+
+    def check(self) -> None:
+        """Check that counts are possible and shapes belong together.
+
+        Raises:
+            ValueError: what is wrong.
+        """
+        self._check_layers()
+        n_steps = np.asarray(self.n_steps, np.float64)
+        _check_counts("n_steps", n_steps)
+        n_layers = len(self.sizes)
+        for name, values, n in (("spikes", self.spikes, n_layers), ("updates", self.updates, n_layers - 1)):
+            if values is None:
+                continue
+            values = np.asarray(values, np.float64)
+            shape = (*n_steps.shape, n)
+            if values.shape != shape:
+                raise ValueError(f"{name} must be {shape} like n_steps and sizes, got {values.shape}")
+            _check_counts(name, values)
+            if (values[n_steps == 0] > 0).any():
+                raise ValueError(f"{name} must be 0 where n_steps is 0")
+        if not (self.step_ms > 0 and np.isfinite(self.step_ms)):
+            raise ValueError(f"step_ms must be > 0, got {self.step_ms}")
+        for name, number, least in (
+            ("weight_bits", self.weight_bits, 1),
+            ("delay_bits", self.delay_bits, 0),
+            ("pipeline_steps", self.pipeline_steps, 0),
+        ):
+            if number < least:
+                raise ValueError(f"{name} must be >= {least}, got {number}")
+
+    def _check_layers(self) -> None:
+        """Check what is given layer by layer, but for counts."""
+        sizes, n_layers = self.sizes, len(self.sizes)
+        if n_layers < 2 or min(sizes) < 1 or len(self.recurrent) != n_layers - 1:
+            raise ValueError(
+                "sizes must hold an input and at least one layer, and recurrent one value less, "
+                f"got {sizes} and {self.recurrent}"
+            )
+        for name, given, most in (
+            ("synapses", self.synapses, self.fan_out),
+            ("stored", self.stored, self.dense),
+        ):
+            if given is not None and (
+                len(given) != len(most) or not all(0 <= a <= b for a, b in zip(given, most, strict=True))
+            ):
+                raise ValueError(f"{name} must be between 0 and {most} layer by layer, got {given}")
+        if self.cores is not None and (
+            len(self.cores) != n_layers - 1
+            or not all(1 <= n <= size for n, size in zip(self.cores, sizes[1:], strict=True))
+        ):
+            raise ValueError(f"cores must be between 1 and {sizes[1:]} layer by layer, got {self.cores}")
+
 
 @dataclass(frozen=True)
 class Operations:
     """Mean work per inference of a classifier that is no stack of spiking layers.
 
-    Arrays are (...) design points.
+    Arrays are (...) design points. Such a classifier computes once, when its input is complete.
 
     macs, additions: multiply-accumulates, and additions without multiplication.
     updates: state updates, of a spiking classifier.
@@ -342,12 +430,39 @@ class Operations:
     number_bits: bits per stored number and per operand; what was measured here, not what might do as well.
     """
 
-    macs: Array
-    additions: Array
-    updates: Array
-    n_weights: Array
-    duration_ms: Array
+    macs: Floats
+    additions: Floats
+    updates: Floats
+    n_weights: Floats
+    duration_ms: Floats
     number_bits: int = 32
+
+    cores: ClassVar[None] = None
+    """Only networks have layers that can be spread over cores by hand."""
+
+    @property
+    def is_spiking(self) -> bool:
+        """Whether it has state updates: a spiking classifier whose additions are of weights."""
+        return bool((np.asarray(self.updates) > 0).any())
+
+    @property
+    def input_ms(self) -> Floats:
+        """Time (...) on the sensor's clock until the input is complete."""
+        return np.asarray(self.duration_ms)
+
+    @property
+    def counts(self) -> Floats:
+        """What happens in an inference, (..., 4) float64: 1, macs, additions, state updates."""
+        columns = np.broadcast_arrays(1.0, self.macs, self.additions, self.updates)
+        return np.stack(columns, axis=-1).astype(np.float64)
+
+    def step_us(self, computing_us: Floats) -> Floats:
+        """Return the time of the inference: it is one step."""
+        return computing_us
+
+    def pipeline_us(self, step_us: Floats) -> Floats:
+        """Return 0: there are no layers that an answer must still pass."""
+        return np.zeros_like(step_us)
 
     def mapped(self, change: Callable[[Array], Array]) -> Operations:
         """Return the same with a change made to every array of design points."""
@@ -359,6 +474,22 @@ class Operations:
             duration_ms=change(self.duration_ms),
             number_bits=self.number_bits,
         )
+
+    def check(self) -> None:
+        """Check that counts are possible.
+
+        Raises:
+            ValueError: what is wrong.
+        """
+        for name in ("macs", "additions", "updates", "n_weights", "duration_ms"):
+            _check_counts(name, np.asarray(getattr(self, name), np.float64))
+        if not self.number_bits >= 1:
+            raise ValueError(f"number_bits must be >= 1, got {self.number_bits}")
+
+
+def _check_counts(name: str, values: Floats) -> None:
+    if not (np.isfinite(values) & (values >= 0)).all():
+        raise ValueError(f"{name} must be finite and >= 0")
 
 
 @dataclass(frozen=True)

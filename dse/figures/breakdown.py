@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from dse.figures.labels import OKABE_ITO_LIGHT, short
 from dse.hardware.cost import Cost
-from dse.records import Array
+from dse.records import Floats
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -34,7 +34,7 @@ class Breakdown:
     """
 
     causes: tuple[str, ...]
-    dynamic_uj: Array
+    dynamic_uj: Floats
     static_uj: float
     energy_uj: float
     energy_uj_low: float
@@ -50,24 +50,21 @@ def gather_breakdown(costs: Sequence[Cost]) -> Breakdown:
     Raises:
         ValueError: there are no costs, or they are of several inferences.
     """
-    if not costs or any(np.size(cost.energy_uj) != 1 for cost in costs):
+    if not costs or any(np.size(cost.energy_uj.value) != 1 for cost in costs):
         raise ValueError("costs must be one or more, of one inference each")
 
-    def mean(name: str) -> float:
-        return float(np.mean([np.asarray(getattr(cost, name)).item() for cost in costs]))
+    def mean(values: Iterable[Floats]) -> float:
+        return float(np.mean([np.asarray(value).item() for value in values]))
 
-    by_cause = {
-        cause: float(np.mean([np.asarray(cost.breakdown[cause]).item() for cost in costs]))
-        for cause in costs[0].breakdown
-    }
+    by_cause = {cause: mean(cost.breakdown[cause] for cost in costs) for cause in costs[0].breakdown}
     paid = sorted(((cause, uj) for cause, uj in by_cause.items() if uj > 0), key=lambda pair: -pair[1])
     return Breakdown(
         causes=tuple(cause for cause, _ in paid),
         dynamic_uj=np.array([uj for _, uj in paid]),
-        static_uj=mean("static_uj"),
-        energy_uj=mean("energy_uj"),
-        energy_uj_low=mean("energy_uj_low"),
-        energy_uj_high=mean("energy_uj_high"),
+        static_uj=mean(cost.static_uj.value for cost in costs),
+        energy_uj=mean(cost.energy_uj.value for cost in costs),
+        energy_uj_low=mean(cost.energy_uj.low for cost in costs),
+        energy_uj_high=mean(cost.energy_uj.high for cost in costs),
     )
 
 

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dse.hardware.activity import expected_updates
 from dse.hardware.cost import Cost, cost, cost_of_steps
-from dse.hardware.plan import features
 from dse.hardware.profile import Profile
-from dse.records import Operations, Workload
+from dse.records import Floats, Operations, Workload
 
-PerStep = float | NDArray[np.float64]
+PerStep = float | Floats
 """A mean, which stands for the same count in every step, or (n_steps,) counts."""
 
 
@@ -42,10 +40,10 @@ class Inference:
         return self.n_steps * self.step_ms
 
     @property
-    def counts(self) -> NDArray[np.float64]:
-        """What happens in the whole inference, (F,) (`plan.features`)."""
-        found = features(self.load)
-        return np.asarray(found.sum(axis=0)) if self.per_step else found
+    def counts(self) -> Floats:
+        """What happens in the whole inference, (F,)."""
+        counts = self.load.counts
+        return np.asarray(counts.sum(axis=0)) if self.per_step else counts
 
     def on(self, profile: Profile) -> Workload | Operations:
         """Return the load with the steps that its answer takes through the layers on this hardware."""
@@ -94,7 +92,7 @@ def of_network(
     # Steps of an inference, one by one; or all of them as one entry.
     steps = np.ones(n_steps) if per_step else np.asarray(float(n_steps))
 
-    def laid_out(counts: Sequence[PerStep]) -> NDArray[np.float64]:
+    def laid_out(counts: Sequence[PerStep]) -> Floats:
         return np.stack([steps * (x if n_steps else 0.0) for x in counts], axis=-1)
 
     load = replace(

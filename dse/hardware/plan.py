@@ -10,11 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dse.records import Operations, Workload
-
-Values = NDArray[np.float64]
+from dse.hardware.interval import Interval
+from dse.records import Bools, Floats
 
 
 class NotApplicable(ValueError):
@@ -58,6 +56,11 @@ class Placement:
     def n_cores(self) -> int:
         return sum(self.cores)
 
+    @property
+    def core_range(self) -> Interval[int]:
+        """Cores in use, and what practice may take."""
+        return Interval(self.n_cores, self.low or self.n_cores, self.high or self.n_cores)
+
 
 @dataclass(frozen=True)
 class Congestion:
@@ -68,14 +71,16 @@ class Congestion:
     factor: (D...) times a step.
     """
 
-    layers: NDArray[np.bool_]
+    layers: Bools
     spikes: float
-    factor: Values
+    factor: Floats
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Costs of an inference, linear in its F counts (`features`); D... are the draws of the figures.
+    """Costs of an inference, linear in its F counts (`Workload.counts`, `Operations.counts`).
+
+    D... are the draws of the figures.
 
     energy_pj: cause -> (D..., F), what happening costs.
     time_ns: (D..., K, F); the time of an inference, or of a step, is the largest of K.
@@ -85,25 +90,23 @@ class Plan:
     share: of the chip's cores that are in use.
     """
 
-    energy_pj: Mapping[str, Values]
-    time_ns: Values
-    static_mw: Values
-    idle_mw: Values
+    energy_pj: Mapping[str, Floats]
+    time_ns: Floats
+    static_mw: Floats
+    idle_mw: Floats
     placement: Placement | None
     congestion: Congestion | None = None
     share: float = 1.0
 
 
-def features(load: Workload | Operations) -> Values:
-    """Return the counts of a load that a plan is linear in, (..., F).
-
-    Of a workload: steps, spikes of each layer (input first), updates of each layer after it.
-    Of operations: 1, multiply-accumulates, additions, state updates.
-    """
-    if isinstance(load, Operations):
-        columns = np.broadcast_arrays(1.0, load.macs, load.additions, load.updates)
-        return np.stack(columns, axis=-1).astype(np.float64)
-    n_steps = np.asarray(load.n_steps, np.float64)
-    spikes = np.asarray(load.spikes, np.float64)
-    updates = n_steps[..., None] * np.array(load.sizes[1:]) if load.updates is None else load.updates
-    return np.concatenate([n_steps[..., None], spikes, np.asarray(updates, np.float64)], axis=-1)
+def energy_only(energy_pj: Mapping[str, Floats]) -> Plan:
+    """Return the plan of what no chip is meant by: energies, without time, static power or cores."""
+    first = next(iter(energy_pj.values()))
+    none = np.zeros(first.shape[:-1])
+    return Plan(
+        energy_pj=energy_pj,
+        time_ns=np.zeros((*none.shape, 1, first.shape[-1])),
+        static_mw=none,
+        idle_mw=none,
+        placement=None,
+    )

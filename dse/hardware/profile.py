@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dse import registry
+from dse import registry, seeds
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import names_a_file
 from dse.config.yaml_lines import Document, parse
-from dse.hardware.plan import Plan
-from dse.records import Operations, Workload
+from dse.hardware.plan import NotApplicable, Plan
+from dse.records import Floats, Operations, Workload
 
 KINDS = "hardware.kinds"
 
@@ -40,7 +39,7 @@ Evidence = Literal[
 ]
 End = Literal["low", "value", "high"]
 
-Figures = Mapping[str, NDArray[np.float64]]
+Figures = Mapping[str, Floats]
 """Number by name, each () or (D,): D draws, or D ends of its range."""
 
 
@@ -78,11 +77,6 @@ class Figure:
 def figure(unit: str, doc: str, *, whole: bool = False, claim: bool = False) -> Any:
     """Declare a number of a kind of hardware (arguments of `Figure`)."""
     return dataclasses.field(metadata={"figure": Figure(unit, doc, whole, claim)})
-
-
-def fixed(figures: Figures, name: str) -> float:
-    """Return a number without a range, the same in all draws."""
-    return float(figures[name].flat[0])
 
 
 @dataclass(frozen=True)
@@ -133,15 +127,33 @@ class Profile(ABC):
             found[name] = np.where(u < 0.5, below, above)
         return found
 
-    @abstractmethod
+    def draws(self, n: int) -> Figures:
+        """Return every number n times (`drawn`), the same at every call: designs compare on the same draw."""
+        return self.drawn(n, seeds.generator(0, {"hardware": self.name}, "figures"))
+
     def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
         """Return what one inference costs per count of what happens in it.
 
         Raises:
             NotApplicable: the chip cannot run such a classifier.
         """
+        if isinstance(load, Workload):
+            return self.plan_network(load, figures)
+        return self.plan_operations(load, figures)
 
-    def pipeline_steps(self, load: Workload | Operations) -> int:
+    @abstractmethod
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
+        """Return the plan of a network of spiking layers (`plan`)."""
+
+    def plan_operations(self, load: Operations, figures: Figures) -> Plan:
+        """Return the plan of any other classifier (`plan`); most chips can run none.
+
+        Raises:
+            NotApplicable: the chip cannot run such a classifier.
+        """
+        raise NotApplicable(f"{self.name} runs only networks of spiking layers")
+
+    def pipeline_steps(self, load: Workload) -> int:
         """Return the steps that the last step's answer still takes through the layers; 0 on most chips."""
         return 0
 

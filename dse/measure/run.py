@@ -173,28 +173,22 @@ def columns_on(profile: Profile, load: Workload | Operations) -> Columns:
         found = cost(profile, load)
     except NotApplicable:
         return {}
-    columns: Mapping[str, Any] = {
-        "energy_uj": found.energy_uj,
-        "energy_uj_low": found.energy_uj_low,
-        "energy_uj_high": found.energy_uj_high,
-    }
+    columns: Mapping[str, Any] = found.energy_uj.columns("energy_uj")
     if found.timed:
         columns = {
             **columns,
             "energy_dynamic_uj": found.dynamic_uj,
-            "energy_static_uj": found.static_uj,
-            "energy_static_throttled_uj": found.static_throttled_uj,
-            "energy_throttled_uj": found.energy_throttled_uj,
-            "energy_throttled_uj_low": found.energy_throttled_uj_low,
-            "energy_throttled_uj_high": found.energy_throttled_uj_high,
+            "energy_static_uj": found.static_uj.value,
+            "energy_static_throttled_uj": found.static_throttled_uj.value,
+            **found.energy_throttled_uj.columns("energy_throttled_uj"),
             "idle_mw": found.idle_mw,
             "hardware_latency_ms": found.hardware_latency_ms,
-            "latency_ms": _latency_ms(load, found.step_time_us) + found.pipeline_ms,
-            "n_cores": found.n_cores,
-            "n_cores_high": found.n_cores_high,
+            "latency_ms": _latency_ms(load, found.step_time_us.value) + found.pipeline_ms,
+            "n_cores": found.n_cores.value,
+            "n_cores_high": found.n_cores.high,
             "fits": found.fits,
         }
-    shape = np.shape(found.energy_uj)
+    shape = np.shape(found.energy_uj.value)
     return {name: np.broadcast_to(np.asarray(x), shape).copy() for name, x in columns.items()}
 
 
@@ -257,7 +251,7 @@ def _measured(
     )
     n = len(asked.target)
     work = found.work
-    bits = work.load.weight_bits if isinstance(work.load, Workload) else work.load.number_bits
+    bits = work.load.number_bits
     read_outs = found.read_outs | {"memory_bytes": memory_bytes(found.read_outs["n_weights"], np.array(bits))}
     columns = {
         "accuracy": read_outs["accuracy"][-1].item(),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import seeds, store
+from dse import store
 from dse.config import ConfigError, Fault
 from dse.config.sections import OF_HARDWARE
 from dse.hardware.profile import Figures, Profile, load, read
@@ -67,7 +67,7 @@ def profile(folder: Path, name: str) -> Profile:
 
 def figures(chip: Profile, n_draws: int) -> Figures:
     """Return draws of a chip's figures, the same at every call: designs are compared on the same draw."""
-    return chip.drawn(n_draws, seeds.generator(0, {"hardware": chip.name}, "figures"))
+    return chip.draws(n_draws)
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:

@@ -140,12 +140,12 @@ def test_the_closed_form_of_steps_is_exact_without_a_network(case: Case) -> None
     means, steps = loads(case)
     found = simulate(PROFILE, layout(PROFILE, means, case.connected), *case.activity, None)
     of_steps, of_means = cost_of_steps(PROFILE, steps), cost(PROFILE, means)
-    assert of_steps.n_cores == 2
+    assert of_steps.n_cores.value == 2
     uj, step_us = found.energy_pj * 1e-6, found.step_ns.mean() * 1e-3
     assert float(of_steps.dynamic_uj) == pytest.approx(uj, rel=1e-12)
     assert float(of_means.dynamic_uj) == pytest.approx(uj, rel=1e-12)
-    assert float(of_steps.step_time_us) == pytest.approx(step_us, rel=1e-12)
-    assert float(of_means.step_time_us) <= step_us * (1 + 1e-12)
+    assert float(of_steps.step_time_us.value) == pytest.approx(step_us, rel=1e-12)
+    assert float(of_means.step_time_us.value) <= step_us * (1 + 1e-12)
 
 
 @settings(derandomize=True, deadline=None, max_examples=30)

@@ -58,14 +58,14 @@ def test_a_network_on_loihi(net: Path, capsys: Captured) -> None:
     assert (row["hardware"], row["n_weights"], row["not_applicable"]) == ("loihi1_silicon", 1550, None)
     for name in ("energy_uj", "energy_throttled_uj", "step_time_us"):
         for end in ("", "_low", "_high"):
-            assert row[name + end] == getattr(found, name + end)
-    assert row["energy_static_uj"] == pytest.approx(found.static_uj)
+            assert row[name + end] == getattr(found, name).columns(name)[name + end]
+    assert row["energy_static_uj"] == pytest.approx(found.static_uj.value)
     assert row["energy_static_throttled_uj"] == pytest.approx(104e-3 * 100e3)
     assert row["energy_static_throttled_uj_low"] == pytest.approx(29e-3 * 100e3)
     assert (row["n_cores"], row["n_cores_low"], row["n_cores_high"], row["fits"]) == (
-        found.n_cores,
-        found.n_cores_low,
-        found.n_cores_high,
+        found.n_cores.value,
+        found.n_cores.low,
+        found.n_cores.high,
         True,
     )
     assert row["misfits"] == []
@@ -183,7 +183,7 @@ def test_what_a_chip_cannot_run_is_said(tmp_path: Path, capsys: Captured) -> Non
     )
     assert document["notes"] == [
         "loihi1_silicon: not applicable, loihi1_silicon runs only networks of spiking layers",
-        "op_4.6_0.9: dynamic energy alone; no static power, time, cores or limits are meant",
+        "op_4.6_0.9: dynamic energy only; the profile has no static power, time, cores or limits",
     ]
 
 
@@ -201,7 +201,7 @@ def test_a_profile_of_intervals_gives_no_value(net: Path, tmp_path: Path, capsys
     assert row["energy_uj_q50"] is None
     assert row["energy_uj_low"] < row["energy_uj_q05"] < row["energy_uj_q95"] < row["energy_uj_high"]
     assert main(["cost", str(net), "--hardware", str(chip)]) == 0
-    assert "mine: nobody has published numbers, so costs are intervals" in capsys.readouterr().out
+    assert "mine: no numbers are published, so costs are intervals" in capsys.readouterr().out
 
 
 def test_battery_life(net: Path, capsys: Captured) -> None:
@@ -225,7 +225,7 @@ def test_a_battery_that_nothing_draws_from(net: Path, tmp_path: Path, capsys: Ca
     assert main([*arguments, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["rows"][0]["power_mw"], document["rows"][0]["battery_h"]) == (0, None)
-    assert document["notes"] == ["mine: draws nothing, so a battery lasts for ever (null in JSON)"]
+    assert document["notes"] == ["mine: draws no power, so a battery lasts for ever (null in JSON)"]
 
 
 def test_draws_are_the_same_every_time_and_lie_within_the_interval(net: Path, capsys: Captured) -> None:
@@ -369,5 +369,5 @@ def test_power_between_contacts_that_nobody_knows_is_an_interval(net: Path, caps
     assert 0 < row["power_mw_low"] < row["power_mw_high"] < 0.1
     assert row["battery_h_low"] < row["battery_h_high"]
     assert document["notes"] == [
-        "odin: what it draws between contacts is not known, so mean power is an interval"
+        "odin: its power between contacts is unknown, so mean power is an interval"
     ]

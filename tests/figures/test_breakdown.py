@@ -18,7 +18,7 @@ def workload(scale=1.0):
 def test_parts_add_up_to_the_total():
     priced = cost(load("loihi1_silicon"), workload())
     found = gather_breakdown([priced])
-    assert found.energy_uj == pytest.approx(float(priced.energy_uj))
+    assert found.energy_uj == pytest.approx(float(priced.energy_uj.value))
     assert found.dynamic_uj.sum() == pytest.approx(float(priced.dynamic_uj))
     assert found.dynamic_uj.sum() + found.static_uj == pytest.approx(found.energy_uj)
     assert found.energy_uj_low < found.energy_uj < found.energy_uj_high
@@ -30,7 +30,7 @@ def test_repeats_are_averaged():
     chip = load("loihi1_silicon")
     once, thrice = (cost(chip, workload(scale)) for scale in (1.0, 3.0))
     found = gather_breakdown([once, thrice])
-    assert found.energy_uj == pytest.approx((float(once.energy_uj) + float(thrice.energy_uj)) / 2)
+    assert found.energy_uj == pytest.approx((float(once.energy_uj.value) + float(thrice.energy_uj.value)) / 2)
     assert found.dynamic_uj.sum() == pytest.approx((float(once.dynamic_uj) + float(thrice.dynamic_uj)) / 2)
 
 

@@ -36,11 +36,11 @@ def test_the_example_of_the_reference():
     # 16 (1 + 3.5 x 0.02 x 50) = 72; 50 (22 + 3 x 0.1) = 1115; 50 x 0.1 (1 + 8 x 7) = 285; 12 x 7 = 84.
     found = cost(XYLO, network((16, 50, 7), [0.32, 5, 0]))
     assert found.hardware_latency_ms * 50e3 == pytest.approx(72 + 1115 + 285 + 84)
-    assert found.step_time_us == pytest.approx(31.12)  # 1556 cycles of 20 ns
+    assert found.step_time_us.value == pytest.approx(31.12)  # 1556 cycles of 20 ns
     # 1556 cycles x 20 ns x 13 uW = 404.56 pJ; static 188 + 333 uW for 31.12 us, or for the step of 1 ms.
     assert found.dynamic_uj == pytest.approx(404.56e-6)
-    assert found.static_uj == pytest.approx(521e-6 * 31.12)
-    assert found.static_throttled_uj == pytest.approx(0.521)
+    assert found.static_uj.value == pytest.approx(521e-6 * 31.12)
+    assert found.static_throttled_uj.value == pytest.approx(0.521)
     assert {cause: float(x) for cause, x in found.breakdown.items()} == pytest.approx(
         {
             "input": 72 * 260e-9,
@@ -50,7 +50,7 @@ def test_the_example_of_the_reference():
             "output": (285 + 84) * 260e-9,
         }
     )
-    assert (found.n_cores, found.fits, found.idle_mw) == (1, True, pytest.approx(0.521))
+    assert (found.n_cores.value, found.fits, found.idle_mw) == (1, True, pytest.approx(0.521))
     # Everything spikes: 16 (1 + 175) + 50 x 25 + 50 x 57 + 84 = 7000 cycles, x 1.2 per ms = 8.4 MHz.
     assert XYLO.worst_clock_mhz(network((16, 50, 7), [0, 0, 0])) == pytest.approx(8.4)
 
@@ -58,9 +58,9 @@ def test_the_example_of_the_reference():
 def test_between_steps_the_inputs_may_be_off():
     found = cost(XYLO, silent((16, 50, 7)))  # 16 + 1100 + 84 = 1200 cycles = 24 us
     # Low: 0.7 x (188 + 333) uW and 9.1 uW for 24 us, then the core alone, 131.6 uW, for 976 us.
-    assert found.energy_throttled_uj_low == pytest.approx((364.7 + 9.1) * 24e-6 + 131.6 * 976e-6)
+    assert found.energy_throttled_uj.low == pytest.approx((364.7 + 9.1) * 24e-6 + 131.6 * 976e-6)
     # High: 1.3 x 521 uW for 1 ms, and 193 uW for 24 us.
-    assert found.energy_throttled_uj_high == pytest.approx(677.3e-3 + 193 * 24e-6)
+    assert found.energy_throttled_uj.high == pytest.approx(677.3e-3 + 193 * 24e-6)
 
 
 def test_recurrence_costs_every_hidden_neuron_of_every_spike():
@@ -88,7 +88,7 @@ def test_one_neuron_and_no_steps():
     assert cycles(silent((1, 1, 1))) == pytest.approx(35)
     assert cycles(network((1, 1, 1), [1, 1, 1])) == pytest.approx(35 + 3.5 + 12)
     nothing = cost(XYLO, silent((16, 50, 7), n_steps=0.0))
-    assert (nothing.energy_uj, nothing.energy_throttled_uj, nothing.hardware_latency_ms) == (0, 0, 0)
+    assert nothing.energy_uj.value == nothing.energy_throttled_uj.value == nothing.hardware_latency_ms == 0
 
 
 @pytest.mark.parametrize(
@@ -150,10 +150,10 @@ def test_draws_lie_in_the_interval():
     found = cost(XYLO, given_load)
     draws = drawn(XYLO, given_load, XYLO.drawn(50, np.random.default_rng(0)))
     assert draws.energy_uj.shape == (50, 2)
-    assert (draws.energy_uj[:, 0] >= found.energy_uj_low[0]).all()
-    assert (draws.energy_uj[:, 0] <= found.energy_uj_high[0]).all()
+    assert (draws.energy_uj[:, 0] >= found.energy_uj.low[0]).all()
+    assert (draws.energy_uj[:, 0] <= found.energy_uj.high[0]).all()
     assert (draws.energy_uj[:, 1] == 0).all() and np.ptp(draws.energy_uj[:, 0]) > 0
-    assert (draws.energy_throttled_uj <= found.energy_throttled_uj_high).all()
+    assert (draws.energy_throttled_uj <= found.energy_throttled_uj.high).all()
 
 
 counts = st.lists(st.integers(0, 50), min_size=3, max_size=3)
@@ -165,5 +165,5 @@ def test_more_spikes_never_cost_less(some, more, back):
         cost(XYLO, network((16, 50, 7), spikes, 10.0, recurrent=(back, False)))
         for spikes in (some, np.add(some, more))
     )
-    assert few.energy_uj <= many.energy_uj and few.step_time_us <= many.step_time_us
-    assert few.energy_throttled_uj <= many.energy_throttled_uj
+    assert few.energy_uj.value <= many.energy_uj.value and few.step_time_us.value <= many.step_time_us.value
+    assert few.energy_throttled_uj.value <= many.energy_throttled_uj.value

@@ -45,19 +45,19 @@ def test_a_spiking_network_by_hand():
             "state_memory": 3000 * 20 + 5700 * 40,
         }
     )
-    assert found.energy_uj == pytest.approx(0.33207)
+    assert found.energy_uj.value == pytest.approx(0.33207)
     # Low: all that a word holds is used, 8 weights or 2 states. High: every value is an access.
-    assert found.energy_uj_low == pytest.approx((3000 * (0.03 + 1.25 + 10) + 5700 * (0.46 + 20)) * 1e-6)
-    assert found.energy_uj_high == pytest.approx((3000 * (0.1 + 10 + 20) + 5700 * (9.2 + 40)) * 1e-6)
-    assert not found.timed and found.fits and found.n_cores == 0
-    assert found.hardware_latency_ms == found.idle_mw == found.static_throttled_uj == 0
+    assert found.energy_uj.low == pytest.approx((3000 * (0.03 + 1.25 + 10) + 5700 * (0.46 + 20)) * 1e-6)
+    assert found.energy_uj.high == pytest.approx((3000 * (0.1 + 10 + 20) + 5700 * (9.2 + 40)) * 1e-6)
+    assert not found.timed and found.fits and found.n_cores.value == 0
+    assert found.hardware_latency_ms == found.idle_mw == found.static_throttled_uj.value == 0
 
 
 def test_an_integer_network_without_spikes_by_hand():
     # 264192 weights of 1 byte: 1 MiB of 100 pJ, a quarter of an access each, and 0.23 pJ.
     found = cost(PROFILE, operations(264_192, n_weights=264_192))
     assert picojoules(found) == pytest.approx({"mac": 264_192 * 0.23, "weight_memory": 264_192 * 25})
-    assert found.energy_uj == pytest.approx(6.66556416)
+    assert found.energy_uj.value == pytest.approx(6.66556416)
 
 
 def test_a_classifier_measured_in_float_by_hand():
@@ -168,7 +168,7 @@ def test_nothing_costs_nothing():
         network((24, 50, 7), [0, 0, 0], [0, 0], synapses=(0.0, 0.0, 0.0), stored=(0, 0)),
     ):
         found = cost(PROFILE, each)
-        assert found.energy_uj == found.energy_uj_high == found.energy_throttled_uj_high == 0
+        assert found.energy_uj.value == found.energy_uj.high == found.energy_throttled_uj.high == 0
 
 
 def test_leading_axes_are_design_points_in_the_memory_of_the_largest():
@@ -179,7 +179,7 @@ def test_leading_axes_are_design_points_in_the_memory_of_the_largest():
     together = cost(PROFILE, network((24, 50, 7), spikes, None, n_steps))
     for at in np.ndindex(3, 2):
         alone = cost(PROFILE, network((24, 50, 7), spikes[at], None, n_steps[at]))
-        assert together.energy_uj[at] == pytest.approx(float(alone.energy_uj))
+        assert together.energy_uj.value[at] == pytest.approx(float(alone.energy_uj.value))
 
 
 def test_draws_stay_within_the_range():
@@ -187,14 +187,14 @@ def test_draws_stay_within_the_range():
     for each in (operations(5000, 200, 30, 5000), network((24, 50, 7), [46, 100, 10])):
         energy_uj, found = drawn(PROFILE, each, figures).energy_uj, cost(PROFILE, each)
         assert energy_uj.shape == (200,) and np.ptp(energy_uj) > 0
-        assert (energy_uj >= found.energy_uj_low).all() and (energy_uj <= found.energy_uj_high).all()
+        assert (energy_uj >= found.energy_uj.low).all() and (energy_uj <= found.energy_uj.high).all()
 
 
 def ordered(before, after):
-    assert after.energy_uj_low <= after.energy_uj <= after.energy_uj_high
-    for name in ("energy_uj", "energy_uj_low", "energy_uj_high"):
-        assert getattr(after, name) >= getattr(before, name) * (1 - 1e-12)
-    assert sum(after.breakdown.values()) == pytest.approx(float(after.energy_uj))
+    assert after.energy_uj.low <= after.energy_uj.value <= after.energy_uj.high
+    for dearer, cheaper in zip(after.energy_uj, before.energy_uj, strict=True):
+        assert dearer >= cheaper * (1 - 1e-12)
+    assert sum(after.breakdown.values()) == pytest.approx(float(after.energy_uj.value))
 
 
 @given(

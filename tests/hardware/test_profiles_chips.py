@@ -60,17 +60,17 @@ def test_the_interval_contains_the_value(name, given):
         assert str(reason).startswith(name) and "\n" not in str(reason)
         return
     for low, value, high in (
-        (found.energy_uj_low, found.energy_uj, found.energy_uj_high),
-        (found.energy_throttled_uj_low, found.energy_throttled_uj, found.energy_throttled_uj_high),
-        (found.static_uj_low, found.static_uj, found.static_uj_high),
-        (found.static_throttled_uj_low, found.static_throttled_uj, found.static_throttled_uj_high),
-        (found.step_time_us_low, found.step_time_us, found.step_time_us_high),
+        (found.energy_uj.low, found.energy_uj.value, found.energy_uj.high),
+        (found.energy_throttled_uj.low, found.energy_throttled_uj.value, found.energy_throttled_uj.high),
+        (found.static_uj.low, found.static_uj.value, found.static_uj.high),
+        (found.static_throttled_uj.low, found.static_throttled_uj.value, found.static_throttled_uj.high),
+        (found.step_time_us.low, found.step_time_us.value, found.step_time_us.high),
     ):
         assert np.isnan(value).all() if profile.interval_only else (low <= value).all()
         assert (low <= high).all() and not (value > high).any()
-    assert np.shape(found.pipeline_ms) == np.shape(found.energy_uj_high)
-    assert found.energy_uj_high[0] > 0
-    assert (found.energy_uj_low[-1], found.energy_throttled_uj_high[-1]) == (0, 0)  # nothing in no time
+    assert np.shape(found.pipeline_ms) == np.shape(found.energy_uj.high)
+    assert found.energy_uj.high[0] > 0
+    assert (found.energy_uj.low[-1], found.energy_throttled_uj.high[-1]) == (0, 0)  # nothing in no time
     for misfit in found.misfits:
         assert misfit.rule and misfit.text and misfit.change, misfit
 
@@ -86,10 +86,10 @@ def test_draws_stay_in_the_interval(name, given):
             drawn(profile, given, profile.drawn(3, np.random.default_rng(1)))
         return
     draws = drawn(profile, given, profile.drawn(20, np.random.default_rng(1)))
-    assert (draws.energy_uj >= found.energy_uj_low * (1 - 1e-9)).all()
-    assert (draws.energy_uj <= found.energy_uj_high * (1 + 1e-9)).all()
+    assert (draws.energy_uj >= found.energy_uj.low * (1 - 1e-9)).all()
+    assert (draws.energy_uj <= found.energy_uj.high * (1 + 1e-9)).all()
 
 
 @EACH
 def test_a_network_runs_everywhere(name):
-    assert cost(load(name), NETWORK).energy_uj_high[0] > 0
+    assert cost(load(name), NETWORK).energy_uj.high[0] > 0

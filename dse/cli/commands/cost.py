@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from dse.cli.answer import Answer, add_format
-from dse.cli.costs import Asked, cost_notes, cost_row, cost_text, inference_text
+from dse.cli.answer import Answer, add_format, cell
 from dse.cli.numbers import MOST_DRAWS, positive
 from dse.config import ConfigError, Fault
 
 if TYPE_CHECKING:
     from dse.hardware.inference import Inference
+    from dse.hardware.interval import Interval
     from dse.hardware.profile import Profile
+    from dse.hardware.table import CostRow, Duty
 
 GROUP = "look up"
 HELP = "compute energy, time and cores of an inference on hardware from a workload file, without training"
@@ -50,15 +52,20 @@ def answer(arguments: argparse.Namespace) -> Answer:
     Raises:
         ConfigError: everything that is wrong with the workload, the profiles and the options.
     """
+    from dse.hardware.table import Duty
+
     faults = _option_faults(arguments)
     inference, profiles = _read(arguments.workload, arguments.hardware or [_DEFAULT], faults)
     if faults or inference is None:
         raise ConfigError(faults)
-    asked = Asked(arguments.contacts_per_hour, arguments.battery_mwh, arguments.draws)
-    rows = [cost_row(profile, inference, asked) for profile in profiles]
-    notes = [note for row in rows for note in cost_notes(row)]
-    tables = [cost_text(profile, row) for profile, row in zip(profiles, rows, strict=True)]
-    return Answer(rows, notes, text="\n\n".join([inference_text(inference), *tables]) + "\n" * bool(notes))
+    duty = None
+    if arguments.contacts_per_hour is not None:
+        duty = Duty(arguments.contacts_per_hour, arguments.battery_mwh)
+    rows = [_row(profile, inference, duty, arguments.draws) for profile in profiles]
+    notes = [note for row in rows for note in _notes(row)]
+    tables = [_text(profile, row) for profile, row in zip(profiles, rows, strict=True)]
+    text = "\n\n".join([_inference_text(inference), *tables]) + "\n" * bool(notes)
+    return Answer([row.columns() for row in rows], notes, text=text)
 
 
 def _option_faults(arguments: argparse.Namespace) -> list[Fault]:
@@ -90,3 +97,96 @@ def _read(path: str, names: list[str], faults: list[Fault]) -> tuple[Inference |
     except ConfigError as error:
         faults += error.faults
     return inference, profiles
+
+
+def _row(profile: Profile, inference: Inference, duty: Duty | None, n_draws: int | None) -> CostRow:
+    from dse.hardware.table import cost_row
+
+    try:
+        return cost_row(profile, inference, duty, n_draws)
+    except ValueError as error:  # contacts overlap
+        fault = Fault("--contacts-per-hour", 0, f"{error} (on {profile.name})")
+        raise ConfigError([fault]) from None
+
+
+def _notes(row: CostRow) -> list[str]:
+    """Return sentences about what a row lacks."""
+    name = row.hardware
+    if row.not_applicable:
+        return [f"{name}: not applicable, {row.not_applicable}"]
+    notes = []
+    priced = row.energy_uj.value is not None
+    if not priced:
+        notes.append(f"{name}: no numbers are published, so costs are intervals without a value")
+    timed = row.n_cores.low is not None
+    if priced and timed and row.power_mw is not None and row.power_mw.value is None:
+        notes.append(f"{name}: its power between contacts is unknown, so mean power is an interval")
+    if not timed:
+        notes.append(f"{name}: dynamic energy only; the profile has no static power, time, cores or limits")
+    if row.battery_h is not None and row.battery_h.value == math.inf:
+        notes.append(f"{name}: draws no power, so a battery lasts for ever (null in JSON)")
+    return notes
+
+
+def _text(profile: Profile, row: CostRow) -> str:
+    """Return a row as a table: terms and totals with their intervals, what fits, and the evidence."""
+    head = f"{profile.name}: {profile.doc}"
+    if row.not_applicable:
+        return f"{head}\n  not applicable"
+    lines = [("", "", ["value", "low", "high"]), *_lines(row)]
+    lines = [line for line in lines if any(text != "-" for text in line[2])]
+    label_width, unit_width = (max(len(line[i]) for line in lines) for i in (0, 1))
+    widths = [max(len(line[2][i]) for line in lines) for i in range(3)]
+    table = [
+        f"  {label:<{label_width}} {unit:<{unit_width}}"
+        + "".join(f"  {text:>{width}}" for text, width in zip(cells, widths, strict=True))
+        for label, unit, cells in lines
+    ]
+    fits = {None: [], True: ["  fits"], False: ["  does not fit:"]}[row.fits]
+    reasons = [f"    {misfit}" for misfit in row.misfits or ()]
+    assumptions = [f"  assumption: {text}" for text in row.assumptions or ()]
+    evidence = ", ".join(f"{n} {word}" for word, n in row.evidence.items())
+    return "\n".join([head, *table, *fits, *reasons, *assumptions, f"  evidence: {evidence}"])
+
+
+def _lines(row: CostRow) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield label, unit, and value, low and high, of every line of a table."""
+
+    def cells(interval: Interval[Any] | None) -> list[str]:
+        return ["-"] * 3 if interval is None else [cell(x) for x in interval]
+
+    for cause, term in row.terms_uj.items():
+        yield cause.replace("_", " "), "uJ", cells(term)
+    yield "dynamic", "uJ", cells(row.energy_dynamic_uj)
+    yield "static, flat out", "uJ", cells(row.energy_static_uj)
+    yield "  of the cores in use", "uJ", cells(row.energy_static_share_uj)
+    yield "energy, flat out", "uJ", cells(row.energy_uj)
+    if row.energy_quantiles_uj is not None:
+        yield "  5 to 95 % of draws", "uJ", cells(row.energy_quantiles_uj)
+    yield "static, at the step period", "uJ", cells(row.energy_static_throttled_uj)
+    yield "  of the cores in use", "uJ", cells(row.energy_static_throttled_share_uj)
+    yield "energy, at the step period", "uJ", cells(row.energy_throttled_uj)
+    if row.energy_throttled_quantiles_uj is not None:
+        yield "  5 to 95 % of draws", "uJ", cells(row.energy_throttled_quantiles_uj)
+    yield "time of a step", "us", cells(row.step_time_us)
+    yield "computing time", "ms", cells(row.hardware_latency_ms)
+    yield "through the layers", "ms", [cell(row.pipeline_ms), "-", "-"]
+    yield "latency", "ms", cells(row.latency_ms)
+    yield "cores", "", cells(row.n_cores)
+    yield "mean power", "mW", cells(row.power_mw)
+    yield "battery life", "h", cells(row.battery_h)
+
+
+def _inference_text(inference: Inference) -> str:
+    """Return what is priced, in one line."""
+    from dse.records import Workload
+
+    load = inference.load
+    if not isinstance(load, Workload):
+        counts = f"{cell(float(load.macs))} multiply-accumulates, {cell(float(load.additions))} additions"
+        return f"{counts}, W_t {inference.n_weights} numbers of {load.number_bits} bits"
+    counts = "counts of each step" if inference.per_step else "mean counts"
+    return (
+        f"{'-'.join(map(str, load.sizes))}, W_t {inference.n_weights} weights of {load.weight_bits} bits, "
+        f"{inference.n_steps} steps of {inference.step_ms:g} ms, {counts}"
+    )

@@ -29,9 +29,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, NotApplicable, Placement, Plan, Values
+from dse.hardware.plan import Misfit, Placement, Plan
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Operations, Workload
+from dse.records import Floats, Workload
 from dse.registry import register
 
 
@@ -64,10 +64,8 @@ class Clocked(Profile):
     hidden_weights: Number = figure("1", "weights between hidden neurons", whole=True)
     weight_bits: Number = figure("1", "bits per weight", whole=True)
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} runs only networks of spiking layers")
         cycles = _cycles(load, figures)
         cycle_ns = 1e3 / self.clock_mhz.value
         computing_mw = figures["computing_uw"] * 1e-3
@@ -131,7 +129,7 @@ class Clocked(Profile):
         return misfits
 
 
-def _cycles(load: Workload, figures: Figures) -> dict[str, Values]:
+def _cycles(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., F)."""
     sizes, n_layers = load.sizes, len(load.sizes)
     shape = figures["neuron_cycles"].shape

@@ -26,9 +26,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Plan, Values
+from dse.hardware.plan import Plan, energy_only
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Operations, Workload
+from dse.records import Floats, Operations, Workload
 from dse.registry import register
 
 INDEX_BITS = 16
@@ -55,12 +55,13 @@ class MemoryHierarchy(Profile):
     dram_pj: Number = figure("pJ", "the same, above 1 MiB")
     fetched_per_used: Number = figure("1", "bits fetched per bit used, at most one access per value")
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
-        """Return the plan of any classifier (`Profile.plan`)."""
-        energy = _of_network(load, figures) if isinstance(load, Workload) else _of_operations(load, figures)
-        first = next(iter(energy.values()))
-        none = np.zeros(first.shape[:-1])
-        return Plan(energy, np.zeros((*none.shape, 1, first.shape[-1])), none, none, None)
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`)."""
+        return energy_only(_of_network(load, figures))
+
+    def plan_operations(self, load: Operations, figures: Figures) -> Plan:
+        """Return the plan of any other classifier (`Profile.plan`)."""
+        return energy_only(_of_operations(load, figures))
 
 
 def as_lists(load: Workload, weight_bits: int) -> bool:
@@ -75,7 +76,7 @@ def states_per_neuron(delay_bits: int) -> int:
     return 2 + (2**delay_bits if delay_bits else 0)
 
 
-def _of_network(load: Workload, figures: Figures) -> dict[str, Values]:
+def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the energy per count by cause, (D..., F)."""
     n_layers, bits = len(load.sizes), load.weight_bits + load.delay_bits
     n_weights = sum(load.dense)
@@ -96,24 +97,23 @@ def _of_network(load: Workload, figures: Figures) -> dict[str, Values]:
     }
 
 
-def _of_operations(load: Operations, figures: Figures) -> dict[str, Values]:
+def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:
     """Return the energy per count by cause, (D..., 4)."""
     n_weights = float(np.max(load.n_weights, initial=0))
     weight = _access_pj(figures, n_weights * load.number_bits, load.number_bits)
     state = _access_pj(figures, 0.0, STATE_BITS)
     macs, additions, updates = np.eye(4)[1:]
-    # What has state updates spikes, so that its additions are of weights; of anything else they count spikes.
-    is_spiking = bool((np.asarray(load.updates) > 0).any())
+    # Additions of a spiking classifier are of weights; those of any other count spikes.
     return {
         "mac": np.multiply.outer(figures["int8_mac_pj" if load.number_bits <= 8 else "float_mac_pj"], macs),
         "addition": np.multiply.outer(figures["int8_addition_pj"], additions),
         "neuron_update": np.multiply.outer(figures["update_pj"], updates),
-        "weight_memory": np.multiply.outer(weight, macs + additions * is_spiking),
+        "weight_memory": np.multiply.outer(weight, macs + additions * load.is_spiking),
         "state_memory": np.multiply.outer(state, 2 * additions + 4 * updates),
     }
 
 
-def _access_pj(figures: Figures, stored_bits: float, value_bits: int) -> Values:
+def _access_pj(figures: Figures, stored_bits: float, value_bits: int) -> Floats:
     """Return the energy of reading or writing one value in the smallest memory that holds all, (D...)."""
     fits = (name for kib, name in _MEMORIES if stored_bits <= kib * 1024 * 8)
     access = figures[next(fits, "dram_pj")]

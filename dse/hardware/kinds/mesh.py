@@ -34,9 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dse.hardware.placement import Architecture, Rules, architecture, hops, place
-from dse.hardware.plan import Congestion, NotApplicable, Plan, Values
+from dse.hardware.plan import Congestion, Plan
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Operations, Workload
+from dse.records import Floats, Workload
 from dse.registry import register
 
 _EVENTS = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message", "hop_x", "hop_y")
@@ -52,8 +52,8 @@ class _Work:
     destinations: (layer,), cores that a spike goes to, input first.
     """
 
-    events: Values
-    busy: Values
+    events: Floats
+    busy: Floats
     destinations: NDArray[np.int64]
 
 
@@ -130,10 +130,8 @@ class Mesh(Profile):
             practice=(practice.low, practice.high) if practice.low > 0 else None,
         )
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} runs only networks of spiking layers")
         rules = self.rules
         net, synapses = architecture(load, rules), load.synapses if rules.skips_zero_weights else None
         placement = place(net, rules)
@@ -170,11 +168,11 @@ class Mesh(Profile):
             share=placement.n_cores / (chips * rules.cores),
         )
 
-    def pipeline_steps(self, load: Workload | Operations) -> int:
+    def pipeline_steps(self, load: Workload) -> int:
         """Return the steps that an answer takes through the layers (`Profile.pipeline_steps`)."""
-        return 0 if isinstance(load, Operations) else int(self.steps_per_layer.value) * len(load.recurrent)
+        return int(self.steps_per_layer.value) * len(load.recurrent)
 
-    def _barrier_ns(self, n_cores: int, figures: Figures) -> Values:
+    def _barrier_ns(self, n_cores: int, figures: Figures) -> Floats:
         tiles = -(-n_cores // self.rules.cores_per_tile)
         return np.asarray(figures[f"barrier_{max(n for n in (1, 2, 4, 29) if n <= tiles)}_us"] * 1e3)
 

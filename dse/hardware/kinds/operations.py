@@ -35,7 +35,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Plan
+from dse.hardware.plan import Plan, energy_only
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Operations, Workload
 from dse.registry import register
@@ -49,20 +49,19 @@ class CountedOperations(Profile):
     mac_pj: Number = figure("pJ", "a multiply-accumulate")
     addition_pj: Number = figure("pJ", "an accumulation without multiplication, such as a spike's weight")
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
-        """Return the plan of any classifier (`Profile.plan`)."""
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`)."""
+        reached = load.fan_out if load.synapses is None else load.synapses
+        per_count = np.array([0.0, *reached, *[0.0] * (len(load.sizes) - 1)])
+        return energy_only({"addition": figures["addition_pj"][..., None] * per_count})
+
+    def plan_operations(self, load: Operations, figures: Figures) -> Plan:
+        """Return the plan of any other classifier (`Profile.plan`)."""
         mac, addition = figures["mac_pj"], figures["addition_pj"]
         none = np.zeros_like(mac)
-        if isinstance(load, Operations):
-            energy = {
+        return energy_only(
+            {
                 "mac": np.stack([none, mac, none, none], axis=-1),
                 "addition": np.stack([none, none, addition, none], axis=-1),
             }
-        else:
-            reached = load.fan_out if load.synapses is None else load.synapses
-            n_layers = len(load.sizes)
-            per_count = np.array([0.0, *reached, *[0.0] * (n_layers - 1)])
-            energy = {"addition": addition[..., None] * per_count}
-        n_features = next(iter(energy.values())).shape[-1]
-        time = np.zeros((*mac.shape, 1, n_features))
-        return Plan(energy, time, none, none, None)
+        )

@@ -31,9 +31,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, NotApplicable, Placement, Plan, Values
+from dse.hardware.plan import Misfit, Placement, Plan, energy_only
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Operations, Workload
+from dse.records import Floats, Workload
 from dse.registry import register
 
 
@@ -45,16 +45,14 @@ class EventConvention(Profile):
     synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches, weights of 0 included")
     neuron_update_pj: Number = figure("pJ", "per neuron and step")
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} applies only to networks of spiking layers")
-        none = np.zeros_like(figures["neuron_update_pj"])
-        energy = {
-            "synaptic_event": _per_spike(load, load.fan_out, figures["synaptic_event_pj"]),
-            "neuron_update": _per_step(load, sum(load.sizes[1:]), figures["neuron_update_pj"]),
-        }
-        return Plan(energy, np.zeros((*none.shape, 1, 2 * len(load.sizes))), none, none, None)
+        return energy_only(
+            {
+                "synaptic_event": _per_spike(load, load.fan_out, figures["synaptic_event_pj"]),
+                "neuron_update": _per_step(load, sum(load.sizes[1:]), figures["neuron_update_pj"]),
+            }
+        )
 
 
 @register("hardware.kinds", "per_event")
@@ -84,10 +82,8 @@ class PerEvent(Profile):
     synapses_per_core: Number = figure("1", "weights that a core holds", whole=True)
     weight_bits: Number = figure("1", "bits per weight; on a crossbar, types of axon", whole=True)
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        if isinstance(load, Operations):
-            raise NotApplicable(f"{self.name} runs only networks of spiking layers")
         mapping = self._mapping(load)
         # Copies of a neuron get every spike that it gets; a weight of b bits has b bits of the crossbar.
         onward = [n * copies for n, copies in zip(load.sizes[1:], mapping.copies, strict=True)]
@@ -284,12 +280,12 @@ def _largest(most: int, fits: Callable[[int], bool]) -> int:
     return low
 
 
-def _per_spike(load: Workload, times: Sequence[float], figure: Values) -> Values:
+def _per_spike(load: Workload, times: Sequence[float], figure: Floats) -> Floats:
     """Return a figure (D...) times a number for each layer's spikes, (D..., F)."""
     n_layers = len(load.sizes)
     return np.asarray(figure[..., None] * np.array([0.0, *times, *[0.0] * (n_layers - 1)]))
 
 
-def _per_step(load: Workload, times: float, figure: Values) -> Values:
+def _per_step(load: Workload, times: float, figure: Floats) -> Floats:
     """Return a figure (D...) times a number for each step, (D..., F)."""
     return np.asarray(figure[..., None] * np.array([times, *[0.0] * (2 * len(load.sizes) - 1)]))

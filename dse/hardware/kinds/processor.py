@@ -32,9 +32,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.hardware.kinds.memory_hierarchy import INDEX_BITS, STATE_BITS, as_lists, states_per_neuron
-from dse.hardware.plan import Misfit, Placement, Plan, Values
-from dse.hardware.profile import Figures, Number, Profile, figure, fixed
-from dse.records import Operations, Workload
+from dse.hardware.plan import Misfit, Placement, Plan
+from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.records import Floats, Operations, Workload
 from dse.registry import register
 
 _NO_PROGRAM = "the program and its other variables take no memory"
@@ -59,26 +59,53 @@ class Processor(Profile):
     flash_kib: Number = figure("KiB", "flash, for weights", whole=True)
     sram_kib: Number = figure("KiB", "working memory, for states", whole=True)
 
-    def plan(self, load: Workload | Operations, figures: Figures) -> Plan:
-        """Return the plan of any classifier (`Profile.plan`); a mapping given by hand is not looked at."""
-        limits = {name: fixed(figures, name) for name, what in self.numbers().items() if what.fixed}
-        cycles = _of_network(load, figures) if isinstance(load, Workload) else _of_operations(load, figures)
-        total: Values = np.sum(list(cycles.values()), axis=0)
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
+        """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""
+        running_mw = figures["cycle_nj"] * self.clock_mhz.value
+        waking_mw = running_mw * figures["wake_us"] * 1e-3 / load.step_ms
+        return self._plan(figures, _of_network(load, figures), waking_mw, self._with_network(load))
+
+    def plan_operations(self, load: Operations, figures: Figures) -> Plan:
+        """Return the plan of any other classifier (`Profile.plan`)."""
+        waking_mw = np.zeros_like(figures["cycle_nj"])
+        return self._plan(figures, _of_operations(load, figures), waking_mw, self._with_numbers(load))
+
+    def _plan(
+        self, figures: Figures, cycles: Mapping[str, Floats], waking_mw: Floats, placement: Placement
+    ) -> Plan:
+        total: Floats = np.sum(list(cycles.values()), axis=0)
         cycle_pj = figures["cycle_nj"] * 1e3
-        running_mw = figures["cycle_nj"] * limits["clock_mhz"]
-        waking_mw = np.zeros_like(running_mw)
-        if isinstance(load, Workload):
-            waking_mw = running_mw * figures["wake_us"] * 1e-3 / load.step_ms
+        clock_mhz = self.clock_mhz.value
+        running_mw = figures["cycle_nj"] * clock_mhz
         return Plan(
             energy_pj={cause: cycle_pj[..., None] * per_count for cause, per_count in cycles.items()},
-            time_ns=total[..., None, :] * (1e3 / limits["clock_mhz"]),
+            time_ns=total[..., None, :] * (1e3 / clock_mhz),
             static_mw=np.zeros_like(running_mw),  # in the energy of a cycle
             idle_mw=np.minimum(figures["sleep_uw"] * 1e-3 + waking_mw, running_mw),
-            placement=_placed(load, limits),
+            placement=placement,
         )
 
+    def _with_network(self, load: Workload) -> Placement:
+        """Return the one core, and whether the memories hold the weights and the states."""
+        lists = as_lists(load, _stored_bits(load))
+        n_weights = sum(load.stored or ()) if lists else sum(load.dense)
+        beside = _bytes(load.delay_bits) + (INDEX_BITS // 8 if lists else 0)
+        misfits = _flash_misfits(n_weights, load.weight_bits, beside, self._flash_bytes)
+        misfits += _sram_misfits(load, int(self.sram_kib.value) * 1024)
+        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor wakes once per step"))
 
-def _of_network(load: Workload, figures: Figures) -> dict[str, Values]:
+    def _with_numbers(self, load: Operations) -> Placement:
+        """Return the one core, and whether the flash holds the stored numbers."""
+        n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
+        misfits = _flash_misfits(n_weights, load.number_bits, 0, self._flash_bytes)
+        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor sleeps until all input has arrived"))
+
+    @property
+    def _flash_bytes(self) -> int:
+        return int(self.flash_kib.value) * 1024
+
+
+def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., F)."""
     n_layers = len(load.sizes)
     lists = as_lists(load, _stored_bits(load))
@@ -92,7 +119,7 @@ def _of_network(load: Workload, figures: Figures) -> dict[str, Values]:
     }
 
 
-def _of_operations(load: Operations, figures: Figures) -> dict[str, Values]:
+def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., 4)."""
     macs, additions, updates = np.eye(4)[1:]
     mac = figures["mac_cycles" if load.number_bits <= 8 else "float_mac_cycles"]
@@ -111,22 +138,6 @@ def _bytes(bits: int) -> int:
 def _stored_bits(load: Workload) -> int:
     """Return the bits that a weight takes in flash, its delay included."""
     return 8 * (_bytes(load.weight_bits) + _bytes(load.delay_bits))
-
-
-def _placed(load: Workload | Operations, limits: Mapping[str, float]) -> Placement:
-    """Return the one core, and whether the memories hold what they must."""
-    flash, sram = int(limits["flash_kib"]) * 1024, int(limits["sram_kib"]) * 1024
-    if isinstance(load, Operations):
-        n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
-        misfits = _flash_misfits(n_weights, load.number_bits, 0, flash)
-        return Placement(
-            (1,), misfits, assumptions=(_NO_PROGRAM, "the processor sleeps until all input has arrived")
-        )
-    lists = as_lists(load, _stored_bits(load))
-    n_weights = sum(load.stored or ()) if lists else sum(load.dense)
-    beside = _bytes(load.delay_bits) + (INDEX_BITS // 8 if lists else 0)
-    misfits = _flash_misfits(n_weights, load.weight_bits, beside, flash) + _sram_misfits(load, sram)
-    return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor wakes once per step"))
 
 
 def _flash_misfits(n_weights: int, bits: int, beside: int, flash: int) -> tuple[Misfit, ...]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dse.hardware import latency
 from dse.measure.objectives import declare, objective
+from dse.records import Floats
 
 declare("hardware_latency_ms", "ms", "min", "Computing time of the hardware per inference at full speed.")
 declare(
@@ -23,7 +24,7 @@ declare("undecided", "", "min", "Fraction of samples that never reach the confid
 
 
 @objective(unit="ms", direction="min")
-def latency_ms(decision_ms: ArrayLike, step_ms: float, step_time_us: ArrayLike) -> NDArray[np.float64]:
+def latency_ms(decision_ms: ArrayLike, step_ms: float, step_time_us: ArrayLike) -> Floats:
     """Time from the first touch until the hardware has computed the decision.
 
     The hardware starts a step when its input is complete and the step before is done. With n steps
@@ -34,6 +35,4 @@ def latency_ms(decision_ms: ArrayLike, step_ms: float, step_time_us: ArrayLike) 
         step_ms: period p of a step.
         step_time_us: computing time c of a step, broadcast against decision_ms.
     """
-    compute_ms = np.asarray(step_time_us, dtype=np.float64) / 1e3
-    steps_before = np.asarray(decision_ms, dtype=np.float64) / step_ms - 1
-    return np.asarray(step_ms + steps_before * np.maximum(step_ms, compute_ms) + compute_ms)
+    return latency.latency_ms(decision_ms, step_ms, step_time_us)

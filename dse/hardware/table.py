@@ -1,0 +1,291 @@
+"""The cost table of an inference: everything that hardware profiles say about it, a row each.
+
+In a notebook:
+
+    rows = [cost_row(load(name), load_inference("net.yaml")) for name in ("loihi1_silicon", "mcu_m4")]
+    rows[0].energy_uj.low, rows[0].terms_uj["synaptic_event"].value
+    pandas.DataFrame([row.columns() for row in rows])
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import get_args
+
+import numpy as np
+
+from dse.hardware.cost import Cost, drawn
+from dse.hardware.duty import battery_h, mean_power_mw
+from dse.hardware.inference import Inference
+from dse.hardware.interval import Interval
+from dse.hardware.latency import latency_ms
+from dse.hardware.plan import Misfit, NotApplicable, Plan
+from dse.hardware.profile import Evidence, Profile
+from dse.records import Floats
+
+Known = float | None
+"""A number, or None where it is not known or has no meaning."""
+
+UNKNOWN: Interval[Known] = Interval(None, None, None)
+
+_DRAWN_AT_ONCE = 2**20  # draws times steps that are priced together
+_QUANTILES = {"_q50": 0.5, "_q05": 0.05, "_q95": 0.95}
+
+
+@dataclass(frozen=True)
+class Duty:
+    """How often a device is touched, and what it runs on.
+
+    contacts_per_hour: inferences.
+    battery_mwh: capacity; None: no battery life is asked for.
+    """
+
+    contacts_per_hour: float
+    battery_mwh: float | None = None
+
+
+@dataclass(frozen=True)
+class CostRow:
+    """Everything that a profile says about an inference; None where it says nothing.
+
+    hardware, not_applicable: name of the profile, and why it cannot run the classifier.
+    n_weights, decision_ms: W_t, and the time until the input is complete.
+    evidence: how many numbers of the profile there are of each class of evidence, best first.
+    terms_uj: dynamic energy by cause.
+    energy_static_share_uj: static energy of the cores in use, where the chip has more.
+    n_cores: in use, and what practice may take.
+    fits, misfits, assumptions: as of `Cost`.
+    energy_quantiles_uj, energy_throttled_quantiles_uj: median, 5 % and 95 % of samples of the chip's numbers.
+    power_mw, battery_h: mean power and battery life of a `Duty`.
+
+    The others are as of `Cost`. Of what was not asked for, quantiles, power and battery life are None.
+    """
+
+    hardware: str
+    n_weights: int
+    decision_ms: float
+    evidence: Mapping[str, int]
+    not_applicable: str | None = None
+    energy_uj: Interval[Known] = UNKNOWN
+    energy_throttled_uj: Interval[Known] = UNKNOWN
+    energy_dynamic_uj: Interval[Known] = UNKNOWN
+    energy_static_uj: Interval[Known] = UNKNOWN
+    energy_static_share_uj: Interval[Known] = UNKNOWN
+    energy_static_throttled_uj: Interval[Known] = UNKNOWN
+    energy_static_throttled_share_uj: Interval[Known] = UNKNOWN
+    step_time_us: Interval[Known] = UNKNOWN
+    hardware_latency_ms: Interval[Known] = UNKNOWN
+    pipeline_ms: Known = None
+    latency_ms: Interval[Known] = UNKNOWN
+    n_cores: Interval[int | None] = field(default=Interval(None, None, None))
+    fits: bool | None = None
+    misfits: tuple[Misfit, ...] | None = None
+    assumptions: tuple[str, ...] | None = None
+    terms_uj: Mapping[str, Interval[Known]] = field(default_factory=dict)
+    energy_quantiles_uj: Interval[Known] | None = None
+    energy_throttled_quantiles_uj: Interval[Known] | None = None
+    power_mw: Interval[Known] | None = None
+    battery_h: Interval[Known] | None = None
+
+    def columns(self) -> dict[str, object]:
+        """Return the row under the names of its table columns."""
+        row: dict[str, object] = {
+            "hardware": self.hardware,
+            "not_applicable": self.not_applicable,
+            "n_weights": self.n_weights,
+            **self.energy_uj.columns("energy_uj"),
+            **self.energy_throttled_uj.columns("energy_throttled_uj"),
+            **self.energy_dynamic_uj.columns("energy_dynamic_uj"),
+            **self.energy_static_uj.columns("energy_static_uj"),
+            **self.energy_static_share_uj.columns("energy_static_share_uj"),
+            **self.energy_static_throttled_uj.columns("energy_static_throttled_uj"),
+            **self.energy_static_throttled_share_uj.columns("energy_static_throttled_share_uj"),
+            **self.step_time_us.columns("step_time_us"),
+            **self.hardware_latency_ms.columns("hardware_latency_ms"),
+            "decision_ms": self.decision_ms,
+            "pipeline_ms": self.pipeline_ms,
+            **self.latency_ms.columns("latency_ms"),
+            **self.n_cores.columns("n_cores"),
+            "fits": self.fits,
+            "misfits": None if self.misfits is None else [vars(misfit) for misfit in self.misfits],
+            "assumptions": None if self.assumptions is None else list(self.assumptions),
+            "evidence": list(self.evidence),
+        }
+        for name, quantiles in (
+            ("energy_uj", self.energy_quantiles_uj),
+            ("energy_throttled_uj", self.energy_throttled_quantiles_uj),
+        ):
+            if quantiles is not None:
+                row |= zip((name + end for end in _QUANTILES), quantiles, strict=True)
+        for name, interval in (("power_mw", self.power_mw), ("battery_h", self.battery_h)):
+            if interval is not None:
+                row |= interval.columns(name)
+        for cause, term in self.terms_uj.items():
+            row |= term.columns(f"energy_{cause}_uj")
+        return row
+
+
+def cost_row(
+    profile: Profile, inference: Inference, duty: Duty | None = None, n_draws: int | None = None
+) -> CostRow:
+    """Return everything that a profile says about an inference.
+
+    Args:
+        profile: the hardware.
+        inference: what is priced.
+        duty: adds mean power, and battery life where it has a battery.
+        n_draws: adds quantiles of the energies under so many samples of the profile's numbers.
+
+    Raises:
+        ValueError: contacts overlap.
+    """
+    row = _blank(profile, inference, duty, n_draws)
+    try:
+        priced = inference.cost_on(profile)
+    except NotApplicable as error:
+        return replace(row, not_applicable=str(error))
+    load = inference.on(profile)
+    plan = profile.plan(load, profile.ends)
+    row = _with_energies(row, plan, inference, priced)
+    if priced.timed:
+        row = _with_times(row, inference, priced, getattr(load, "pipeline_steps", 0))
+        n_cores: Interval[int | None] = priced.n_cores
+        row = replace(
+            row,
+            n_cores=Interval(None, n_cores.low, n_cores.high) if profile.interval_only else n_cores,
+            fits=priced.fits,
+            misfits=priced.misfits,
+            assumptions=priced.assumptions,
+        )
+    if n_draws is not None:
+        row = _with_quantiles(row, profile, inference, n_draws)
+    if duty is not None and priced.timed:
+        row = _with_duty(row, plan, duty)
+    return row
+
+
+def evidence_of(profile: Profile) -> dict[str, int]:
+    """Return how many numbers of a profile there are of each class of evidence, best first."""
+    counted = Counter(getattr(profile, name).evidence for name in profile.numbers())
+    return {word: counted[word] for word in get_args(Evidence) if word in counted}
+
+
+def _blank(profile: Profile, inference: Inference, duty: Duty | None, n_draws: int | None) -> CostRow:
+    """Return the row of hardware that says nothing: what is asked for has its columns all the same."""
+    quantiles = None if n_draws is None else UNKNOWN
+    return CostRow(
+        hardware=profile.name,
+        n_weights=inference.n_weights,
+        decision_ms=inference.decision_ms,
+        evidence=evidence_of(profile),
+        energy_quantiles_uj=quantiles,
+        energy_throttled_quantiles_uj=quantiles,
+        power_mw=None if duty is None else UNKNOWN,
+        battery_h=None if duty is None or duty.battery_mwh is None else UNKNOWN,
+    )
+
+
+def _with_energies(row: CostRow, plan: Plan, inference: Inference, priced: Cost) -> CostRow:
+    """Add the terms of the dynamic energy, the static energies and the totals."""
+    counts = inference.counts
+
+    def term(per_count: Floats, value: Floats) -> Interval[Known]:
+        _, low, high = (counts @ one for one in per_count * 1e-6)
+        return _known(Interval(value, low, high))
+
+    row = replace(
+        row,
+        energy_uj=_known(priced.energy_uj),
+        energy_throttled_uj=_known(priced.energy_throttled_uj),
+        energy_dynamic_uj=term(np.asarray(sum(plan.energy_pj.values())), priced.dynamic_uj),
+        terms_uj={
+            cause: term(per_count, priced.breakdown[cause]) for cause, per_count in plan.energy_pj.items()
+        },
+    )
+    if not priced.timed:
+        return row
+    row = replace(
+        row,
+        energy_static_uj=_known(priced.static_uj),
+        energy_static_throttled_uj=_known(priced.static_throttled_uj),
+    )
+    if plan.share >= 1:
+        return row
+    return replace(
+        row,
+        energy_static_share_uj=_known(priced.static_uj.map(lambda uj: plan.share * uj)),
+        energy_static_throttled_share_uj=_known(priced.static_throttled_uj.map(lambda uj: plan.share * uj)),
+    )
+
+
+def _with_times(row: CostRow, inference: Inference, priced: Cost, pipeline_steps: int) -> CostRow:
+    """Add times."""
+
+    def latency(step_us: Floats) -> Floats:
+        pipeline_ms = pipeline_steps * np.maximum(inference.step_ms, step_us * 1e-3)
+        return np.asarray(latency_ms(inference.decision_ms, inference.step_ms, step_us) + pipeline_ms)
+
+    return replace(
+        row,
+        pipeline_ms=_number(priced.pipeline_ms),
+        step_time_us=_known(priced.step_time_us),
+        hardware_latency_ms=_known(priced.step_time_us.map(lambda us: us * 1e-3 * inference.n_steps)),
+        latency_ms=_known(priced.step_time_us.map(latency)),
+    )
+
+
+def _with_quantiles(row: CostRow, profile: Profile, inference: Inference, n_draws: int) -> CostRow:
+    """Add quantiles of the energies under draws of the profile's numbers."""
+    load, figures = inference.on(profile), profile.draws(n_draws)
+    at_once = max(1, _DRAWN_AT_ONCE // (inference.n_steps if inference.per_step else 1))
+    over_steps = -1 if inference.per_step else ()
+    energies, throttled = [], []
+    for start in range(0, n_draws, at_once):
+        part = drawn(profile, load, {key: x[start : start + at_once] for key, x in figures.items()})
+        energies.append(part.energy_uj.sum(axis=over_steps))
+        throttled.append(part.energy_throttled_uj.sum(axis=over_steps))
+
+    def quantiles(parts: list[Floats]) -> Interval[Known]:
+        among = np.concatenate(parts)
+        interval = _known(Interval(*(np.quantile(among, q) for q in _QUANTILES.values())))
+        return replace(interval, value=None) if profile.interval_only else interval
+
+    return replace(
+        row,
+        energy_quantiles_uj=quantiles(energies),
+        energy_throttled_quantiles_uj=quantiles(throttled),
+    )
+
+
+def _with_duty(row: CostRow, plan: Plan, duty: Duty) -> CostRow:
+    """Add the mean power and the battery life.
+
+    Raises:
+        ValueError: contacts overlap.
+    """
+    energy_uj = np.array([*row.energy_throttled_uj], np.float64)
+    contact_ms = np.maximum(np.array([*row.hardware_latency_ms], np.float64), row.decision_ms)
+    power_mw = mean_power_mw(duty.contacts_per_hour, energy_uj, contact_ms, plan.idle_mw)
+    power = _known(Interval(*power_mw))
+    battery = row.battery_h
+    if duty.battery_mwh is not None:
+        value, at_low, at_high = battery_h(duty.battery_mwh, power_mw)
+        battery = _known(Interval(value, at_high, at_low))  # the least power lasts longest
+    value_mw, _, high_mw = plan.idle_mw
+    if value_mw == 0 < high_mw:  # what it draws between contacts is unknown, which is not nothing
+        power = replace(power, value=None)
+        battery = None if battery is None else replace(battery, value=None)
+    return replace(row, power_mw=power, battery_h=battery)
+
+
+def _known(interval: Interval[Floats]) -> Interval[Known]:
+    return interval.map(_number)
+
+
+def _number(value: Floats) -> Known:
+    """Return a plain number: None where it is not known."""
+    number = float(value)
+    return None if math.isnan(number) else number
