@@ -368,6 +368,4 @@ def test_power_between_contacts_that_nobody_knows_is_an_interval(net: Path, caps
     assert row["power_mw"] is None and row["battery_h"] is None
     assert 0 < row["power_mw_low"] < row["power_mw_high"] < 0.1
     assert row["battery_h_low"] < row["battery_h_high"]
-    assert document["notes"] == [
-        "odin: its power between contacts is unknown, so mean power is an interval"
-    ]
+    assert document["notes"] == ["odin: its power between contacts is unknown, so mean power is an interval"]

@@ -114,7 +114,8 @@ def test_a_mean_is_the_same_count_in_every_step(rates, n_steps):
     mean = read_inference(f"{head}spikes: {spikes}\n", "w").cost_on(PROFILE)
     listed = read_inference(f"{head}spikes: {[[x] * n_steps for x in spikes]}\n", "w").cost_on(PROFILE)
     for name in ("energy_uj", "energy_throttled_uj", "step_time_us"):
-        assert [*map(float, getattr(listed, name))] == pytest.approx([*map(float, getattr(mean, name))], rel=1e-9)
+        of_list, of_mean = (list(map(float, getattr(priced, name))) for priced in (listed, mean))
+        assert of_list == pytest.approx(of_mean, rel=1e-9)
 
 
 def test_no_steps_are_exact_zeros():

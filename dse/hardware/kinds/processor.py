@@ -98,7 +98,8 @@ class Processor(Profile):
         """Return the one core, and whether the flash holds the stored numbers."""
         n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
         misfits = _flash_misfits(n_weights, load.number_bits, 0, self._flash_bytes)
-        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor sleeps until all input has arrived"))
+        sleeps = "the processor sleeps until all input has arrived"
+        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, sleeps))
 
     @property
     def _flash_bytes(self) -> int:
