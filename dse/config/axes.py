@@ -161,7 +161,7 @@ def parse_axis(
         report((*path, key), f"unknown key '{name}.{key}'; {known_names(key, _KEYS)}")
     if "choice" in raw:
         for key in sorted(set(raw) & {"range", "step", "log"}):
-            report((*path, key), f"{name} has a choice, so it cannot have '{key}'")
+            report((*path, key), f"{name} has a choice and cannot also have '{key}'")
         axis = _choice(raw["choice"], is_list(hint), path, report, read_value)
     else:
         axis = _range(raw, hint, path, report, read_value)
@@ -193,7 +193,7 @@ def _range(
     where, name = (*path, "range"), dotted(path)
     kind, anything, listed = number_type(hint), hint is Any, is_list(hint)
     if kind is None and not anything:
-        report(where, f"{name} is not a number, so it must be a choice, got a range")
+        report(where, f"{name} is not a number and must be a choice, got a range")
         return INVALID
     ends = raw["range"]
     if not isinstance(ends, list | tuple) or len(ends) != 2 or not all(map(_is_number, ends)):
@@ -219,7 +219,7 @@ def _range(
     elif log and low <= 0:
         refuse("range", f"{name}.range must start above 0 for log: true, got {echo(low)}")
     elif log and step is not None:
-        refuse("step", f"{name} has log: true, so it cannot have a step")
+        refuse("step", f"{name} has log: true and cannot also have a step")
     if step is not None and (not _is_number(step) or step <= 0 or (is_int and type(step) is not int)):
         refuse("step", f"{name}.step must be {'an integer' if is_int else 'a number'} > 0, got {echo(step)}")
     if not good:
@@ -230,7 +230,7 @@ def _range(
     if not is_int:
         step = float(step)
     if (high - low) / step >= _MOST_VALUES:
-        refuse("range", f"{name}.range has more than {_MOST_VALUES} values; write a larger step")
+        refuse("range", f"{name}.range has more than {_MOST_VALUES} values; use a larger step")
         return INVALID
     return Axis(name, stepped(low, high, step), low, high, step, False, is_int, listed)
 

@@ -24,10 +24,10 @@ def missing(device: str) -> str | None:
     import torch
 
     if not torch.cuda.is_available():
-        return "needs a CUDA device, and torch sees none; cpu needs none"
+        return "needs a CUDA device, but torch finds none; execution.device: cpu needs none"
     found = torch.cuda.get_device_capability()
     if found < _CAPABILITY:
-        return f"needs compute capability 8.0 or later, to multiply bfloat16, got {found[0]}.{found[1]}"
+        return f"needs compute capability 8.0 or later (for bfloat16 products), got {found[0]}.{found[1]}"
     return None
 
 

@@ -33,7 +33,7 @@ def decision(raw: Any, report: Report) -> DecisionGrid | None:
     found = {key: value.values if isinstance(value, Axis) else (value,) for key, value in values.items()}
     for key, numbers in found.items():
         if numbers is None:
-            text = f"decision.{key} is evaluated on a grid, so its range must have a step"
+            text = f"decision.{key} is evaluated on a grid, so its range needs a step"
             report(("decision", key, "range"), text)
             good = False
     if not good:
@@ -49,7 +49,7 @@ def precision(raw: Any, report: Report) -> PrecisionSettings | None:
     values, good = read_fields(Precision, raw, ("precision",), report, read_fixed)
     for key in ("weight_bits", "pruned"):
         if values.get(key) == ():
-            report(("precision", key), f"precision.{key} must name one or more values, got []")
+            report(("precision", key), f"precision.{key} must hold at least one value, got []")
             good = False
     if not good:
         return None
@@ -72,7 +72,7 @@ def hardware(raw: Any, report: Report, base: Path) -> tuple[str, ...]:
         if name in found:
             report(where, f"hardware '{name}' is named twice")
         elif is_hardware_file(name) and not (base / name).is_file():
-            report(where, f"hardware '{name}' must be a file beside the search space, got none there")
+            report(where, f"hardware '{name}' must be a file, relative to the search space; there is none")
         elif not is_hardware_file(name) and name not in known:
             report(where, f"unknown hardware '{name}'; {known_names(name, known)}")
         found[name] = None
@@ -91,7 +91,7 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
     found: dict[str, str] = {}
     texts = _names("objectives", raw, report)
     if raw == [] or raw is None:
-        report(("objectives",), f"objectives must name at least one; {known_names('', known)}")
+        report(("objectives",), f"objectives must hold at least one objective; {known_names('', known)}")
     for index, text in enumerate(texts):
         where = ("objectives", index)
         name, colon, direction = text.partition(":")
@@ -107,9 +107,9 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
         if name in found:
             report(where, f"objective '{name}' is named twice")
         if name in OF_HARDWARE and not profiles:
-            report(where, f"objective '{name}' needs a profile in section 'hardware', got none")
+            report(where, f"objective '{name}' needs a hardware profile in section 'hardware', got none")
         if name == HELD_BACK:
-            report(where, f"objective '{name}' must not select designs: the test set is for the report alone")
+            report(where, f"objective '{name}' cannot select designs: the test set is only for reporting")
         found[name] = natural
     return tuple(found.items())
 
@@ -151,8 +151,8 @@ def search(
     conditional = [axis.name for axis in axes.values() if axis.condition is not None]
     if conditional and not _takes_conditions(cls):
         others = ", ".join(other for other, found in known.items() if _takes_conditions(found))
-        text = f"search.sampler '{name}' cannot search axes that only some designs have, got {conditional[0]}"
-        report(("search", "sampler"), f"{text}; samplers that can: {others}")
+        text = f"search.sampler '{name}' cannot search {conditional[0]}, an axis that only some designs have"
+        report(("search", "sampler"), f"{text}; these can: {others}")
     package = getattr(cls, "requires", None)  # the extra that brings a package has its name
     if check_packages and package and (lack := missing_package(package, package)):
         report(("search", "sampler"), f"search.sampler '{name}' {lack}")

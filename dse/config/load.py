@@ -52,7 +52,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
 
     data = document.data
     if not isinstance(data, dict):
-        report((), f"a search space must be a mapping of sections, got {echo(data)}")
+        report((), f"a search space must be a mapping from section names to sections, got {echo(data)}")
         return None
     known = ("study", "seed", *SECTIONS)
     for key in data:
@@ -112,7 +112,7 @@ def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
         found["test"] = parts.test_file(recordings, kind, data["test"], report)
     needed = None if recordings is None else front_end(recordings)
     if recordings is not None and needed != "preprocessing" and "preprocessing" in data:
-        report(("preprocessing",), f"section 'preprocessing' has no meaning for {kind} recordings")
+        report(("preprocessing",), f"section 'preprocessing' does not apply to {kind} recordings")
     if needed == "preprocessing" or (recordings is None and "preprocessing" in data):
         found["preprocessing"] = parts.settings("preprocessing", data.get("preprocessing"), report)
     if needed == "encoder" and "encoder" not in data:

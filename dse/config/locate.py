@@ -29,7 +29,7 @@ def find_space(path_or_name: str) -> Path:
     shipped = shipped_spaces()
     if path_or_name in shipped:
         return shipped[path_or_name]
-    message = f"no such file, nor a search space of this name; {known_names(path.stem, shipped)}"
+    message = f"no such file and no shipped search space of this name; {known_names(path.stem, shipped)}"
     raise ConfigError([Fault(path_or_name, 0, message)])
 
 

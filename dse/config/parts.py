@@ -136,7 +136,7 @@ def test_file(cls: type, kind: str, raw: Any, report: Report) -> Part:
     """Read `test`: keys that differ from those of `data`."""
     if isinstance(raw, dict) and "kind" in raw:
         if raw["kind"] != kind:
-            report(("test", "kind"), f"test.kind must be that of data, {kind}, got {echo(raw['kind'])}")
+            report(("test", "kind"), f"test.kind must equal data.kind, {kind}, got {echo(raw['kind'])}")
         raw = {key: value for key, value in raw.items() if key != "kind"}
     values, good = read_given(cls, raw, ("test",), report, read_fixed)
     return Part(values, {}, good)

@@ -113,7 +113,7 @@ def parse(text: str, name: str) -> Document:
         document.faults.append(Fault(name, line, f"not valid YAML: {error.reason}"))
         return document
     except RecursionError:
-        document.faults.append(Fault(name, 1, f"not valid YAML: nested deeper than {_DEEPEST} levels"))
+        document.faults.append(Fault(name, 1, f"not valid YAML: nested more than {_DEEPEST} levels deep"))
         return document
     data = {} if node is None else _value(node, (), document, name)
     return Document(data, document.places, document.faults)
@@ -160,10 +160,10 @@ def _replaced(data: Any, path: Path, value: Any, depth: int = 0) -> Any:
 def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:
     line = node.start_mark.line + 1
     if len(path) > _DEEPEST:  # an alias inside its own anchor never ends
-        document.faults.append(Fault(name, line, f"nested deeper than {_DEEPEST} levels"))
+        document.faults.append(Fault(name, line, f"nested more than {_DEEPEST} levels deep"))
         return None
     if node.tag not in _PLAIN_TAGS:
-        document.faults.append(Fault(name, line, f"tags have no meaning here, got '{node.tag}'"))
+        document.faults.append(Fault(name, line, f"YAML tags are not supported, got '{node.tag}'"))
     if isinstance(node, yaml.ScalarNode):
         return scalar(node.value) if node.style is None else node.value
     if isinstance(node, yaml.SequenceNode):
@@ -174,7 +174,7 @@ def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:
     for key_node, child in node.value:
         key_line = key_node.start_mark.line + 1
         if not isinstance(key_node, yaml.ScalarNode):
-            document.faults.append(Fault(name, key_line, "a key must be a word, got a list or mapping"))
+            document.faults.append(Fault(name, key_line, "a key must be a scalar, got a list or a mapping"))
             continue
         key = str(key_node.value)
         if key in data:

@@ -99,7 +99,7 @@ def _found(name: str) -> Path:
     if name in shipped:
         return shipped[name]
     if not Path(name).is_file():
-        text = f"no such file, nor a page of this name; {known_names(Path(name).stem, shipped)}"
+        text = f"no such file and no shipped page of this name; {known_names(Path(name).stem, shipped)}"
         raise ConfigError([Fault(name, 0, text)])
     return Path(name)
 

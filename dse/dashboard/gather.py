@@ -246,8 +246,8 @@ def _remarks(
             )
     if n_leaky := int((~honest(points)).sum()):
         remarks.append(
-            f"{n_leaky} of {len(points)} points are transductive and on no front: what answers has seen the "
-            "labels."
+            f"{n_leaky} of {len(points)} points are transductive and excluded from fronts: the classifier "
+            "has seen the labels."
         )
     if len(points) == 1:
         remarks.append("One design point so far, so it is the front.")

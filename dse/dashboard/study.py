@@ -81,7 +81,7 @@ def page_server(folder: Path, host: str, port: int, asked: Asked | None = None) 
     from dse.study.results import Study
 
     if not (folder / "search_space.yaml").is_file():
-        raise store.StoreError(f"{folder}: is no folder of a study: it has no search_space.yaml")
+        raise store.StoreError(f"{folder}: is not the folder of a study: there is no search_space.yaml")
     asked = asked or Asked()
     _check(Study(folder), asked)
     designs = _Designs(Study(folder), asked.hardware)
@@ -217,9 +217,11 @@ def _check(study: Study, asked: Asked) -> None:
     if not asked.n_draws:
         return
     if not asked.hardware and not study.space.get("hardware"):
-        raise StoreError(f"{study.folder}: nothing to draw: the study has no hardware")
+        raise StoreError(f"{study.folder}: nothing to sample: the study has no hardware")
     if not any(name in DRAWN for name, _ in study.objectives):
-        text = f"nothing to draw: no objective is among {', '.join(DRAWN)}; others do not depend on it"
+        text = (
+            f"nothing to sample: no objective depends on uncertain numbers of hardware ({', '.join(DRAWN)})"
+        )
         raise StoreError(f"{study.folder}: {text}")
 
 

@@ -82,7 +82,7 @@ def _filled(
     if resolved.get("test"):
         if len(test):
             raise RecordingError(
-                "test recordings must come from split.test or from the test file, not from both"
+                "test recordings must come either from split.test or from the test file, not from both"
             )
         other, places = _read(
             component("recordings", {**resolved["data"], **resolved["test"]}), base, resolved
@@ -101,7 +101,9 @@ def _filled(
         for trap in leakage.warnings(stored.lengths, stored.levels, own, train, validation, what)
     ]
     if encoding.transductive(design.get("encoder")):
-        reasons.append(f"encoder {design['encoder']['kind']} reads the labels of the recordings it encodes")
+        reasons.append(
+            f"encoder {design['encoder']['kind']} reads the labels of the recordings that it encodes"
+        )
     write_dataset(
         folder, name, np.concatenate(targets), classes, (train, validation, test),
         _fitted(resolved, design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
@@ -308,9 +310,9 @@ def _check_alike(parts: Sequence[Part]) -> None:
             ("steps per window", parts[0].n_steps, other.n_steps),
         ):
             if a != b:
-                raise RecordingError(f"the test file must have {a} {name} as the data file has, got {b}")
+                raise RecordingError(f"the test file must have {a} {name}, as the data file, got {b}")
         if not np.array_equal(parts[0].positions, other.positions):
-            raise RecordingError("the test file must have the channel positions of the data file, got others")
+            raise RecordingError("the test file must have the same channel positions as the data file")
 
 
 def _in_use(codes: Array, classes: tuple[str, ...], used: Array) -> tuple[Array, tuple[str, ...]]:

@@ -65,7 +65,7 @@ def opened_root(instead: Path) -> tuple[Path, str]:
         return root, ""
     except (OSError, RuntimeError) as error:
         tidy(instead)
-        return instead, f"prepared data cannot be shared and goes to {instead}: {error}"
+        return instead, f"prepared data cannot be cached for other runs and are written to {instead}: {error}"
 
 
 def limit_bytes(root: Path) -> int:

@@ -229,4 +229,4 @@ def _readable(folder: Path, what: str) -> Iterator[None]:
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         if isinstance(error, RecordingError):
             raise
-        raise RecordingError(f"{folder}: no readable {what} ({error})") from None
+        raise RecordingError(f"{folder}: the {what} cannot be read ({error})") from None

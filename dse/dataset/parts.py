@@ -89,7 +89,7 @@ def placed(
     window = section(Window, resolved.get("window"))
     _check_sections(recordings, resolved)
     if window.remove_mean and not isinstance(recordings, Signals):
-        raise RecordingError("window.remove_mean must be false for recordings of events or spikes, got true")
+        raise RecordingError("window.remove_mean must be false for events and spikes, got true")
     if isinstance(recordings, Signals | Rasters):
         if positions is None:
             raise ValueError("placed needs the positions of the channels of signals and rasters, got None")
@@ -133,7 +133,7 @@ def cropped(source: Recordings, resolved: Resolved, train: Array) -> Telling[dic
         for done, i in enumerate(train, 1):
             more = preprocessing.count_pixels(source.blocks(int(i)), source.width, source.height)
             columns, rows = columns + more[0], rows + more[1]
-            yield f"looking for pins: {done} of {len(train)} recordings"
+            yield f"locating pins: {done} of {len(train)} recordings"
         crop = preprocessing.pin_rectangle(columns, rows)
     return {**resolved, "preprocessing": {**keys, "crop": list(crop)}}
 
@@ -142,9 +142,9 @@ def _check_sections(recordings: Recordings, resolved: Resolved) -> None:
     kind = resolved["data"]["kind"]
     needed = {Signals: "encoder", Rasters: None}.get(type(recordings), "preprocessing")
     if needed is not None and not resolved.get(needed):
-        raise RecordingError(f"{needed} must be given: data of kind '{kind}' becomes spikes by it")
+        raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
     if needed != "preprocessing" and resolved.get("preprocessing"):
-        raise RecordingError(f"preprocessing must be absent: data of kind '{kind}' has no use for it")
+        raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
 
 
 def _of_rasters(spikes: Spikes, window: Window, used: Array, positions: Array) -> Part:
@@ -214,7 +214,7 @@ def _of_events(
         chosen = np.flatnonzero(used).tolist()
         for done, found in enumerate(in_order(survey, chosen, threads if simulated else 1)):
             i = chosen[done]
-            yield f"surveying data: {done + 1} of {len(chosen)} recordings"
+            yield f"reading data: {done + 1} of {len(chosen)} recordings"
             onset[i] = found.onset_bin
             if simulated is None:
                 if not found.n_events:

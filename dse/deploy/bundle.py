@@ -61,7 +61,7 @@ def write(bundle: Bundle, folder: Path) -> None:
         StoreError: it cannot be written.
     """
     if folder.exists() and not (folder / "bundle.json").is_file() and not _is_empty(folder):
-        raise BundleError(f"{folder}: exists and is no bundle; choose another folder to export to")
+        raise BundleError(f"{folder}: exists and is not a bundle; export to another folder")
     with store.published(folder) as temporary:
         temporary.mkdir()
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
@@ -96,10 +96,11 @@ def read(folder: str | Path) -> Bundle:
     try:
         document = store.read_json(path / "bundle.json")
         if not isinstance(document, dict) or not str(document.get("schema", "")).startswith("dse/bundle/"):
-            raise BundleError(f"{path / 'bundle.json'}: is no bundle of dse")
+            raise BundleError(f"{path / 'bundle.json'}: is not a bundle of dse")
         if document["schema"] != SCHEMA:
             raise BundleError(
-                f"{path / 'bundle.json'}: schema is {document['schema']}, this version of dse reads {SCHEMA}"
+                f"{path / 'bundle.json'}: schema is {document['schema']}, but this version of dse reads "
+                f"{SCHEMA}"
             )
         for name, expected in document["files"].items():
             if not (path / name).is_file():
@@ -121,7 +122,7 @@ def read(folder: str | Path) -> Bundle:
     except StoreError as error:
         raise BundleError(str(error)) from error
     except (KeyError, TypeError, AttributeError) as error:
-        raise BundleError(f"{path / 'bundle.json'}: lacks or garbles {error}") from error
+        raise BundleError(f"{path / 'bundle.json'}: key {error} is missing or invalid") from error
 
 
 def weights(fitted: Network | Parameters) -> dict[str, Array]:

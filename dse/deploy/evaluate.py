@@ -216,13 +216,13 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         StoreError: an artefact is damaged, or the bundle cannot be written.
     """
     if "trial" not in point:
-        raise ValueError(f"a point must name its trial, got the columns {', '.join(map(str, point))}")
+        raise ValueError(f"a point must have the column trial, got the columns {', '.join(map(str, point))}")
     trial = int(point["trial"])
     phi, theta, read_out_ms = (_setting(point.get(name)) for name in ("phi", "theta", "read_out_ms"))
     records = study.runs(trial)
     encoder = records[0].get("sections", {}).get("encoder")
     if encoding.transductive(encoder):
-        why = f"encoder {encoder['kind']} reads the labels of the recordings it encodes"
+        why = f"encoder {encoder['kind']} reads the labels of the recordings that it encodes"
         raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
     head = str(point.get("task", "")) if point.get("task") in records[0].get("of_heads", {}) else ""
     setting = _precision(point)

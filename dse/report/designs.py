@@ -144,7 +144,7 @@ def record(study: Path, trial: int) -> Mapping[str, Any]:
     path = store.run_folder(study, trial, 0) / "record.json"
     content = store.read_json(path)
     if not isinstance(content, dict) or "sections" not in content:
-        raise store.StoreError(f"{path}: is no record of a run")
+        raise store.StoreError(f"{path}: is not the record of a run")
     return content
 
 

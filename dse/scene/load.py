@@ -100,7 +100,9 @@ def find_scene(path_or_name: str, base: Path | None = None) -> Path:
     shipped = shipped_scenes()
     if path_or_name in shipped:
         return shipped[path_or_name]
-    message = f"no such file, nor a scene of this name; {known_names(Path(path_or_name).stem, shipped)}"
+    message = (
+        f"no such file and no shipped scene of this name; {known_names(Path(path_or_name).stem, shipped)}"
+    )
     raise ConfigError([Fault(path_or_name, 0, message)])
 
 

@@ -75,7 +75,7 @@ def plan(
     """
     for number, one in enumerate(demands):
         if one.alone_bytes > budget_bytes:
-            raise ValueError(f"run {number} needs {one.alone_bytes} bytes, a worker has {budget_bytes}")
+            raise ValueError(f"run {number} needs {one.alone_bytes} bytes, but a worker has {budget_bytes}")
     groups: dict[Hashable, list[int]] = {}
     for number in sorted(range(len(demands)), key=lambda i: (-demands[i].cost, i)):
         groups.setdefault(demands[number].key, []).append(number)

@@ -134,5 +134,5 @@ def grid(space: SearchSpace) -> list[Design]:
     total = n_designs(space)
     if total is None:
         open_axes = ", ".join(axis.name for axis in space.axes.values() if axis.values is None)
-        raise ValueError(f"a grid needs axes with values, got ranges without steps: {open_axes}")
+        raise ValueError(f"a grid needs axes with a choice or a step, got ranges without a step: {open_axes}")
     return [design_at(space, index) for index in range(total)]

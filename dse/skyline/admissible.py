@@ -52,7 +52,7 @@ def leave_out_leaky(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.Dat
     if not n:
         return rows, []
     noun, whose = ("row", "its classifier has") if n == 1 else ("rows", "their classifiers have")
-    return rows[keep], [f"{n} transductive {noun} left out: {whose} seen the labels"]
+    return rows[keep], [f"{n} transductive {noun} excluded: {whose} seen the labels"]
 
 
 def leave_out_misfits(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -63,7 +63,7 @@ def leave_out_misfits(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.D
     unnamed = pd.Series("the chip", rows.index, dtype=object)
     chips = rows["hardware"].astype(object).fillna(unnamed) if "hardware" in rows else unnamed
     notes = [
-        f"{n} {'row' if n == 1 else 'rows'} left out: {'it does' if n == 1 else 'they do'} not fit {chip}"
+        f"{n} {'row' if n == 1 else 'rows'} excluded: {'it does' if n == 1 else 'they do'} not fit {chip}"
         for chip, n in chips[~keep].value_counts(sort=False).items()
     ]
     notes += [
@@ -92,8 +92,8 @@ def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.
         for kind, wrong in (("NaN", np.isnan(values)), ("infinite", np.isinf(values))):
             if wrong.any():
                 chips = " and ".join(dict.fromkeys(map(str, frame["hardware"][wrong]))) if is_cost else ""
-                why = f" ({chips} cannot run them, or is known by intervals only)" if chips else ""
-                notes.append(f"{_row_names(frame, wrong)} left out: {name} is {kind}{why}")
+                why = f" ({chips} cannot run them, or its costs are known only as intervals)" if chips else ""
+                notes.append(f"{_row_names(frame, wrong)} excluded: {name} is {kind}{why}")
                 keep &= ~wrong
     return frame[keep], notes
 

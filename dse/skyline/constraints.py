@@ -195,7 +195,7 @@ def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
     name = _name(node)
     if name in frame.columns and pd.api.types.is_bool_dtype(frame[name].dtype):
         return _compare(node, ast.Eq(), ast.Constant(True), frame, text)
-    raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is no comparison")
+    raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is not a comparison")
 
 
 def _compare(left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
@@ -208,7 +208,7 @@ def _compare(left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFra
             equal |= _test(operator.eq, first, _operand(item, frame, text), text)
         return equal if isinstance(sign, ast.In) else first.present & ~equal
     if type(sign) not in _OPERATORS:
-        raise ExpressionError(f"condition '{text}' may compare with ==, !=, <, <=, >, >= and in only")
+        raise ExpressionError(f"condition '{text}' may only use ==, !=, <, <=, >, >= and in")
     return _test(_OPERATORS[type(sign)][1], first, _operand(right, frame, text), text)
 
 

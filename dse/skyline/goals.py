@@ -33,7 +33,7 @@ def checked_goals(pairs: Iterable[tuple[str, str]]) -> list[Goal]:
     """
     goals = [Goal(*pair) for pair in pairs]
     if not goals:
-        raise ExpressionError("objectives must name at least one column, such as accuracy:max")
+        raise ExpressionError("objectives must hold at least one column, e.g. accuracy:max")
     for name, direction in goals:
         if direction not in ("max", "min"):
             raise ExpressionError(f"objective '{name}' must be followed by :max or :min, got '{direction}'")

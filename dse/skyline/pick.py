@@ -149,8 +149,8 @@ def sure_pick(
     bounded = pick(rows.assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
     notes = [*among.notes, *bounded.notes]
     if not sure.any():
-        surest = f"; the surest is in {share.max():.0%}" if len(share) else ""
-        notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the draws{surest}")
+        surest = f"; the most certain one is in {share.max():.0%}" if len(share) else ""
+        notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the samples{surest}")
     # Numbers as they stand; what is missed is what was missed with confidence.
     nearest = bounded.nearest.assign(**{name: rows[name].reindex(bounded.nearest.index) for name in bounds})
     row = None if bounded.row is None else rows.iloc[rows.index.tolist().index(bounded.row.name)]

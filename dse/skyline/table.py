@@ -33,7 +33,7 @@ def read(path: str | Path) -> pd.DataFrame:
     except TableError:
         raise
     except Exception as error:  # each reader has its own kinds; what users need is the file and the reason
-        raise TableError(f"{file}: no readable table: {str(error).strip().splitlines()[0]}") from error
+        raise TableError(f"{file}: the table cannot be read: {str(error).strip().splitlines()[0]}") from error
     if frame.empty:
         raise TableError(f"{file}: the table has no rows")
     return frame
@@ -50,7 +50,7 @@ def _read(file: Path) -> pd.DataFrame:
         if isinstance(content, dict) and "rows" not in content:
             raise TableError(f"{file}: must hold a list of rows, or an object with 'rows'")
         return pd.DataFrame(content["rows"] if isinstance(content, dict) else content)
-    raise TableError(f"{file}: must be .csv, .parquet, .json or the folder of a study")
+    raise TableError(f"{file}: must be a .csv, .parquet or .json file, or the folder of a study")
 
 
 def numbers(frame: pd.DataFrame, name: str) -> Floats:

@@ -32,7 +32,7 @@ def explained(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        hint = "; free some space and run the same command again: finished runs are kept" if full else ""
+        hint = "; free some space and run the same command again; finished runs are kept" if full else ""
         raise StoreError(f"{path}: cannot be written: {reason}{hint}") from error
 
 

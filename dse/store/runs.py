@@ -48,10 +48,11 @@ def load_run(folder: Path) -> dict[str, Any] | None:
         return None
     record = read_json(folder / "record.json")
     if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
-        raise StoreError(f"{folder / 'record.json'}: is no record of a run")
+        raise StoreError(f"{folder / 'record.json'}: is not the record of a run")
     if record.get("schema", 0) > SCHEMA:
         raise StoreError(
-            f"{folder / 'record.json'}: schema {record['schema']} is newer than {SCHEMA}, which this reads"
+            f"{folder / 'record.json'}: schema {record['schema']} is newer than {SCHEMA}, the schema that "
+            "this version of dse reads"
         )
     for name, expected in record["files"].items():
         if not (folder / name).is_file():

@@ -1,4 +1,4 @@
-"""Whose a study folder is: the search space that it was begun with, and no other."""
+"""Whose a study folder is: the search space that it was started with, and no other."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def claim(space: SearchSpace, folder: Path) -> None:
     otherwise. Until a run has finished, nothing depends on the one before.
 
     Raises:
-        ConfigError: the folder was begun with another search space; one fault per key.
+        ConfigError: the folder was started with another search space; one fault per key.
     """
     path = folder / "search_space.yaml"
     now = yaml.safe_load(space.to_yaml())
     if next(folder.glob("artefacts/*/repeat_*"), None) is None:
         store.remove(folder / "journal.log")
     elif path.exists():
-        hint = "change it back, or choose another study name or --results folder"
+        hint = "change it back, or use another study name or --results folder"
         faults = [
-            Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was begun with {old!r}; {hint}")
+            Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was started with {old!r}; {hint}")
             for key, old, new in _changes(plain_space(path), now)
             if (not key.startswith("execution.") or key == "execution.device")
             and key not in _PLACES

@@ -130,7 +130,8 @@ def _search(
                 ledger.ask(number, new)
                 if len(new) < missing:
                     report.note(
-                        f"the sampler has no other designs: {n_before + len(entries) + len(new)} in all"
+                        "the sampler found no further designs; the study has "
+                        f"{n_before + len(entries) + len(new)}"
                     )
                 entries = [e for e in ledger.entries if e.batch == number]
         if not entries:

@@ -25,7 +25,7 @@ from dse.study.workers import Failure
 T = TypeVar("T")
 
 PROCESS_BYTES = 320 * 2**20
-"""What a worker takes beside arrays, rounded up: interpreter, libraries, and compiling the kernels once."""
+"""Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
 
 # At most, per spike of a batch: its row and its channel, each way round, while they are gathered and sorted.
 _SPIKE_BYTES = 64

@@ -72,7 +72,7 @@ class Ledger:
             with explained(self._path):
                 yield
         except (KeyError, ValueError) as error:
-            raise StoreError(f"{self._path}: is damaged: {error}") from error
+            raise StoreError(f"{self._path}: the journal is damaged: {error}") from error
 
     @property
     def entries(self) -> list[Entry]:

@@ -160,7 +160,7 @@ def answers(
     for setting in evaluated if settings is None else settings:
         if setting not in evaluated:
             bits, pruned = setting
-            lack = f"has no evaluation at {bits} bits with {pruned:g} pruned any more; run the study again"
+            lack = f"has no evaluation at {bits} bits with {pruned:g} pruned; run the study again"
             raise store.StoreError(f"{runs[0].parent}: {lack}")
         found += _of_runs(evaluated[setting])
     return found
@@ -172,7 +172,7 @@ def _as_trained(run: Path, record: Record) -> precision.Evaluation:
     files = {name: store.load_arrays(run / name) for name in names}
     for name, arrays in files.items():
         if not any(key.startswith("work/") for key in arrays):
-            why = "is of an older version, which kept no work to price; run the study in another folder"
+            why = "holds no work counts to compute costs from; run the study again in another folder"
             raise store.StoreError(f"{run / name}: {why}")
     return precision.Evaluation(*precision.AS_TRAINED, record, files)
 

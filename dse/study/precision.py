@@ -92,7 +92,7 @@ def refusal(folder: Path) -> str:
     """Return why a run has no other precisions, in words; '' where it has."""
     with np.load(folder / "weights.npz", allow_pickle=False) as arrays:
         if "arithmetic" not in arrays.files:
-            return "is no single stack of spiking layers"
+            return "is not a single stack of spiking layers"
         arithmetic = str(arrays["arithmetic"])
     return "" if arithmetic == "integer" else f"runs in {arithmetic} arithmetic"
 

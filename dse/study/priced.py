@@ -37,7 +37,8 @@ def on_duty(
     lacking = [name for name in needed if name not in frame]
     if lacking:
         raise StoreError(
-            f"--contacts-per-hour: the points have no {lacking[0]}; name hardware that has: --hardware NAME"
+            f"--contacts-per-hour needs the column {lacking[0]}; choose hardware that has it with "
+            "--hardware NAME"
         )
     energy, idle, computing, window = (frame[name].to_numpy(np.float64, na_value=np.nan) for name in needed)
     contact_ms = np.fmax(computing, window)
@@ -89,19 +90,20 @@ def draws(
     from dse.skyline.front import Draws
     from dse.study import pricing
 
-    _must_be_studies(paths, "draws need")
+    _must_be_studies(paths, "sampling needs")
     columns = [name for name in dict.fromkeys(names) if name in DRAWN]
     if not columns:
         raise store.StoreError(
-            f"nothing to draw: no objective or budget is among {', '.join(DRAWN)}; others do not depend on it"
+            "nothing to sample: no objective or budget depends on uncertain numbers of hardware "
+            f"({', '.join(DRAWN)})"
         )
     for path, frame in zip(paths, frames, strict=True):
         if "point" not in frame:
-            raise store.StoreError(
-                f"{path}: is of an older version, which kept no work to price; run it again"
-            )
+            raise store.StoreError(f"{path}: holds no work counts to compute costs from; run the study again")
     if any("hardware" not in frame for frame in frames):
-        raise store.StoreError("nothing to draw: the points are on no hardware; name it: --hardware NAME")
+        raise store.StoreError(
+            "nothing to sample: the points have no hardware; choose it with --hardware NAME"
+        )
     starts = np.cumsum([0, *map(len, frames)])
 
     def of(rows: pandas.DataFrame) -> dict[str, Array]:
@@ -122,4 +124,6 @@ def _must_be_studies(paths: Sequence[str], who: str) -> None:
 
     for path in paths:
         if not Path(path).is_dir():
-            raise StoreError(f"{path}: {who} the folder of a study, which holds the work of its points")
+            raise StoreError(
+                f"{path}: {who} the folder of a study, which holds the work counts of its points"
+            )

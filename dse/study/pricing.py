@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _FOLDER = "hardware"
 
 DRAWS = 200
-"""How often a chip's figures are drawn where nothing else is said."""
+"""Default number of samples of a chip's uncertain numbers."""
 
 
 def check(profiles: Sequence[Profile], folder: Path) -> None:
@@ -36,8 +36,8 @@ def check(profiles: Sequence[Profile], folder: Path) -> None:
     for chip in profiles:
         kept = folder / _FOLDER / f"{chip.name}.yaml"
         if kept.is_file() and _figures(profile(folder, chip.name)) != _figures(chip):
-            hint = "change it back, name it otherwise, or choose another --results folder"
-            faults.append(Fault(chip.name, 0, f"the figures differ from those in {kept}; {hint}"))
+            hint = "change it back, rename the profile, or use another --results folder"
+            faults.append(Fault(chip.name, 0, f"the numbers differ from those in {kept}; {hint}"))
     if faults:
         raise ConfigError(faults)
 
@@ -101,7 +101,7 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     chips = profiles(folder, hardware)
     table = read_table(folder)
     if "point" not in table:
-        raise store.StoreError(f"{folder}: is of an older version, which kept no work to price; run it again")
+        raise store.StoreError(f"{folder}: holds no work counts to compute costs from; run the study again")
     if "hardware" in table:
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     table = table.drop(columns=[name for name in table if name in OF_HARDWARE])
@@ -109,7 +109,7 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     for trial, own in table.groupby("trial", sort=False):
         answered = _answered(folder, trial, own)
         if sum(map(len, answered)) != len(own):
-            raise store.StoreError(f"{folder}: trial {trial} has other points by now; run the study again")
+            raise store.StoreError(f"{folder}: the points of trial {trial} have changed; run the study again")
         for columns, chip in zip(on, chips, strict=True):
             columns.append(pandas.DataFrame(_points.priced(answered, chip), own.index))
     priced = [
@@ -199,5 +199,5 @@ def records(folder: Path, trial: int) -> list[Mapping[str, Any]]:
     folders = store.run_folder(folder, trial, 0).parent.glob("repeat_*")
     found = [record for each in folders if (record := store.load_run(each)) is not None]
     if not found:
-        raise store.StoreError(f"{folder}: has no trial {trial}")
+        raise store.StoreError(f"{folder}: there is no trial {trial}")
     return sorted(found, key=lambda record: int(record["repeat"]))

@@ -96,7 +96,7 @@ def open(folder: str | Path) -> Study:
     path = Path(folder)
     for name in ("search_space.yaml", "trials.parquet", "points.parquet"):
         if not (path / name).is_file():
-            raise store.StoreError(f"{path}: is no folder of a study with results: it has no {name}")
+            raise store.StoreError(f"{path}: is not the folder of a study with results: there is no {name}")
     return Study(path)
 
 

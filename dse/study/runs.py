@@ -91,9 +91,9 @@ class Runs:
                 try:
                     record = store.load_run(folder)
                     if record is not None and not _is_of(entry, record):
-                        raise StoreError(f"{folder}: belongs to another design than the journal says")
+                        raise StoreError(f"{folder}: holds another design than the journal states")
                 except StoreError as error:
-                    self._progress.note(f"{error}; this run is made again")
+                    self._progress.note(f"{error}; this run is repeated")
                     store.remove(folder)
                     continue
                 if record is not None and record.get("needs_bytes", math.inf) <= self._budget:
@@ -163,7 +163,7 @@ class Runs:
             if isinstance(ended, Failure):
                 _stop_if_disk(ended)
                 self._progress.note(
-                    f"precision: trial {job.run.trial} was not evaluated to its end: {ended.reason}"
+                    f"precision: the evaluation of trial {job.run.trial} stopped early: {ended.reason}"
                 )
                 continue
             (weight_bits, pruned), failed = ended
@@ -192,7 +192,7 @@ class Runs:
                     wanted.append((entry, repeat))
                     lacking[entry.trial, repeat] = missing
         for text in left_out:
-            self._progress.note(f"precision: left out: {text}")
+            self._progress.note(f"precision: skipped: {text}")
         return wanted, lacking
 
     def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
@@ -400,7 +400,7 @@ class Runs:
         if key != record["data"]:
             text = (
                 f"data: the recordings differ from those that trial {entry.trial} was trained on; "
-                f"restore them, or choose another --results folder"
+                "restore them, or use another --results folder"
             )
             raise ConfigError([Fault(str(self._space.source), 0, text)])
 

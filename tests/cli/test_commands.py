@@ -258,10 +258,10 @@ def test_skyline_of_several_tables_and_of_a_study(results: Path, table: Path, ca
         (["pick", "{table}", "--budget", "n_weight<=3"], "Did you mean 'n_weights'?"),
         (["pick", "{table}", "--export", "bundle"], "only a design of a study's folder can be exported"),
         (["evaluate", "{table}", "--data", "x.npz"], "cannot be read"),
-        (["dashboard", "{table}"], "is no folder of a study"),
+        (["dashboard", "{table}"], "is not the folder of a study"),
         (["describe", "modle"], "unknown section 'modle'; known: "),
         (["describe", "model", "snm"], "Did you mean 'snn'?"),
-        (["check", "no_such_space"], "no such file, nor a search space of this name"),
+        (["check", "no_such_space"], "no such file and no shipped search space of this name"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(

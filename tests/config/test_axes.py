@@ -71,7 +71,7 @@ def test_a_range_without_step_has_no_values() -> None:
         ({"range": 3}, float, {}, "model.key.range must be two numbers [low, high], got 3"),
         ({"range": [0, 2]}, float, {"high": 1}, "model.key.range[1] must be <= 1, got 2.0"),
         ({"range": [0.5, 2]}, int, {}, "model.key.range[0] must be an integer, got 0.5"),
-        ({"range": [1, 2]}, str, {}, "model.key is not a number, so it must be a choice, got a range"),
+        ({"range": [1, 2]}, str, {}, "model.key is not a number and must be a choice, got a range"),
         (
             {"range": [0, 1], "log": True},
             float,
@@ -82,7 +82,7 @@ def test_a_range_without_step_has_no_values() -> None:
             {"range": [1, 2], "log": True, "step": 1},
             float,
             {},
-            "model.key has log: true, so it cannot have a step",
+            "model.key has log: true and cannot also have a step",
         ),
         ({"range": [1, 2], "log": 1}, float, {}, "model.key.log must be true or false, got 1"),
         ({"range": [1, 2], "step": 0}, float, {}, "model.key.step must be a number > 0, got 0"),
@@ -98,7 +98,7 @@ def test_a_range_without_step_has_no_values() -> None:
             {"range": [0, 1], "step": 1e-9},
             float,
             {},
-            "model.key.range has more than 100000 values; write a larger step",
+            "model.key.range has more than 100000 values; use a larger step",
         ),
         ({"choice": []}, int, {}, "model.key.choice must be a list of one or more values, got []"),
         ({"choice": 3}, int, {}, "model.key.choice must be a list of one or more values, got 3"),
@@ -127,7 +127,7 @@ def test_one_sentence_per_mistake(raw: Any, hint: Any, rule: dict[str, Any], mes
 def test_a_choice_has_no_step() -> None:
     found: list[str] = []
     read_or_axis({"choice": [1], "step": 1}, int, Rule(""), PATH, lambda _, text: found.append(text))
-    assert found == ["model.key has a choice, so it cannot have 'step'"]
+    assert found == ["model.key has a choice and cannot also have 'step'"]
 
 
 def test_every_wrong_value_of_a_choice_is_named() -> None:

@@ -32,7 +32,8 @@ def test_no_device(no_gpu: None, path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load_space(path, check_data=True)
     assert str(caught.value) == (
-        f"{path}:20: execution.device cuda needs a CUDA device, and torch sees none; cpu needs none"
+        f"{path}:20: execution.device cuda needs a CUDA device, but torch finds none; execution.device: cpu "
+        "needs none"
     )
 
 
@@ -65,7 +66,7 @@ def test_a_device_that_is_there(no_gpu: None, path: Path, monkeypatch: pytest.Mo
 def test_a_device_that_is_too_old(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (7, 5))
-    with pytest.raises(ConfigError, match=r"cuda needs compute capability 8\.0 or later, .* got 7\.5"):
+    with pytest.raises(ConfigError, match=r"cuda needs compute capability 8\.0 or later .* got 7\.5"):
         load_space(path, check_data=True)
 
 

@@ -191,8 +191,8 @@ def test_a_grid_is_proposed_at_once(tmp_path: Path) -> None:
 def test_the_gaussian_process_says_which_samplers_can(tmp_path: Path) -> None:
     (fault,) = faults_of(tmp_path, ("sampler: grid, batch: 4", "sampler: gp, n_trials: 9"))
     assert fault == (
-        "27: search.sampler 'gp' cannot search axes that only some designs have, got "
-        "encoder.send_on_delta.thresholds; samplers that can: grid, nsga2, random, tpe"
+        "27: search.sampler 'gp' cannot search axes that only some designs have, such as "
+        "encoder.send_on_delta.thresholds; these can: grid, nsga2, random, tpe"
     )
 
 
@@ -249,7 +249,7 @@ def test_an_encoder_may_stand_for_recordings_of_spikes(tmp_path: Path) -> None:
         assert "encoder.volume" in tiny_study.make_space(tmp_path, encoder=encoder).axes
         with pytest.raises(ConfigError, match=r"encoder\.volume must be >= 0, got -1"):
             tiny_study.make_space(tmp_path, encoder={"kind": "loud_of_a_test", "volume": -1})
-        with pytest.raises(ConfigError, match="'preprocessing' has no meaning for raster recordings"):
+        with pytest.raises(ConfigError, match="'preprocessing' does not apply to raster recordings"):
             tiny_study.make_space(tmp_path, preprocessing={"bin_ms": 5})
     finally:
         tiny_study.unregister()

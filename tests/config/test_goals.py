@@ -28,7 +28,9 @@ def test_hardware_is_named_or_a_file_beside_the_search_space(tmp_path: Path) -> 
 
 def test_a_search_space_names_a_file(tmp_path: Path) -> None:
     path = write_space(tmp_path, ("[loihi1_silicon]", "[mine.yaml]"))
-    with pytest.raises(ConfigError, match=r"tiny\.yaml:17: hardware 'mine\.yaml' must be a file beside"):
+    with pytest.raises(
+        ConfigError, match=r"tiny\.yaml:17: hardware 'mine\.yaml' must be a file, relative to"
+    ):
         load_space(path)
     (tmp_path / "mine.yaml").touch()
     assert load_space(path).hardware == ("mine.yaml",)
@@ -40,9 +42,13 @@ def test_a_search_space_names_a_file(tmp_path: Path) -> None:
         (["loihi1_silicn"], "('hardware', 0): unknown hardware 'loihi1_silicn'; known: "),
         (
             ["loihi1_silicon", "none.yaml"],
-            "('hardware', 1): hardware 'none.yaml' must be a file beside the search space, got none there",
+            "('hardware', 1): hardware 'none.yaml' must be a file, relative to the search space; there is "
+            "none",
         ),
-        (["folder.yaml"], "('hardware', 0): hardware 'folder.yaml' must be a file beside the search space"),
+        (
+            ["folder.yaml"],
+            "('hardware', 0): hardware 'folder.yaml' must be a file, relative to the search space",
+        ),
         (["mine.yaml", "mine.yaml"], "('hardware', 1): hardware 'mine.yaml' is named twice"),
         (["loihi1_silicon"] * 2, "('hardware', 1): hardware 'loihi1_silicon' is named twice"),
         ({"name": "mine.yaml"}, "('hardware',): hardware must be a list of names"),

@@ -167,7 +167,7 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
             "18: objective 'accuracy' must be followed by :max or :min, got 'accuracy:up'",
         ),
         ("accuracy:max", "n_weights", "18: objective 'n_weights' is named twice"),
-        ("[accuracy:max, n_weights:min]", "[]", "18: objectives must name at least one; known: "),
+        ("[accuracy:max, n_weights:min]", "[]", "18: objectives must hold at least one objective; known: "),
         (
             "[accuracy:max, n_weights:min]",
             "{accuracy: max}",
@@ -176,7 +176,7 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
         (
             "accuracy:max",
             "accuracy_test",
-            "18: objective 'accuracy_test' must not select designs: the test set is for the report alone",
+            "18: objective 'accuracy_test' cannot select designs: the test set is only for reporting",
         ),
         (
             "sampler: grid",
@@ -216,7 +216,9 @@ def test_what_a_chip_decides_needs_a_chip(tmp_path: Path) -> None:
     assert set(OF_HARDWARE) < set(known_objectives())
     assert HELD_BACK in known_objectives()
     path = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("accuracy:max", "energy_uj"))
-    assert faults_of(path) == ["18: objective 'energy_uj' needs a profile in section 'hardware', got none"]
+    assert faults_of(path) == [
+        "18: objective 'energy_uj' needs a hardware profile in section 'hardware', got none"
+    ]
 
 
 def test_missing_sections(tmp_path: Path) -> None:
@@ -229,7 +231,7 @@ def test_missing_sections(tmp_path: Path) -> None:
 def test_a_search_space_is_a_mapping(tmp_path: Path) -> None:
     path = tmp_path / "list.yaml"
     path.write_text("- 1\n", encoding="utf-8")
-    assert faults_of(path) == ["1: a search space must be a mapping of sections, got [1]"]
+    assert faults_of(path) == ["1: a search space must be a mapping from section names to sections, got [1]"]
 
 
 def test_a_syntax_error_is_the_only_fault(tmp_path: Path) -> None:
@@ -250,7 +252,7 @@ def test_the_front_end_belongs_to_the_recordings(tmp_path: Path) -> None:
     )
     faults = faults_of(path)
     assert "1: section 'encoder' is required for time_series recordings" in faults
-    assert "13: section 'preprocessing' has no meaning for time_series recordings" in faults
+    assert "13: section 'preprocessing' does not apply to time_series recordings" in faults
 
 
 @pytest.mark.parametrize(
@@ -357,7 +359,7 @@ def test_the_sampler_depends_on_the_axes_unless_it_is_named(tmp_path: Path) -> N
 def test_an_unknown_name_lists_the_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(
-        ConfigError, match=r"^nothing_like_it: no such file, nor a search space of this name; known: "
+        ConfigError, match=r"^nothing_like_it: no such file and no shipped search space of this name; known: "
     ):
         load_space("nothing_like_it")
 

@@ -124,7 +124,7 @@ def test_what_a_file_must_be(tmp_path: Path, text: str, fault: str) -> None:
 
 def test_what_cannot_be_found_or_read(tmp_path: Path) -> None:
     known = "known: deployment, paper, study"
-    missing = "no such file, nor a page of this name"
+    missing = "no such file and no shipped page of this name"
     assert faults_of("papre") == [f"papre: {missing}; {known}. Did you mean 'paper'?"]
     assert faults_of(tmp_path) == [f"{tmp_path}: {missing}; {known}"]
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe")

@@ -46,7 +46,7 @@ def test_what_has_seen_the_labels_is_on_no_front_and_is_told():
     page = gather(points(transductive=leaky))
     assert page["fronts"]["accuracy|energy_uj"] == [0, 2, 3, 4]
     [told] = [note for note in page["notes"] if "transductive" in note]
-    assert told.startswith("1 of 5 points are transductive and on no front")
+    assert told.startswith("1 of 5 points are transductive and excluded from fronts")
     assert gather(points(transductive="no"))["fronts"] == gather(points())["fronts"]
 
 

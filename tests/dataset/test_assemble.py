@@ -234,11 +234,12 @@ def test_events_from_their_contact_onset(events):
 @pytest.mark.parametrize(
     ("fixture", "design", "change", "message"),
     [
-        ("folder", DESIGN, {"encoder": None}, "encoder must be given: data of kind 'time_series'"),
-        ("folder", DESIGN, {"preprocessing": {"bin_ms": 1}}, "preprocessing must be absent: data of"),
-        ("rasters", RASTER, {"preprocessing": {"bin_ms": 1}}, "preprocessing must be absent: data of k"),
+        ("folder", DESIGN, {"encoder": None}, "encoder is required: it turns data of kind 'time_series'"),
+        ("folder", DESIGN, {"preprocessing": {"bin_ms": 1}}, "preprocessing does not apply to data of kind"),
+        ("rasters", RASTER, {"preprocessing": {"bin_ms": 1}}, "preprocessing does not apply to data of kind"),
         ("rasters", RASTER, {"window": {"remove_mean": True}}, "window.remove_mean must be false"),
-        ("events", EVENTS, {"preprocessing": None}, "preprocessing must be given: data of kind 'events'"),
+        ("events", EVENTS, {"preprocessing": None}, "preprocessing is required: it turns data of kind "
+        "'events'"),
         ("folder", DESIGN, {"window": {"n_steps": 70}}, "a window of 70 steps does not fit recording 0"),
         ("folder", DESIGN, {"split": {"train": {"fabric": "wool"}, "validation": {"fabric": "silk"}}},
          "split must not read column 'fabric'"),
@@ -267,8 +268,8 @@ def test_faults_are_one_clear_line(request, fixture, design, change, message):
             {},
             "the test file: class 'tweed' is unknown; .* linen, silk, wool",
         ),
-        ({"signal": SIGNAL[:, :2]}, {}, "the test file must have 12 channels as the data file has, got 8"),
-        ({}, {"step_ms": 10}, "the test file must have 28.0 ms per step as the data file has, got 10.0"),
+        ({"signal": SIGNAL[:, :2]}, {}, "the test file must have 12 channels, as the data file, got 8"),
+        ({}, {"step_ms": 10}, "the test file must have 28.0 ms per step, as the data file, got 10.0"),
     ],
 )
 def test_a_test_file_that_does_not_fit(folder, other, test, message):

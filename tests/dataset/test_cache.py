@@ -271,7 +271,7 @@ def test_a_home_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "file" / "cache"))
     root, note = cache.opened_root(tmp_path / "study" / "cache")
     assert root == tmp_path / "study" / "cache"
-    assert note.startswith(f"prepared data cannot be shared and goes to {root}: ")
+    assert note.startswith(f"prepared data cannot be cached for other runs and are written to {root}: ")
     assert "Not a directory" in note
     entry(root, "a")
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "new" / "cache"))

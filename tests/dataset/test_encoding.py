@@ -220,7 +220,7 @@ def test_positions_that_are_none(folder: Path, kind: str, positions: list[list[i
 
 def test_a_test_file_lies_where_the_data_lie(folder: Path):
     design = OF_RASTERS | {"test": {"file": "x.npz", "positions": PLACES}}
-    with pytest.raises(RecordingError, match="the test file must have the channel positions of the data"):
+    with pytest.raises(RecordingError, match="the test file must have the same channel positions"):
         build(design, folder)
 
 

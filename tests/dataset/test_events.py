@@ -414,7 +414,7 @@ def test_a_scene_knows_its_pins(tmp_path: Path):
 def test_what_goes_on_is_told():
     used = np.arange(16) % 2 == 0
     telling = placed(Recorded(16), DESIGN, used)
-    assert list(telling)[:2] == ["surveying data: 1 of 8 recordings", "surveying data: 2 of 8 recordings"]
+    assert list(telling)[:2] == ["reading data: 1 of 8 recordings", "reading data: 2 of 8 recordings"]
     assert not list(placed(Scene(), DESIGN, used))
 
 

@@ -68,7 +68,7 @@ def test_exporting_again_replaces_a_bundle_and_nothing_else(made: Bundle, tmp_pa
     assert read(tmp_path / "empty").phi == 4
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
-    with pytest.raises(BundleError, match="thesis: exists and is no bundle"):
+    with pytest.raises(BundleError, match="thesis: exists and is not a bundle"):
         write(made, tmp_path / "thesis")
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
 
@@ -102,11 +102,11 @@ def _cut(name: str) -> Any:
         (lambda folder: (folder / "weights.npz").unlink(), r"weights\.npz: is missing"),
         (_cut("bundle.json"), r"bundle\.json: cannot be read"),
         (lambda folder: (folder / "bundle.json").unlink(), r"bundle\.json: cannot be read"),
-        (lambda folder: (folder / "bundle.json").write_text("[]"), "is no bundle of dse"),
-        (_edit(schema="dse/bundle/9"), f"schema is dse/bundle/9, this version of dse reads {SCHEMA}"),
-        (_edit(schema="other"), "is no bundle of dse"),
-        (_edit(classes=None), r"bundle\.json: lacks or garbles 'classes'"),
-        (_edit(decision=[1]), r"bundle\.json: lacks or garbles"),
+        (lambda folder: (folder / "bundle.json").write_text("[]"), "is not a bundle of dse"),
+        (_edit(schema="dse/bundle/9"), f"schema is dse/bundle/9, but this version of dse reads {SCHEMA}"),
+        (_edit(schema="other"), "is not a bundle of dse"),
+        (_edit(classes=None), r"bundle\.json: key 'classes' is missing or invalid"),
+        (_edit(decision=[1]), r"bundle\.json: key .* is missing or invalid"),
     ],
 )
 def test_damage_is_one_line(made: Bundle, tmp_path: Path, damage: Any, message: str) -> None:

@@ -177,11 +177,11 @@ def test_recordings_that_do_not_fit_are_one_line(real: Study, exported: Path, tm
 
 
 def test_points_that_are_not_there_are_refused(real: Study, point: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="a point must name its trial, got the columns phi"):
+    with pytest.raises(ValueError, match="a point must have the column trial, got the columns phi"):
         export(real, {"phi": 0}, tmp_path / "b")
     with pytest.raises(ValueError, match=r"was not evaluated at phi 2, theta 0\.99"):
         export(real, {**point, "theta": 0.99}, tmp_path / "b")
-    with pytest.raises(store.StoreError, match="has no trial 4"):
+    with pytest.raises(store.StoreError, match="there is no trial 4"):
         export(real, {**point, "trial": 4}, tmp_path / "b")
     assert not (tmp_path / "b").exists()
 

@@ -168,7 +168,7 @@ def test_textures_that_the_scene_lacks(base: Path, textures: tuple[str, ...], me
 def test_no_such_scene(tmp_path: Path) -> None:
     (fault,) = SceneTrials("quikstart").check(tmp_path)
     assert fault.startswith(
-        "scene 'quikstart': no such file, nor a scene of this name; known: neurotac_davis"
+        "scene 'quikstart': no such file and no shipped scene of this name; known: neurotac_davis"
     )
 
 
@@ -179,7 +179,9 @@ def test_a_search_space_of_a_scene(base: Path) -> None:
     path.write_text(SPACE.replace("tiny.yaml", "tin.yaml"), encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         load_space(path, check_data=True)
-    assert str(caught.value).startswith(f"{path}:4: scene 'tin.yaml': no such file, nor a scene of this name")
+    assert str(caught.value).startswith(
+        f"{path}:4: scene 'tin.yaml': no such file and no shipped scene of this name"
+    )
 
 
 def test_the_hash_follows_the_numbers_and_nothing_else(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:

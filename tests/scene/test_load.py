@@ -282,7 +282,9 @@ def test_finding_scenes(write, tmp_path: Path) -> None:
     assert find_scene("tiny.yaml", tmp_path) == path
     assert find_scene(str(path)) == path
     assert find_scene("quickstart", tmp_path) == shipped_scenes()["quickstart"]
-    with pytest.raises(ConfigError, match=r"nor a scene of this name; known: .*Did you mean 'quickstart'\?"):
+    with pytest.raises(
+        ConfigError, match=r"no shipped scene of this name; known: .*Did you mean 'quickstart'\?"
+    ):
         find_scene("quikstart")
 
 

@@ -87,5 +87,5 @@ def test_a_split_spreads_the_runs_evenly() -> None:
 
 
 def test_a_run_that_no_worker_can_hold_is_refused() -> None:
-    with pytest.raises(ValueError, match="run 1 needs 101 bytes, a worker has 100"):
+    with pytest.raises(ValueError, match="run 1 needs 101 bytes, but a worker has 100"):
         plan([Demand("a", 90, 10, 1.0), Demand("a", 90, 11, 1.0)], BUDGET, 1, 1e9)

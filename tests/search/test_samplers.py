@@ -147,7 +147,7 @@ def test_the_grid_skips_what_was_told(small_space: SearchSpace) -> None:
 
 
 def test_the_grid_refuses_ranges(open_space: SearchSpace) -> None:
-    with pytest.raises(ValueError, match="the grid sampler needs axes with values"):
+    with pytest.raises(ValueError, match="the grid sampler needs axes with a choice or a step"):
         start("grid", open_space)
 
 

@@ -54,7 +54,7 @@ def test_a_range_without_steps_has_no_grid(tmp_path: Path) -> None:
     )
     space = load_space(path)
     assert n_designs(space) is None
-    with pytest.raises(ValueError, match=r"ranges without steps: model\.true_rate"):
+    with pytest.raises(ValueError, match=r"ranges without a step: model\.true_rate"):
         grid(space)
 
 

@@ -143,7 +143,7 @@ def test_when_no_design_is_sure_it_is_said() -> None:
     frame = UNCERTAIN.iloc[[1, 2]].assign(accuracy=0.9)
     found = sure_pick(frame, [], "accuracy", GOALS[1:], energies(DRAWN), 0.9)
     assert found.row is None and found.nearest.empty
-    assert found.notes == ["no design is non-dominated in 90% of the draws; the surest is in 50%"]
+    assert found.notes == ["no design is non-dominated in 90% of the samples; the most certain one is in 50%"]
     condition = sure_pick(UNCERTAIN, ["trial == 7"], "accuracy", GOALS[1:], energies(DRAWN), 0.9)
     assert condition.row is None
 

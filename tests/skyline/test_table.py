@@ -46,7 +46,7 @@ def test_what_is_no_table_is_named(tmp_path):
         written("empty.csv", b""),
         written("binary.csv", b"a,b\n\xff\xfe,1\n"),
     ):
-        with pytest.raises(TableError, match=rf"{file.name}: no readable table: \S"):
+        with pytest.raises(TableError, match=rf"{file.name}: the table cannot be read: \S"):
             read(file)
     with pytest.raises(TableError, match="the table has no rows"):
         read(written("header.csv", b"a,b\n"))

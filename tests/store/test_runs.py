@@ -51,7 +51,7 @@ def _flip(path: Path) -> None:
         ("a.npz", os.remove, "is missing"),
         ("record.json", _truncate, "cannot be read"),
         ("record.json", os.remove, "cannot be read"),
-        ("record.json", lambda path: path.write_text("[]"), "is no record of a run"),
+        ("record.json", lambda path: path.write_text("[]"), "is not the record of a run"),
     ],
 )
 def test_damage_is_named(tmp_path: Path, name: str, damage: Any, message: str) -> None:

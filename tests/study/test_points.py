@@ -254,7 +254,7 @@ def test_a_table_is_priced_as_it_was_written(
     again = pricing.points(study, ["loihi1_silicon"])
     assert again["energy_uj"].tolist() == table["energy_uj"].tolist()
     found.pop((1, 4))
-    with pytest.raises(store.StoreError, match="no evaluation at 4 bits with 0 pruned any more"):
+    with pytest.raises(store.StoreError, match="no evaluation at 4 bits with 0 pruned"):
         pricing.points(study, ["loihi1_silicon"])
 
 
@@ -278,7 +278,7 @@ def test_a_study_of_an_older_version_has_no_work(study: Path) -> None:
     run = store.run_folder(study, 1, 0)
     store.save_arrays(run / "read_out.npz", old)
     record = store.read_json(run / "record.json")
-    with pytest.raises(store.StoreError, match=r"read_out\.npz: is of an older version"):
+    with pytest.raises(store.StoreError, match=r"read_out\.npz: holds no work counts"):
         points.answers(study, [record])
 
 

@@ -192,7 +192,7 @@ def test_which_runs_have_other_precisions(run: trial.Run, tmp_path: Path) -> Non
     (tmp_path / "others").mkdir()
     knn = trained(tmp_path / "others", toy(), KNN(window_ms=5.0), "knn")
     real = trained(tmp_path / "others", toy(), SNN(hidden=(4,), arithmetic="float32"), "real")
-    assert refusal(knn.folder) == "is no single stack of spiking layers"
+    assert refusal(knn.folder) == "is not a single stack of spiking layers"
     assert refusal(real.folder) == "runs in float32 arithmetic"
 
 
@@ -315,7 +315,9 @@ def test_what_a_killed_worker_had_evaluated_stays(
 
     monkeypatch.setattr(Workers, "stream", stream)
     found = explore.run(space, tmp_path)
-    assert "precision: trial 0 was not evaluated to its end: worker died: signal 9" in capsys.readouterr().err
+    assert (
+        "precision: the evaluation of trial 0 stopped early: worker died: signal 9" in capsys.readouterr().err
+    )
     assert len(stored(found.folder)) == 1
     again = explore.run(space, tmp_path, progress=False)
     first, second = asked
@@ -359,4 +361,6 @@ def test_families_without_other_precisions_are_left_out_with_a_note(
     space = load_space(write_space(tmp_path, (model, other), PRECISION))
     found = explore.run(space, tmp_path)
     assert stored(found.folder) == {}
-    assert capsys.readouterr().err.count("precision: left out: knn is no single stack of spiking layers") == 1
+    assert (
+        capsys.readouterr().err.count("precision: left out: knn is not a single stack of spiking layers") == 1
+    )

@@ -93,7 +93,7 @@ def test_a_page_has_the_shares_of_the_skyline_and_refuses_draws_of_nothing(
     arguments = ["dashboard", str(tmp_path / "results" / "tiny"), "--draws", "5"]
     assert main(arguments) == main([*arguments, "--html", str(tmp_path / "none.html")]) == 2
     said = capsys.readouterr()
-    assert said.err.count("nothing to draw: the study has no hardware") == 2 and said.out == ""
+    assert said.err.count("nothing to sample: the study has no hardware") == 2 and said.out == ""
     assert not (tmp_path / "none.html").exists()
 
 

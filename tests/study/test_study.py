@@ -187,7 +187,7 @@ def test_a_damaged_run_is_made_again_and_no_other(
     before = finished_runs(copied)
     again = explore.run(make_space(copied), copied / "results", jobs=1)
     captured = capsys.readouterr()
-    assert "this run is made again" in captured.err
+    assert "this run is repeated" in captured.err
     assert captured.out == ""
     assert_same(again, finished)
     after = finished_runs(copied)
@@ -327,7 +327,7 @@ def test_a_cache_that_cannot_be_written_is_replaced_by_the_studys_own(
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "file" / "cache"))
     found = explore.run(make_space(tmp_path, model={"kind": "fake"}), tmp_path / "results", jobs=1)
     assert len(cached(found.folder / "cache")["dataset"]) == 1
-    assert "prepared data cannot be shared and goes to " in capsys.readouterr().err
+    assert "prepared data cannot be cached for other runs and are written to " in capsys.readouterr().err
     monkeypatch.setenv("DSE_CACHE_GIB", "little")
     with pytest.raises(store.StoreError, match="DSE_CACHE_GIB must be a number of GiB"):
         explore.run(make_space(tmp_path), tmp_path / "more", progress=False)
@@ -588,13 +588,13 @@ def test_more_hardware_needs_no_training(finished: Study, copied: Path) -> None:
 
     # What a sampler was told is of the first chip, with the figures that it had.
     first = make_space(copied, hardware=["op_4.6_0.9", "loihi1_silicon"])
-    with pytest.raises(ConfigError, match=r"hardware is .* was begun with"):
+    with pytest.raises(ConfigError, match=r"hardware is .* was started with"):
         explore.run(first, copied / "results", progress=False)
     kept = found.folder / "hardware" / "loihi1_silicon.yaml"
     kept.write_text("# looked at\n" + kept.read_text(encoding="utf-8"), encoding="utf-8")
     explore.run(more, copied / "results", progress=False)
     kept.write_text(kept.read_text(encoding="utf-8").replace("value: 35.5", "value: 35.4"), encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"loihi1_silicon: the figures differ from those in .*yaml; change"):
+    with pytest.raises(ConfigError, match=r"loihi1_silicon: the numbers differ from those in .*yaml; change"):
         explore.run(more, copied / "results", progress=False)
 
 
@@ -605,7 +605,7 @@ def test_more_trials_go_on_and_any_other_change_is_refused(finished: Study, copi
     more = make_space(
         copied, data=data, execution={"jobs": 1}, search={"sampler": "grid", "batch": 4, "n_trials": 6}
     )
-    with pytest.raises(ConfigError, match=r"search\.n_trials is 6, but .* was begun with None"):
+    with pytest.raises(ConfigError, match=r"search\.n_trials is 6, but .* was started with None"):
         explore.run(more, copied / "results", progress=False)
     same = make_space(copied, data=data, execution={"jobs": 1})
     assert_same(explore.run(same, copied / "results", progress=False), finished)
@@ -617,12 +617,12 @@ def test_more_trials_go_on_and_any_other_change_is_refused(finished: Study, copi
     with pytest.raises(ConfigError) as caught:
         explore.run(other, copied / "results", progress=False)
     assert [fault.message.split(" is ")[0] for fault in caught.value.faults] == ["seed", "training.epochs"]
-    assert "choose another study name or --results folder" in str(caught.value)
+    assert "use another study name or --results folder" in str(caught.value)
 
     cuda = make_space(copied, data=data, execution={"device": "cuda"})
     with (
         pytest.MonkeyPatch.context() as patch,
-        pytest.raises(ConfigError, match=r"execution\.device is 'cuda', but .* was begun with 'cpu'"),
+        pytest.raises(ConfigError, match=r"execution\.device is 'cuda', but .* was started with 'cpu'"),
     ):
         patch.setattr(explore, "missing", lambda device: None)
         explore.run(cuda, copied / "results", progress=False)
@@ -651,7 +651,7 @@ def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path
     space = make_space(tmp_path, window={"n_steps": 99})
     with pytest.raises(RecordingError, match="99"):
         explore.run(space, tmp_path / "results", jobs=1, progress=False)
-    with pytest.raises(store.StoreError, match="is no folder of a study with results"):
+    with pytest.raises(store.StoreError, match="is not the folder of a study with results"):
         results.open(tmp_path / "results" / "nothing")
     good = make_space(tmp_path, model={"kind": "fake"})
     assert len(explore.run(good, tmp_path / "results", jobs=1, progress=False).trials) == 1

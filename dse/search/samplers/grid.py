@@ -29,7 +29,9 @@ class _GridSampler:
     def __init__(self, space: SearchSpace) -> None:
         total = n_designs(space)
         if total is None:
-            raise ValueError("the grid sampler needs axes with values, got a range without steps")
+            raise ValueError(
+                "the grid sampler needs axes with a choice or a step, got a range without a step"
+            )
         self._space = space
         self._total = total
         self._next = 0
