@@ -150,7 +150,7 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
             "14: model.hidden.choice[1][1] must be >= 1, got 0",
         ),
         ("phi: [0, 2]", "phi: [0, -2]", "16: decision.phi.choice[1] must be >= 0, got -2"),
-        (", step: 0.25}", "}", "16: decision.theta is evaluated on a grid, so its range must have a step"),
+        (", step: 0.25}", "}", "16: decision.theta is evaluated on a grid, so its range needs a step"),
         (
             "[loihi1_silicon]",
             "[loihi1]",

@@ -343,14 +343,14 @@ def test_an_entry_that_lacks_a_file_or_a_key_is_prepared_again(folder: Path, kin
     data, _, meta = made(design, folder)
     key = dataset_key(design, folder)
     (root / meta["spikes"] / "positions.npy").unlink()
-    with pytest.raises(RecordingError, match="no readable spikes"):
+    with pytest.raises(RecordingError, match="the spikes cannot be read"):
         read_spikes(root / meta["spikes"])
     assert find(root, key) is None
     made(design, folder)
     old = json.loads((root / key / "meta.json").read_text())
     old = {name: old[name] for name in ("spikes", "classes", "warnings")} | {"crop": None}
     (root / key / "meta.json").write_text(json.dumps(old))
-    with pytest.raises(RecordingError, match="no readable data set"):
+    with pytest.raises(RecordingError, match="the data set cannot be read"):
         load(root / key)
     again, _, _ = made(design, folder) if find(root, key) is None else pytest.fail("an old entry was read")
     assert np.array_equal(again.positions, data.positions)

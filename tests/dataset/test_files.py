@@ -71,7 +71,9 @@ def test_a_damaged_folder_is_named(tmp_path, damage):
         (tmp_path / "key" / "target.npy").write_bytes(b"\x93NUMPY")
     if damage == "no spikes":
         os.rename(tmp_path / "key spikes", tmp_path / "elsewhere")
-    what = "spikes: no readable spikes" if damage == "no spikes" else "key: no readable data set"
+    what = (
+        "spikes: the spikes cannot be read" if damage == "no spikes" else "key: the data set cannot be read"
+    )
     with pytest.raises(RecordingError, match=what):
         load(tmp_path / "key")
 

@@ -72,8 +72,8 @@ def test_what_cannot_be_compared_is_named():
     rows, notes = skyline(frame, OBJECTIVES)
     assert rows["trial"].tolist() == [4]
     assert notes == [
-        "trials 5, 6 left out: accuracy is NaN",
-        "trials 6, 7 left out: energy_uj is infinite",
+        "trials 5, 6 excluded: accuracy is NaN",
+        "trials 6, 7 excluded: energy_uj is infinite",
     ]
 
 
@@ -85,16 +85,16 @@ def test_only_rows_in_question_are_named():
 def test_many_rows_are_named_in_short():
     frame = table(trial=[1, 1, *range(2, 9)], accuracy=[np.nan] * 9, energy_uj=[1.0] * 9)
     assert skyline(frame, OBJECTIVES).notes == [
-        "trials 1, 2, 3, 4, 5 and 3 more (9 rows) left out: accuracy is NaN"
+        "trials 1, 2, 3, 4, 5 and 3 more (9 rows) excluded: accuracy is NaN"
     ]
     assert skyline(frame.drop(columns="trial").iloc[:1], OBJECTIVES).notes == [
-        "row 0 left out: accuracy is NaN"
+        "row 0 excluded: accuracy is NaN"
     ]
 
 
 def test_missing_values_of_nullable_columns_are_nan():
     frame = table(accuracy=pd.array([1, None], dtype="Int64"), energy_uj=[1.0, 2.0])
-    assert skyline(frame, OBJECTIVES).notes == ["row 1 left out: accuracy is NaN"]
+    assert skyline(frame, OBJECTIVES).notes == ["row 1 excluded: accuracy is NaN"]
 
 
 def test_the_table_stays_as_it_was():
@@ -176,7 +176,7 @@ def test_ends_are_on_the_front(rows):
 def test_what_has_seen_its_labels_is_on_no_front_unless_it_is_asked_for():
     found = skyline(leaky(), [("accuracy", "max"), ("size", "min")])
     assert found.rows["trial"].tolist() == [3, 1, 2]
-    assert found.notes == ["1 transductive row left out: its classifier has seen the labels"]
+    assert found.notes == ["1 transductive row excluded: its classifier has seen the labels"]
     asked = skyline(leaky(), [("accuracy", "max")], where="transductive == True or transductive == False")
     assert asked.rows["trial"].tolist() == [0] and asked.notes == []
     assert skyline(leaky().iloc[1:], [("accuracy", "max")]).notes == []
@@ -227,7 +227,7 @@ def test_costs_on_different_hardware_have_fronts_of_their_own() -> None:
     kept = [(row["hardware"], row["trial"]) for _, row in found.rows.iterrows()]
     assert kept == [("x", 0), ("x", 1), ("y", 1), ("z", 0)]
     assert found.notes == [
-        "1 row left out: it does not fit y",
+        "1 row excluded: it does not fit y",
         "no design fits z; costs assume a larger chip of the same kind",
     ]
     assert skyline(CHIPS, GOALS, by="hardware").rows.index.tolist() == found.rows.index.tolist()
@@ -257,7 +257,7 @@ def test_what_fits_does_not_depend_on_limits() -> None:
     best = CHIPS[CHIPS["hardware"] == "y"]["accuracy"].max()
     limits = f"hardware == 'y' and accuracy >= {best}"
     found = skyline(CHIPS, GOALS, limits)
-    assert found.rows.empty and found.notes[:1] == ["1 row left out: it does not fit y"]
+    assert found.rows.empty and found.notes[:1] == ["1 row excluded: it does not fit y"]
     assert pick(CHIPS, [limits]).row is None
 
 
@@ -280,7 +280,7 @@ def test_rows_of_tables_without_hardware_fit() -> None:
     weights = [("accuracy", "max"), ("trial", "min")]
     assert len(skyline(pd.concat([bare, CHIPS], ignore_index=True), weights).rows) == 4
     alone = skyline(CHIPS.drop(columns="hardware"), GOALS)
-    assert alone.notes == ["3 rows left out: they do not fit the chip"]
+    assert alone.notes == ["3 rows excluded: they do not fit the chip"]
 
 
 def test_what_no_hardware_changes_is_told_once() -> None:
@@ -297,8 +297,8 @@ def test_words_in_a_condition_let_nothing_onto_the_front(where: str) -> None:
     found = skyline(WORDS, GOALS, where)
     assert found.rows["trial"].tolist() == [2]
     assert found.notes == [
-        "1 transductive row left out: its classifier has seen the labels",
-        "1 row left out: it does not fit chip",
+        "1 transductive row excluded: its classifier has seen the labels",
+        "1 row excluded: it does not fit chip",
     ]
     assert skyline(WORDS, GOALS, f"({where}) and fits == False").rows["trial"].tolist() == [1]
     assert skyline(WORDS, GOALS, f"({where}) and transductive").rows["trial"].tolist() == [0]

@@ -24,7 +24,7 @@ def test_pick_is_the_most_accurate_within_the_budgets():
     found = pick(POINTS, ["energy_uj <= 50 and n_weights <= 150000"])
     assert found.row.name == 2  # as accurate as row 1, with less of the first budget
     assert found.nearest.empty
-    assert found.notes == ["row 4 left out: accuracy is NaN"]
+    assert found.notes == ["row 4 excluded: accuracy is NaN"]
 
 
 def test_ties_go_to_what_was_asked_for_then_to_the_first_row():
@@ -162,8 +162,8 @@ def test_words_in_a_budget_let_nothing_be_picked(budget: str, surely: bool) -> N
     assert picked(budget) == (
         2,
         [
-            "1 transductive row left out: its classifier has seen the labels",
-            "1 row left out: it does not fit chip",
+            "1 transductive row excluded: its classifier has seen the labels",
+            "1 row excluded: it does not fit chip",
         ],
     )
     assert picked(budget, "fits == False")[0] == 1

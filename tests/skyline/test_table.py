@@ -50,7 +50,7 @@ def test_what_is_no_table_is_named(tmp_path):
             read(file)
     with pytest.raises(TableError, match="the table has no rows"):
         read(written("header.csv", b"a,b\n"))
-    with pytest.raises(TableError, match=r"points\.txt: must be \.csv"):
+    with pytest.raises(TableError, match=r"points\.txt: must be a \.csv"):
         read(written("points.txt", b"a"))
     with pytest.raises(TableError, match="an object with 'rows'"):
         read(written("other.json", b"{}"))

@@ -362,5 +362,5 @@ def test_families_without_other_precisions_are_left_out_with_a_note(
     found = explore.run(space, tmp_path)
     assert stored(found.folder) == {}
     assert (
-        capsys.readouterr().err.count("precision: left out: knn is not a single stack of spiking layers") == 1
+        capsys.readouterr().err.count("precision: skipped: knn is not a single stack of spiking layers") == 1
     )
