@@ -192,7 +192,8 @@ def test_the_gaussian_process_says_which_samplers_can(tmp_path: Path) -> None:
     (fault,) = faults_of(tmp_path, ("sampler: grid, batch: 4", "sampler: gp, n_trials: 9"))
     assert fault == (
         "27: search.sampler 'gp' cannot search "
-        "encoder.send_on_delta.thresholds, an axis that only some designs have; these can: grid, nsga2, random, tpe"
+        "encoder.send_on_delta.thresholds, an axis that only some designs have; "
+        "these can: grid, nsga2, random, tpe"
     )
 
 
