@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from dse.seeds import design_key
 from dse.study import points, precision, pricing
 from dse.study import trials as tables
 from dse.study.claim import claim
+from dse.study.fronts import fronts
 from dse.study.ledger import Ledger
 from dse.study.progress import Progress, shown
 from dse.study.results import Study
@@ -151,7 +152,8 @@ def _repeat_front(
     """Train designs of each family's fronts again until all have their repeats; each may move a front."""
     wanted = space.search.repeats_on_front
     while wanted > space.search.repeats:
-        front = {trial for _, rows in _fronts(space, results_tables) for trial in rows["trial"]}
+        in_turn = fronts(results_tables.points(), space.objectives)
+        front = {trial for _, rows in in_turn for trial in rows["trial"]}
         short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < wanted]
         if not short:
             return
@@ -165,25 +167,9 @@ def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables:
     if wanted is None or not wanted.settings:
         return
     chosen: set[int] = set()
-    for table, front in _fronts(space, results_tables):
+    for table, front in fronts(results_tables.points(), space.objectives):
         chosen |= precision.near(table, front, space.objectives, wanted.within)
     runs.evaluate([e for e in ledger.entries if e.trial in chosen], wanted.settings, results_tables.refresh)
-
-
-def _fronts(
-    space: SearchSpace, results_tables: _Tables
-) -> Iterator[tuple[pandas.DataFrame, pandas.DataFrame]]:
-    """Yield the points of every task, family and chip as they were trained, and the front of these."""
-    # Other precisions must not change which designs are repeated: they would, after an interruption.
-    table = precision.as_trained(results_tables.points())
-    if table.empty:
-        return
-    from dse.skyline.front import skyline
-
-    # Families are compared with each other, and costs on one chip alone: each has a front of its own.
-    apart = ["task", "family", *(["hardware"] if "hardware" in table else [])]
-    for _, own in table.groupby(apart):
-        yield own, skyline(own, space.objectives).rows
 
 
 def _n_trials(space: SearchSpace) -> int:

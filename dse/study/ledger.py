@@ -1,8 +1,9 @@
-"""The ledger of a study: which designs were asked for, in which batch, and what the sampler was told.
+"""Writing the journal of a study: which designs are asked for, in which batch, and what the sampler is told.
 
 It is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. Every entry is
 on the disk before anything is trained for it; a half-written last line (the process was killed) is cut off.
-The caller holds the study folder (`store.exclusive`): a lock file beside the journal is then a dead one's.
+The caller holds the study folder (`store.exclusive`), so a lock file beside the journal is of a process that
+has died.
 """
 
 from __future__ import annotations
@@ -10,30 +11,20 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse.config import Axis, SearchSpace
 from dse.store import StoreError, explained
+from dse.study.journal import Entry, read_journal
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
-    from optuna.trial import FrozenTrial
 
 _NAME = "dse"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One asked design; `values` is None until told, or where the trial failed (`told` says which)."""
-
-    trial: int
-    batch: int
-    design: dict[str, Any]
-    told: bool
-    values: tuple[float, ...] | None
 
 
 class Ledger:
@@ -65,6 +56,7 @@ class Ledger:
                     _NAME,
                 )
             )
+        self._entries = read_journal(path)
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
@@ -77,7 +69,7 @@ class Ledger:
     @property
     def entries(self) -> list[Entry]:
         """Every entry in the order of asking; `trial` counts from 0."""
-        return [_entry(trial) for trial in self._storage.get_all_trials(self._study, deepcopy=False)]
+        return list(self._entries)
 
     def ask(self, batch: int, designs: Sequence[Mapping[str, Any]]) -> None:
         """Append designs that are about to be trained."""
@@ -94,6 +86,8 @@ class Ledger:
             )
             with self._explained():
                 self._storage.create_new_trial(self._study, template)
+            written = json.loads(json.dumps(dict(design)))  # as the journal says it after a restart
+            self._entries.append(Entry(len(self._entries), batch, written, time.time()))
 
     def tell(self, trial: int, values: Sequence[float] | None) -> None:
         """Append what the sampler is told of a trial: its objectives, or None for a failed trial."""
@@ -103,6 +97,8 @@ class Ledger:
         with self._explained():
             number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
             self._storage.set_trial_state_values(number, state, values)
+        objectives = None if values is None else tuple(map(float, values))
+        self._entries[trial] = replace(self._entries[trial], told_s=time.time(), values=objectives)
 
 
 @contextlib.contextmanager
@@ -116,12 +112,6 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         optuna.logging.set_verbosity(verbosity)
-
-
-def _entry(trial: FrozenTrial) -> Entry:
-    values = None if trial.values is None else tuple(float(v) for v in trial.values)
-    attributes = trial.user_attrs
-    return Entry(trial.number, attributes["batch"], attributes["design"], trial.state.is_finished(), values)
 
 
 def _scalar(value: Any) -> Any:

@@ -27,7 +27,7 @@ from dse.search import cohorts
 from dse.store import StoreError
 from dse.study import jobs as trial
 from dse.study import precision
-from dse.study.ledger import Entry
+from dse.study.journal import Entry
 from dse.study.progress import Progress
 from dse.study.workers import Failure, Workers, memory_budget
 

@@ -95,7 +95,7 @@ def test_a_study_half_way(half):
     assert found["running"] == [{"trial": 3, "design": {"model.hidden": [8, 3], "rate": None}}]
     assert found["failed"] == [{"reason": "loss is not finite", "count": 1, "trials": [2]}]
     assert found["hours"] == 0.5
-    assert found["time_left_s"] == 600  # three runs in 1800 s, one is missing
+    assert found["time_left_s"] is None  # three runs are too few to tell
     assert found["last"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
     (end,) = found["hypervolume"]
     assert end == {"task": "texture", "hardware": "", "hypervolume": 0.25, "trials": 3, "hours": 0.5}
@@ -162,7 +162,7 @@ def test_time_between_sessions_does_not_count(tmp_path):
     made.table([(k, "finished", "", 1) for k in range(3)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (2, 1.0, 10.0)])
     found = gather_progress(made.path)
     assert found["hours"] == pytest.approx(1.5)
-    assert found["time_left_s"] == 900  # two runs of the second session in 1800 s
+    assert found["time_left_s"] is None  # two runs of the second session are too few to tell
     assert found["figure"]["data"][1]["x"] == pytest.approx([1, 1 + 1000 / 3600, 1.5])
 
 
@@ -203,7 +203,23 @@ def test_repeats_make_a_trial_done_and_the_front_needs_more(tmp_path):
     found = gather_progress(made.path)
     assert found["trials"] == {"total": 3, "done": 2, "running": 1, "failed": 0, "pruned": 0}
     assert found["runs"] == {"total": 5 + 1 + 2, "done": 5}
-    assert found["time_left_s"] == pytest.approx(300 / 5 * 3)
+    assert found["time_left_s"] is None
+
+
+def test_the_time_left_is_that_of_the_missing_runs_at_the_pace_of_the_last_session(tmp_path):
+    made = Folder(
+        tmp_path / "made", sessions=(0, 100_000), n_trials=14, batch=7, repeats=2, repeats_on_front=4
+    )
+    made.ask(0, *range(7), at=0)
+    for trial in range(4):
+        made.end(trial, 0, at=10 * (1 + trial))
+    later = [(0, 1), (1, 1), (2, 1), (3, 1), (4, 0), (4, 1), (5, 0), (5, 1), (6, 0)]
+    for place, (trial, repeat) in enumerate(later, 1):
+        made.end(trial, repeat, at=100_000 + 300 * place)
+    made.table([(k, "finished", "", 2) for k in range(2)], [(0, 0.5, 5.0), (1, 0.6, 4.0)])
+    found = gather_progress(made.path)
+    assert found["runs"] == {"total": 28 + 2, "done": 13}
+    assert found["time_left_s"] == pytest.approx(300 * 17)
 
 
 def test_all_failed_and_reasons_by_their_number(tmp_path):

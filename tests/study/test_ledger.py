@@ -11,7 +11,8 @@ from dse.config import SearchSpace, load_space
 from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.store import StoreError
-from dse.study.ledger import Entry, Ledger
+from dse.study.journal import CREATE_TRIAL, RUNNING, SET_TRIAL_STATE, Entry, read_journal
+from dse.study.ledger import Ledger
 from tests import families, tiny_study
 from tests.spaces import write_space
 
@@ -39,18 +40,52 @@ def ledger(tmp_path: Path, space: SearchSpace) -> Ledger:
 
 
 EXPECTED = [
-    Entry(0, 0, DESIGNS[0], True, (0.5, 100.0, 1.5)),
-    Entry(1, 0, DESIGNS[1], True, None),
-    Entry(2, 1, DESIGNS[0], False, None),
+    (0, 0, DESIGNS[0], True, (0.5, 100.0, 1.5)),
+    (1, 0, DESIGNS[1], True, None),
+    (2, 1, DESIGNS[0], False, None),
 ]
+
+
+def without_times(entries: list[Entry]) -> list[tuple[object, ...]]:
+    return [(entry.trial, entry.batch, entry.design, entry.told, entry.values) for entry in entries]
 
 
 def test_what_was_asked_and_told_is_there_after_a_restart(
     ledger: Ledger, tmp_path: Path, space: SearchSpace, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert ledger.entries == EXPECTED
-    assert Ledger(tmp_path / "journal.log", space).entries == EXPECTED
+    assert without_times(ledger.entries) == EXPECTED
+    again = Ledger(tmp_path / "journal.log", space).entries
+    assert without_times(again) == EXPECTED
     assert capfd.readouterr() == ("", "")
+    for written, read in zip(ledger.entries, again, strict=True):
+        assert abs(written.asked_s - read.asked_s) < 120
+        assert read.told_s is None or read.asked_s <= read.told_s
+
+
+def test_a_journal_is_read_as_optuna_reads_it(ledger: Ledger, tmp_path: Path) -> None:
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+    from optuna.storages.journal._storage import JournalOperation
+    from optuna.trial import TrialState
+
+    assert (CREATE_TRIAL, SET_TRIAL_STATE) == (
+        JournalOperation.CREATE_TRIAL.value,
+        JournalOperation.SET_TRIAL_STATE_VALUES.value,
+    )
+    assert TrialState.RUNNING.value == RUNNING
+    path = tmp_path / "journal.log"
+    storage = JournalStorage(JournalFileBackend(str(path)))
+    [study] = storage.get_all_studies()
+    trials = storage.get_all_trials(study._study_id)
+    entries = read_journal(path)
+    assert [
+        (t.number, t.user_attrs["batch"], t.user_attrs["design"], t.state.is_finished(), t.values)
+        for t in trials
+    ] == [(*rest, None if values is None else list(values)) for *rest, values in without_times(entries)]
+    assert [t.datetime_start.timestamp() for t in trials] == [entry.asked_s for entry in entries]
+    assert [t.datetime_complete and t.datetime_complete.timestamp() for t in trials] == [
+        entry.told_s for entry in entries
+    ]
 
 
 def test_every_cut_leaves_a_readable_beginning(ledger: Ledger, tmp_path: Path, space: SearchSpace) -> None:
@@ -59,10 +94,10 @@ def test_every_cut_leaves_a_readable_beginning(ledger: Ledger, tmp_path: Path, s
     lengths = []
     for cut in [*range(0, len(content), 31), len(content)]:
         path.write_bytes(content[:cut])
-        found = Ledger(path, space).entries
-        asked = [(entry.trial, entry.batch, entry.design) for entry in EXPECTED[: len(found)]]
-        assert [(entry.trial, entry.batch, entry.design) for entry in found] == asked
-        lengths.append(len(found))
+        assert read_journal(path) == Ledger(path, space).entries
+        entries = without_times(read_journal(path))
+        assert [entry[:3] for entry in entries] == [entry[:3] for entry in EXPECTED[: len(entries)]]
+        lengths.append(len(entries))
     assert lengths == sorted(lengths)
     assert (lengths[0], lengths[-1]) == (0, 3)
 
@@ -71,7 +106,7 @@ def test_a_last_line_that_is_no_json_is_cut_off(ledger: Ledger, tmp_path: Path, 
     with (tmp_path / "journal.log").open("ab") as file:
         file.write(b"\0\0\0\0\n")
     again = Ledger(tmp_path / "journal.log", space)
-    assert again.entries == EXPECTED
+    assert without_times(again.entries) == EXPECTED
     again.tell(2, None)
     assert Ledger(tmp_path / "journal.log", space).entries[2].told
 

@@ -1,0 +1,327 @@
+"""How a study goes: what is done, under way and failed, the time left, and how its front grew.
+
+Everything is read from the folder while a run may be writing it, so nothing here writes, repairs or locks.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.config import ConfigError, load_space
+from dse.figures.progress import Progress, gather_progress
+from dse.records import Floats
+from dse.store import StoreError, read_json, run_folder
+from dse.study.fronts import GROUPS, fronts
+from dse.study.journal import Entry, read_journal, seconds
+from dse.study.results import Study
+from dse.study.time_left import seconds_left
+
+if TYPE_CHECKING:
+    import pandas
+
+    from dse.skyline.goals import Goal
+
+ENDED_BADLY = ("failed", "pruned")
+
+_OF_POINTS = ("trial", *GROUPS, "fits", "transductive", "weight_bits", "pruned_after")
+_CLOCKS_S = 60.0  # by which the clock of a file system may be ahead
+
+_Runs = dict[int, dict[int, float]]  # trial -> repeat -> when it ended, in seconds since 1970
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a trial ended, over its runs: 'finished', 'failed' or 'pruned', and why."""
+
+    status: str
+    reason: str
+    n_runs: int
+
+
+@dataclass(frozen=True)
+class Status:
+    """How a study goes.
+
+    n_trials: designs to train; None where nothing tells it.
+    n_done: trials all of whose `search.repeats` runs have ended, well or not.
+    running: designs that were asked for and are not done.
+    outcomes: trial -> how it ended.
+    n_runs: runs in all, those that repeat the front included; None where nothing tells it.
+    n_runs_done: runs that have ended.
+    hours: spent in all sessions, without what lay between them.
+    time_left_s: None where there is no estimate (`dse.study.time_left`) or nothing is missing.
+    last_s: when a run last ended, in seconds since 1970; None where none has.
+    growth: how the hypervolume of each front grew.
+    """
+
+    n_trials: int | None
+    n_done: int
+    running: tuple[Entry, ...]
+    outcomes: Mapping[int, Outcome]
+    n_runs: int | None
+    n_runs_done: int
+    hours: float
+    time_left_s: float | None
+    last_s: float | None
+    growth: Progress
+
+    def trials_by_reason(self, status: str) -> list[tuple[str, list[int]]]:
+        """Return (reason, trials) of the trials that ended so, the most frequent reason first."""
+        trials: dict[str, list[int]] = {}
+        for trial, outcome in self.outcomes.items():
+            if outcome.status == status:
+                trials.setdefault(outcome.reason or "no reason was recorded", []).append(trial)
+        return sorted(trials.items(), key=lambda group: (-len(group[1]), group[1]))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The settings of the search, as a study writes them with every default."""
+
+    n_trials: int | None
+    batch: int
+    repeats: int
+    repeats_on_front: int
+    n_workers: int
+
+
+@dataclass(frozen=True)
+class _Sessions:
+    """When a study ran: (session,) its starts, in seconds since 1970, and how long something happened."""
+
+    start_s: Floats
+    length_s: Floats
+
+    def hours(self, at_s: Floats) -> Floats:
+        """Return the time spent until some moments, without what lay between sessions; NaN for NaN."""
+        spent = np.clip(at_s[:, None] - self.start_s, 0, self.length_s).sum(axis=1) / 3600
+        return np.where(np.isfinite(at_s), spent, np.nan)
+
+
+def status(folder: Path | str) -> Status:
+    """Return how the study in a folder goes.
+
+    No record says when a run ended: the time of its file does, kept between when its trial was asked for and
+    told of, so that a copied folder falls back on the journal. Evaluations at other precisions are no runs.
+    Runs that repeat the front are missing where the front of the last table lacks them.
+
+    Raises:
+        StoreError: there is no search space in the folder, or not as a study writes it.
+    """
+    study = Study(Path(folder))
+    search = _search(study)
+    goals = study.objectives
+    entries = {entry.trial: entry for entry in read_journal(study.folder / "journal.log")}
+    written = _written(study.folder)
+    outcomes = _outcomes(study.folder, written)
+    runs = _timed(written, entries, outcomes, search.repeats)
+    done = {trial for trial, ends in runs.items() if len(ends) >= search.repeats}
+    sessions = _sessions(study.folder, entries, runs)
+    points = _points(study.folder, [goal.column for goal in goals])
+
+    n_trials = _n_trials(study.folder, search, entries)
+    n_runs_done = sum(map(len, runs.values()))
+    n_missing = None
+    if n_trials is not None:
+        begun = sum(min(len(ends), search.repeats) for ends in runs.values())
+        n_missing = max(0, n_trials * search.repeats - begun) + _n_repeats_missing(
+            points, goals, search, runs
+        )
+
+    # The points of a trial that ended after the tables were written are not known yet.
+    ended = {trial: max(list(runs[trial].values())[: search.repeats]) for trial in done & outcomes.keys()}
+    order = sorted(ended, key=lambda trial: (0.0 if math.isnan(ended[trial]) else ended[trial], trial))
+    hours = sessions.hours(np.array([ended[trial] for trial in order]))
+    moments = sorted(at for ends in runs.values() for at in ends.values() if math.isfinite(at))
+    return Status(
+        n_trials=n_trials,
+        n_done=len(done),
+        running=tuple(entry for trial, entry in entries.items() if not entry.told and trial not in done),
+        outcomes=outcomes,
+        n_runs=None if n_missing is None else n_runs_done + n_missing,
+        n_runs_done=n_runs_done,
+        hours=float(sessions.length_s.sum()) / 3600,
+        time_left_s=_time_left_s(sessions, moments, n_missing, search.n_workers),
+        last_s=moments[-1] if moments else None,
+        growth=gather_progress(points, dict(goals), order, hours.tolist()),
+    )
+
+
+def _search(study: Study) -> _Search:
+    space = study.space
+    search: Mapping[str, Any] = space.get("search") or {}
+    for name in ("n_trials", "batch", "repeats", "repeats_on_front"):
+        if name not in search:
+            text = f"has no search.{name}, which a study writes with every default"
+            raise StoreError(f"{study.folder / 'search_space.yaml'}: {text}")
+    n_trials = search["n_trials"]
+    return _Search(
+        n_trials=None if n_trials is None else int(n_trials),
+        batch=int(search["batch"]),
+        repeats=int(search["repeats"]),
+        repeats_on_front=int(search["repeats_on_front"]),
+        n_workers=int((space.get("execution") or {}).get("jobs", 1)),
+    )
+
+
+def _written(folder: Path) -> _Runs:
+    """Return trial -> repeat -> time of the record, of every run that is there."""
+    written: _Runs = {}
+    for trial, at in _numbered(folder / "artefacts", ""):
+        runs = {}
+        for repeat, path in _numbered(at, "repeat_"):
+            try:
+                runs[repeat] = os.stat(f"{path}/record.json").st_mtime
+            except OSError:  # it is being removed
+                continue
+        if runs:
+            written[trial] = dict(sorted(runs.items()))
+    return dict(sorted(written.items()))
+
+
+def _numbered(folder: Path | str, prefix: str) -> list[tuple[int, str]]:
+    """Return (number, path) of what a folder holds under names of a prefix and a number."""
+    try:
+        names = os.listdir(folder)
+    except OSError:
+        return []
+    of = {name: name.removeprefix(prefix) for name in names if name.startswith(prefix)}
+    return [(int(n), f"{folder}/{name}") for name, n in of.items() if n.isascii() and n.isdigit()]
+
+
+def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
+    """Return how trials ended: from the table, and from the records of those that it is too old for."""
+    outcomes = {}
+    table = _table(folder / "trials.parquet", ("trial", "status", "reason", "repeats"))
+    if len(table.columns) == 4:
+        for trial, status, reason, n_runs in table.itertuples(index=False, name=None):
+            outcomes[int(trial)] = Outcome(str(status), str(reason or ""), int(n_runs))
+    for trial, runs in written.items():
+        if trial not in outcomes or len(runs) > outcomes[trial].n_runs:
+            records = [_record(run_folder(folder, trial, repeat)) for repeat in runs]
+            bad = [record for record in records if record.get("status") in ENDED_BADLY]
+            decisive = bad[0] if bad else records[0]
+            outcomes[trial] = Outcome(
+                str(decisive.get("status", "")), str(decisive.get("reason", "")), len(runs)
+            )
+    return outcomes
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    """Return the record of a run, without checking its files: they are many, and may be large."""
+    try:
+        record = read_json(folder / "record.json")
+    except StoreError:
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def _table(path: Path, columns: Sequence[str]) -> pandas.DataFrame:
+    """Return those of some columns that a table has, none where it cannot be read now."""
+    import pandas
+    import pyarrow.parquet
+
+    try:
+        names = pyarrow.parquet.read_schema(path).names
+        # Words are few among many points: as categories they are grouped in a fraction of the time.
+        words = [name for name in GROUPS if name in columns]
+        return pandas.read_parquet(path, columns=[n for n in columns if n in names], read_dictionary=words)
+    except (OSError, ValueError, pyarrow.ArrowException):
+        return pandas.DataFrame()
+
+
+def _points(folder: Path, objectives: Sequence[str]) -> pandas.DataFrame:
+    """Return the columns of the design points that decide a front."""
+    points = _table(folder / "points.parquet", tuple(dict.fromkeys([*_OF_POINTS, *objectives])))
+    return points if "trial" in points.columns else points.iloc[:0]
+
+
+def _timed(
+    written: _Runs, entries: Mapping[int, Entry], outcomes: Mapping[int, Outcome], repeats: int
+) -> _Runs:
+    """Return when every run ended, NaN where nothing says it: a folder may come without its artefacts."""
+    timed = {}
+    for trial in sorted(written.keys() | outcomes.keys()):
+        runs = written.get(trial) or dict.fromkeys(range(outcomes[trial].n_runs), math.nan)
+        if (entry := entries.get(trial)) is not None:
+            until_s = math.inf if entry.told_s is None else entry.told_s
+            first = [at for at in runs.values() if not math.isnan(at)][:repeats]
+            copied = len(first) < repeats or max(first) > until_s + _CLOCKS_S
+            runs = {
+                repeat: _between(at, entry.asked_s, until_s)
+                if number < repeats
+                else (math.nan if copied else max(at, entry.asked_s))
+                for number, (repeat, at) in enumerate(runs.items())
+            }
+        timed[trial] = runs
+    return timed
+
+
+def _between(at: float, low: float, high: float) -> float:
+    """Return a moment kept within two, and the last that is known of these where it is unknown."""
+    if math.isnan(at):
+        return high if math.isfinite(high) else low
+    return max(low, min(at, high))
+
+
+def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessions:
+    """Return the sessions that the study notes when they start; before it did, all that happened is one."""
+    happened = [at for ends in runs.values() for at in ends.values() if math.isfinite(at)]
+    happened += [entry.asked_s for entry in entries.values()]
+    happened += [entry.told_s for entry in entries.values() if entry.told_s is not None]
+    events = np.sort(np.array(happened))
+    try:
+        starts = sorted(seconds(session["started"]) for session in read_json(folder / "environment.json"))
+    except (StoreError, ValueError, KeyError, TypeError):
+        starts = []
+    start_s = np.array(starts or events[:1].tolist())
+    last = np.searchsorted(events, np.append(start_s[1:], np.inf)) - 1  # the last event of each
+    length_s = np.maximum(events[last] - start_s, 0) if len(events) else np.zeros(len(start_s))
+    return _Sessions(start_s, length_s)
+
+
+def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> int | None:
+    """Return how many trials there will be; a sampler that has no other design ends a search early."""
+    n_trials = search.n_trials
+    if n_trials is None:
+        try:
+            n_trials = load_space(folder / "search_space.yaml").n_designs
+        except ConfigError:  # a family or a chip that is not installed here
+            return None
+    newest = max((entry.batch for entry in entries.values()), default=0)
+    last = [entry for entry in entries.values() if entry.batch == newest]
+    if n_trials is not None and last and all(entry.told for entry in last):
+        before = len(entries) - len(last)
+        if len(last) < min(search.batch, n_trials - before):
+            return len(entries)
+    return n_trials
+
+
+def _n_repeats_missing(points: pandas.DataFrame, goals: Sequence[Goal], search: _Search, runs: _Runs) -> int:
+    """Return how many runs the designs on the fronts of the last table lack to have their repeats."""
+    known = [goal for goal in goals if goal.column in points.columns]
+    if search.repeats_on_front <= search.repeats or not known or points.empty:
+        return 0
+    front = {int(trial) for _, rows in fronts(points, known) for trial in rows["trial"]}
+    made = [max(search.repeats, len(runs.get(trial, ()))) for trial in front]
+    return sum(max(0, search.repeats_on_front - n) for n in made)
+
+
+def _time_left_s(
+    sessions: _Sessions, moments: Sequence[float], n_missing: int | None, n_workers: int
+) -> float | None:
+    """Return the estimated time left by the runs that ended in the last session, each as much work as any."""
+    if not n_missing or not len(sessions.start_s):
+        return None
+    began_s = float(sessions.start_s[-1])
+    ended_s = [at for at in moments if at >= began_s]
+    if not ended_s:
+        return None
+    return seconds_left(ended_s, [1.0] * len(ended_s), n_missing, n_workers, began_s, ended_s[-1])
