@@ -14,6 +14,7 @@ import yaml
 from dse.dashboard.progress import MAX_LISTED, gather_progress
 from dse.store import StoreError
 from dse.study import explore
+from dse.study.status import status
 from tests import tiny_study
 
 START = 1_700_000_000.0
@@ -104,6 +105,11 @@ def test_a_study_half_way(half):
     assert hours == pytest.approx([1 / 6, 0.25, 0.5])
     assert "template" not in found["figure"]["layout"]
     json.dumps(found, allow_nan=False)
+    now = status(half.path)
+    assert (now.n_trials, now.n_done, now.n_runs, now.n_runs_done) == (4, 3, 4, 3)
+    assert [(entry.trial, entry.batch, entry.asked_s - START) for entry in now.running] == [(3, 1, 902)]
+    assert now.trials_by_reason("failed") == [("loss is not finite", [2])]
+    assert now.outcomes[0].status == "finished" and now.last_s == START + 1800
 
 
 def test_looking_changes_nothing_in_the_folder(half):
