@@ -346,6 +346,22 @@ class Workload:
         """Return the time that the last answer still takes through the layers, at the step period."""
         return np.asarray(self.pipeline_steps * np.maximum(self.step_ms * 1e3, step_us))
 
+    @property
+    def synaptic_operations(self) -> Floats:
+        """Mean synaptic operations per inference, (...): each spike counts once per target neuron.
+
+            sum over layers l of spikes_l (n_(l+1) + n_l where l is recurrent)
+
+        Weights that pruning removed do not count (`synapses` in place of the brackets).
+        """
+        reached = self.fan_out if self.synapses is None else self.synapses
+        return np.asarray(self.spikes, dtype=np.float64) @ np.array(reached, dtype=np.float64)
+
+    @property
+    def macs(self) -> Floats:
+        """Mean multiply-accumulates per inference, (...): none, spikes only add."""
+        return np.zeros(np.shape(self.spikes)[:-1])
+
     def mapped(self, change: Callable[[Array], Array]) -> Workload:
         """Return the same with a change made to every array of design points, leading axes first."""
         return replace(
@@ -464,6 +480,11 @@ class Operations:
         """Return 0: there are no layers that an answer must still pass."""
         return np.zeros_like(step_us)
 
+    @property
+    def synaptic_operations(self) -> Floats:
+        """Mean additions without multiplication per inference, (...)."""
+        return self.additions
+
     def mapped(self, change: Callable[[Array], Array]) -> Operations:
         """Return the same with a change made to every array of design points."""
         return Operations(
@@ -493,7 +514,7 @@ def _check_counts(name: str, values: Floats) -> None:
 
 
 @dataclass(frozen=True)
-class Surface:
+class DecisionSurface:
     """Decision surfaces over (phi, theta): every array (phi, theta).
 
     accuracy: undecided samples decide at the end by argmax (t = T).

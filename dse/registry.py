@@ -18,10 +18,10 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 T = TypeVar("T")
 
@@ -82,6 +82,27 @@ class Rule:
     axis: bool = True
 
 
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a study's tables, which an objective declares.
+
+    name: ends with its unit, such as energy_uj.
+    unit: '' for a plain number.
+    direction: the better one.
+    doc: one line of meaning.
+    of_design: all points of a trial have the number of its full read-out; otherwise each has its own, or none
+        where it was not measured.
+    selects: whether a search and a front may use it; not what the test set says.
+    """
+
+    name: str
+    unit: str
+    direction: Literal["max", "min"]
+    doc: str
+    of_design: bool = False
+    selects: bool = True
+
+
 def param(default: Any = dataclasses.MISSING, **rule: Any) -> Any:
     """Declare a dataclass field with its `Rule` (keywords of Rule); without a default it is required."""
     return dataclasses.field(default=default, metadata={"rule": Rule(**rule)})
@@ -112,6 +133,8 @@ def register(section: str, name: str) -> Callable[[type[T]], type[T]]:
         holder = components.get(name, cls)
         if (holder.__module__, holder.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ValueError(f"{section} '{name}' is already registered by {holder.__module__}")
+        if section == "objectives":
+            _check_columns(name, cls, components)
         components[name] = cls
         return cls
 
@@ -129,6 +152,26 @@ def known(section: str) -> dict[str, type]:
     _import_section(section)
     _load_entry_points()
     return dict(sorted(_components.get(section, {}).items()))
+
+
+def _check_columns(name: str, objective: Any, others: Mapping[str, Any]) -> None:
+    """Refuse an objective that declares a column of another one."""
+    taken = {c.name: other for other, cls in others.items() if other != name for c in cls.columns}
+    for column in objective.columns:
+        if column.name in taken:
+            other = taken[column.name]
+            raise ValueError(f"column '{column.name}' is already declared by objective '{other}'")
+
+
+def columns(needs: str | None = None) -> dict[str, Column]:
+    """Return the columns that the registered objectives declare, by name.
+
+    Args:
+        needs: what their objectives need (`dse.measure.objectives.Objective`); None: anything.
+    """
+    objectives: Iterable[Any] = known("objectives").values()
+    declared = [c for cls in objectives if needs in (None, cls.needs) for c in cls.columns]
+    return {column.name: column for column in sorted(declared, key=lambda column: column.name)}
 
 
 def load_plugin(name: str, base: Path | None = None) -> Plugin:

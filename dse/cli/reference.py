@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dse import registry
 from dse.config.locate import hardware_names
-from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, known_objectives, settings_class
+from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, settings_class
 from dse.config.values import bounds, echo, wanted
 from dse.registry import Rule, rule_of
 
@@ -74,7 +74,7 @@ def names(section: str) -> list[Row]:
                 "unit": found.unit,
                 "doc": f"{found.direction}: {found.doc}",
             }
-            for name, found in known_objectives().items()
+            for name, found in registry.columns().items()
         ]
     if section == "hardware":
         from dse.hardware.profile import load

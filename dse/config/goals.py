@@ -15,7 +15,6 @@ from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.sections import HELD_BACK, OF_HARDWARE, known_objectives
 from dse.config.settings import Decision, ExecutionSettings, Precision, Search
 from dse.config.space import DecisionGrid, PrecisionSettings, SearchSettings
 from dse.config.values import Report, echo, read_fields
@@ -87,7 +86,8 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
         profiles: hardware profiles of the search space.
         report: called with (path, sentence) for every mistake.
     """
-    known = known_objectives()
+    known = registry.columns()
+    of_hardware = registry.columns("hardware")
     found: dict[str, str] = {}
     texts = _names("objectives", raw, report)
     if raw == [] or raw is None:
@@ -106,9 +106,9 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
             report(where, f"objective '{name}' must be '{name}:{natural}', got '{text}'")
         if name in found:
             report(where, f"objective '{name}' is named twice")
-        if name in OF_HARDWARE and not profiles:
+        if name in of_hardware and not profiles:
             report(where, f"objective '{name}' needs a hardware profile in section 'hardware', got none")
-        if name == HELD_BACK:
+        if not known[name].selects:
             report(where, f"objective '{name}' cannot select designs: the test set is only for reporting")
         found[name] = natural
     return tuple(found.items())

@@ -19,7 +19,6 @@ from dse.config.sections import (
     FAMILIES,
     SECTIONS,
     WITH_AXES,
-    known_objectives,
     settings_class,
 )
 from dse.config.settings import Search
@@ -34,7 +33,7 @@ def json_schema() -> Schema:
     """Return the schema, made from the components that are registered."""
     sections = {name: _section(name) for name in SECTIONS if name not in ("hardware", "objectives", "search")}
     objectives = [
-        text for name, found in known_objectives().items() for text in (name, f"{name}:{found.direction}")
+        text for name, found in registry.columns().items() for text in (name, f"{name}:{found.direction}")
     ]
     # A choice of components repeats what each may hold, so the schema says that once.
     one = {name: sections[name] for name in FAMILIES}

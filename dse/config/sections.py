@@ -6,7 +6,6 @@ are one dataclass each (`dse.config.settings`). Components are imported when the
 
 from __future__ import annotations
 
-import importlib
 import typing
 from collections.abc import Mapping
 from typing import Any
@@ -43,14 +42,6 @@ SECTIONS = (
     *("data", "task", "window", "split", "test", "preprocessing", "encoder", "model", "training", "decision"),
     *("precision", "hardware", "objectives", "search", "execution"),
 )
-# Columns that only a hardware profile gives, and the objective that no search may see.
-OF_HARDWARE = (
-    *("energy_uj", "energy_uj_low", "energy_uj_high"),
-    *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
-    *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),
-    *("idle_mw", "hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
-)
-HELD_BACK = "accuracy_test"
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
 
 
@@ -62,11 +53,6 @@ def settings_class(section: str) -> type:
 def components(section: str) -> dict[str, type]:
     """Return the components that `kind` of a section may name."""
     return registry.known(COMPONENTS[section])
-
-
-def known_objectives() -> Mapping[str, Any]:
-    """Return the objectives by name; each has a `direction`, 'max' or 'min'."""
-    return typing.cast(Mapping[str, Any], importlib.import_module("dse.measure.objectives").known())
 
 
 def front_end(recordings: type[Any]) -> str | None:

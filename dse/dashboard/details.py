@@ -34,7 +34,7 @@ from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
 from dse.measure import decision
 from dse.measure.run import read_out
-from dse.records import Array, Operations, Surface, Workload
+from dse.records import Array, DecisionSurface, Operations, Workload
 from dse.store import StoreError
 from dse.study import pricing
 from dse.study.precision import AS_TRAINED
@@ -328,7 +328,7 @@ def _best(surfaces: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
         for name in ("accuracy", "decision_latency_ms")
     )
     none = np.full(accuracy.shape, np.nan)  # of what plays no part
-    best = decision.t_p(Surface(phi, theta, accuracy, none, latency_ms, none, none, work=np.empty(0)))
+    best = decision.t_p(DecisionSurface(phi, theta, accuracy, none, latency_ms, none, none, work=np.empty(0)))
     return best.phi, best.theta
 
 

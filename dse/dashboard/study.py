@@ -209,7 +209,7 @@ def _check(study: Study, asked: Asked) -> None:
         ConfigError: a profile does not exist or is wrong.
         StoreError: no objective depends on hardware.
     """
-    from dse.measure.run import DRAWN
+    from dse.measure.on_chips import DRAWN
     from dse.store import StoreError
     from dse.study import pricing
 

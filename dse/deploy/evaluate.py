@@ -16,9 +16,9 @@ from dse.dataset import encoding
 from dse.dataset.sections import component
 from dse.deploy.bundle import Bundle, BundleError, read, write
 from dse.measure import decision
+from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives.accuracy import wilson_se
-from dse.measure.objectives.confusion import confusion
 from dse.measure.run import read_out
 from dse.models.snn.quantise import BITS, exponents, rounded
 from dse.recordings import RecordingError, npz

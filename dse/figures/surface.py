@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.figures.labels import axis_title
-from dse.records import Array, Surface
+from dse.records import Array, DecisionSurface
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -32,12 +32,12 @@ class SurfaceMap:
     best: tuple[float, float]
 
 
-def stored_surface(arrays: Mapping[str, Array]) -> Surface:
+def stored_surface(arrays: Mapping[str, Array]) -> DecisionSurface:
     """Return the decision surface of a run, of whose surface.npz these are the arrays."""
-    return Surface(**{name: arrays[name] for name in ("phi", "theta", *QUANTITIES)}, work=np.empty(0))
+    return DecisionSurface(**{name: arrays[name] for name in ("phi", "theta", *QUANTITIES)}, work=np.empty(0))
 
 
-def gather_surface(surface: Surface, quantity: str = "accuracy") -> SurfaceMap:
+def gather_surface(surface: DecisionSurface, quantity: str = "accuracy") -> SurfaceMap:
     """Gather one quantity of a decision surface, and the setting that reaches t_p.
 
     Raises:

@@ -21,15 +21,13 @@ def spearman(x: ArrayLike, y: ArrayLike) -> float:
     Raises:
         ValueError: the columns differ in length.
     """
-    from scipy.stats import rankdata
+    from scipy.stats import spearmanr
 
     a, b = np.asarray(x, np.float64), np.asarray(y, np.float64)
     if a.shape != b.shape or a.ndim != 1:
         raise ValueError(f"columns must be of one length, got {a.shape} and {b.shape}")
     both = ~(np.isnan(a) | np.isnan(b))
-    if both.sum() < 3:
+    a, b = a[both], b[both]
+    if len(a) < 3 or (a == a[0]).all() or (b == b[0]).all():
         return float("nan")
-    ranks = [rankdata(values[both]) for values in (a, b)]
-    first, second = (r - r.mean() for r in ranks)
-    scale = float(np.sqrt((first**2).sum() * (second**2).sum()))
-    return float(np.clip(first @ second / scale, -1, 1)) if scale else float("nan")
+    return float(np.clip(spearmanr(a, b).statistic, -1, 1))

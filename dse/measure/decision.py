@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dse.native.compiled import compiled
-from dse.records import Array, Surface
+from dse.records import Array, DecisionSurface
 
 _CHUNK = 256  # samples per call of the kernel: bounds the memory that `work` takes as float64
 
@@ -110,7 +110,7 @@ def surface(
     theta: ArrayLike,
     step_ms: float,
     work: ArrayLike | None = None,
-) -> Surface:
+) -> DecisionSurface:
     """Return accuracy, decision time, undecided and tie fractions for every (phi, theta), exactly.
 
     O(T class + phi theta) per sample; memory does not grow with n, so `output` may be a memory map.
@@ -188,7 +188,7 @@ def early(
     )
 
 
-def t_p(surface: Surface, *, strict: bool = False) -> Setting:
+def t_p(surface: DecisionSurface, *, strict: bool = False) -> Setting:
     """Return the fastest setting (mean decision time) among those of the best accuracy.
 
     Equal times: the smallest phi, then the smallest theta. `strict`: undecided samples count as wrong; their
@@ -198,7 +198,9 @@ def t_p(surface: Surface, *, strict: bool = False) -> Setting:
     return _fastest(surface, accuracy, accuracy == accuracy.max())
 
 
-def t_h(surface: Surface, accuracy: float = HUMAN_ACCURACY, *, strict: bool = False) -> Setting | None:
+def t_h(
+    surface: DecisionSurface, accuracy: float = HUMAN_ACCURACY, *, strict: bool = False
+) -> Setting | None:
     """Return the fastest setting that reaches an accuracy, or None where no setting does.
 
     Equal times: the smallest phi, then the smallest theta. `strict` as in `t_p`. Source: Eq. (6).
@@ -237,7 +239,7 @@ def t_c(time_ms: ArrayLike, accuracy: ArrayLike, within: float = 0.1) -> float:
     return float(times[known][accuracies[known] >= bound - 1e-12].min())
 
 
-def _fastest(surface: Surface, accuracy: Array, among: NDArray[np.bool_]) -> Setting:
+def _fastest(surface: DecisionSurface, accuracy: Array, among: NDArray[np.bool_]) -> Setting:
     phi, theta = np.nonzero(among)
     times = surface.decision_latency_ms[phi, theta]
     best = np.lexsort((surface.theta[theta], surface.phi[phi], times))[0]
@@ -258,7 +260,7 @@ def _surfaces(
     theta: ArrayLike,
     step_ms: float,
     work: Array,
-) -> tuple[list[Surface], NDArray[np.float64]]:
+) -> tuple[list[DecisionSurface], NDArray[np.float64]]:
     """Return the surface of every input length, and its accuracy by argmax at the end, (k,)."""
     n, _, n_classes = spikes.shape
     labels = np.asarray(target)
@@ -296,7 +298,7 @@ def _surfaces(
     for counts, done in zip(tallied, worked, strict=True):
         correct, correct_decided, steps, undecided, ties = np.moveaxis(counts, -1, 0)
         found.append(
-            Surface(
+            DecisionSurface(
                 phi=phis,
                 theta=thetas,
                 accuracy=correct / n,

@@ -1,4 +1,4 @@
-"""One training run -> the record's columns: accuracy, spikes, operations, time and energy, exactly.
+"""One training run -> the record's columns, as the registered objectives measure them.
 
 The full read-out answers at the end of the window: a spiking network by argmax of its output spike counts
 (lowest class on ties), any other classifier as it does. Earlier read-outs answer after a shorter input. Every
@@ -10,29 +10,28 @@ A joint target has a measurement for each of its heads; its own accuracy counts 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from dse.hardware.cost import NotApplicable, cost, drawn
-from dse.hardware.profile import Figures, Profile
+from dse import registry
+from dse.hardware.profile import Profile
 from dse.measure import decision
+from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
-from dse.measure.objectives.accuracy import accuracy, wilson_se
-from dse.measure.objectives.confusion import confusion
-from dse.measure.objectives.information import itr_bits, itr_bits_per_s
-from dse.measure.objectives.latency import latency_ms
-from dse.measure.objectives.memory_bytes import memory_bytes
-from dse.measure.objectives.n_weights import n_weights
-from dse.measure.objectives.spikes import spikes_per_inference, spikes_per_inference_no_input, spikes_total
-from dse.measure.objectives.synaptic_operations import synaptic_operations
+from dse.measure.objectives import FullReadOut, Points, flat, measured
+from dse.measure.objectives.accuracy import accuracy
+from dse.measure.on_chips import columns_on
 from dse.records import (
     Answers,
     Array,
     Dataset,
+    DecisionSurface,
+    Floats,
     Head,
+    Ints,
     Network,
     Operations,
     Outcome,
@@ -45,9 +44,6 @@ READ_OUTS = 20
 """Input lengths, evenly spaced, after which a spiking network is read out."""
 
 Columns = dict[str, Array]
-
-DRAWN = ("energy_uj", "energy_throttled_uj", "hardware_latency_ms", "latency_ms")
-"""Hardware columns that depend on a chip's figures; `drawn_on` draws them."""
 
 # What the decision maker reaches when the input ends after each length, and the settings that do it.
 _OF_DECISIONS = (
@@ -75,34 +71,39 @@ class Measurement:
     points_load: Workload | Operations | None
     read_outs_load: Workload | Operations | None
     hardware: dict[str, dict[str, Any]]
-    confusion: Array
-    confusion_test: Array | None
+    confusion: Ints
+    confusion_test: Ints | None
     heads: dict[str, Measurement] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class _Question:
-    """What is asked of the answers: true classes of both sets, how many there are, the outputs that answer.
+class _Target:
+    """What is to be answered: true classes of both sets, their number, and the outputs that answer.
 
     joint_of: (n_joint,) class of each joint class, where answers are joint classes; None where they are not.
     """
 
-    target: Array
-    target_test: Array
+    validation: Ints
+    test: Ints
     n_classes: int
     outputs: slice
-    joint_of: Array | None = None
+    joint_of: Ints | None = None
 
 
 @dataclass(frozen=True)
-class _Work:
-    """Mean work per inference, each (...,), and the same as hardware is asked for its cost."""
+class _Answered:
+    """What a run answers to one target.
 
-    spikes: Array
-    spikes_no_input: Array
-    additions: Array
-    macs: Array
-    load: Workload | Operations
+    read_outs: after k input lengths. grid: at every (phi, theta); None without a grid.
+    label, label_test: (n,) classes of the full read-out.
+    of_lengths: further columns (k,) of the read-outs.
+    """
+
+    read_outs: Points
+    grid: Points | None
+    label: Ints
+    label_test: Ints | None
+    of_lengths: Columns
 
 
 def measure(
@@ -128,202 +129,193 @@ def measure(
     """
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     if not dataset.heads:
-        asked = _Question(truth, truth_test, len(dataset.classes), slice(None))
-        return _measured(outcome, asked, phi, theta, hardware, weight_bits)
-    heads = {
-        head.name: _measured(
-            outcome, _of_head(head, outputs, truth, truth_test), phi, theta, hardware, weight_bits
-        )
-        for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True)
-    }
-    n_classes = len(dataset.classes)
-    right, labels = _joint_labels(outcome.validation, dataset, truth)
-    first = next(iter(heads.values()))
-    n, correct = len(truth), int(right.sum())
-    matrix, matrix_test = confusion(labels[labels >= 0], truth[labels >= 0], n_classes), None
-    unnamed = np.bincount(truth[labels < 0], minlength=n_classes)  # combinations that no class is
-    columns = {
-        **first.columns,
-        "accuracy": correct / n,
-        "accuracy_se": float(wilson_se(correct, n)),
-        **{f"accuracy_{name}": found.columns["accuracy"] for name, found in heads.items()},
-        **_information(np.column_stack([matrix, unnamed]), first.columns["decision_latency_ms"]),
-    }
-    if outcome.test is not None:
-        right, labels = _joint_labels(outcome.test, dataset, truth_test)
-        columns["accuracy_test"] = float(right.mean())
-        matrix_test = confusion(labels[labels >= 0], truth_test[labels >= 0], n_classes)
-        columns |= {f"accuracy_test_{name}": found.columns["accuracy_test"] for name, found in heads.items()}
-    for name in ("t_p_ms", "t_h_ms", "t_c_ms"):  # times of a head's own decisions
-        columns.pop(name, None)
-    return Measurement(columns, {}, {}, None, None, first.hardware, matrix, matrix_test, heads)
+        target = _Target(truth, truth_test, len(dataset.classes), slice(None))
+        answered = _answers_to(target, outcome, phi, theta, weight_bits)
+        return _measured(outcome, target, answered, hardware)
+    heads = {}
+    for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True):
+        target = _of_head(head, outputs, truth, truth_test)
+        answered = _answers_to(target, outcome, phi, theta, weight_bits)
+        heads[head.name] = _measured(outcome, target, answered, hardware)
+    end = _at_end(answered.read_outs)  # the work is that of the whole net, whichever head is asked
+    return _measured_jointly(outcome, dataset, heads, end)
 
 
-def read_out(output: Array) -> Array:
+def read_out(output: Array) -> Ints:
     """Return the class with most output spikes over the window, (n,); the lowest class on ties."""
     return np.asarray(output.sum(axis=1, dtype=np.int64).argmax(axis=1))
 
 
-def columns_on(profile: Profile, load: Workload | Operations) -> Columns:
-    """Return the hardware columns of some work on one profile, in the shape of its counts.
+def _measured(
+    outcome: Outcome, target: _Target, answered: _Answered, hardware: Sequence[Profile]
+) -> Measurement:
+    """Return the measurement of one target."""
+    of_lengths = measured("points", answered.read_outs)
+    of_grid = {} if answered.grid is None else measured("points", answered.grid)
+    matrix = confusion(answered.label, target.validation, target.n_classes)
+    answer = FullReadOut(
+        outcome=outcome,
+        label=answered.label,
+        target=target.validation,
+        confusion=matrix,
+        decision_latency_ms=answered.read_outs.decision_latency_ms[-1].item(),
+        read_outs=answered.read_outs,
+        decisions=None if answered.grid is None else answered.grid.decisions,
+    )
+    full = _at_end(answered.read_outs).load.mapped(lambda counts: counts[-1])
+    declared = registry.columns("points")
+    return Measurement(
+        columns=_columns({name: x[-1] for name, x in of_lengths.items()}, answer),
+        points={name: x for name, x in of_grid.items() if not declared[name].of_design},
+        read_outs={**of_lengths, **answered.of_lengths},
+        points_load=None if answered.grid is None else answered.grid.load,
+        read_outs_load=answered.read_outs.load,
+        hardware={chip.name: flat(columns_on(chip, full)) for chip in hardware},
+        confusion=matrix,
+        confusion_test=None
+        if answered.label_test is None
+        else confusion(answered.label_test, target.test, target.n_classes),
+    )
 
-    A chip that cannot run such a classifier has no columns, and counted operations have energies only.
-    """
-    try:
-        found = cost(profile, load)
-    except NotApplicable:
-        return {}
-    columns: Mapping[str, Any] = found.energy_uj.columns("energy_uj")
-    if found.timed:
-        columns = {
-            **columns,
-            "energy_dynamic_uj": found.dynamic_uj,
-            "energy_static_uj": found.static_uj.value,
-            "energy_static_throttled_uj": found.static_throttled_uj.value,
-            **found.energy_throttled_uj.columns("energy_throttled_uj"),
-            "idle_mw": found.idle_mw,
-            "hardware_latency_ms": found.hardware_latency_ms,
-            "latency_ms": _latency_ms(load, found.step_time_us.value) + found.pipeline_ms,
-            "n_cores": found.n_cores.value,
-            "n_cores_high": found.n_cores.high,
-            "fits": found.fits,
-        }
-    shape = np.shape(found.energy_uj.value)
-    return {name: np.broadcast_to(np.asarray(x), shape).copy() for name, x in columns.items()}
 
-
-def drawn_on(profile: Profile, load: Workload | Operations, figures: Figures) -> Columns:
-    """Return the hardware columns that depend on a chip's figures, under draws of them: (draw, ...) each.
+def _measured_jointly(
+    outcome: Outcome, dataset: Dataset, heads: dict[str, Measurement], end: Points
+) -> Measurement:
+    """Return the measurement of a joint net, whose answer is right where those of all its heads are.
 
     Args:
-        profile: the chip.
-        load: counts (...).
-        figures: `profile.drawn`, the same for all that are to be compared.
-
-    Returns:
-        Some of `columns_on`; none where the chip cannot run the classifier.
+        outcome: of the net.
+        dataset: with heads.
+        heads: their measurements.
+        end: the full read-out of any head.
     """
-    try:
-        found = drawn(profile, load, figures)
-    except NotApplicable:
-        return {}
-    return {
-        "energy_uj": found.energy_uj,
-        "energy_throttled_uj": found.energy_throttled_uj,
-        "hardware_latency_ms": found.hardware_latency_ms,
-        "latency_ms": _latency_ms(load, found.step_time_us),
-    }
-
-
-def _latency_ms(load: Workload | Operations, step_time_us: Array) -> Array:
-    if isinstance(load, Operations):  # computes once, when the input is complete
-        return np.asarray(load.duration_ms + step_time_us * 1e-3)
-    return latency_ms(load.n_steps * load.step_ms, load.step_ms, step_time_us)
-
-
-def _of_head(head: Head, outputs: slice, truth: Array, truth_test: Array) -> _Question:
-    return _Question(
-        head.of_class[truth], head.of_class[truth_test], len(head.classes), outputs, head.of_class
+    n_classes = len(dataset.classes)
+    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
+    label = _joint_label(outcome.validation, dataset)
+    named = label >= 0  # other combinations are no class
+    matrix = confusion(label[named], truth[named], n_classes)
+    unnamed = np.bincount(truth[~named], minlength=n_classes)
+    label_test = None if outcome.test is None else _joint_label(outcome.test, dataset)
+    points = replace(
+        end,
+        accuracy=np.array([accuracy(label, truth)]),
+        accuracy_test=None if label_test is None else np.array([(label_test == truth_test).mean()]),
     )
-
-
-def _joint_labels(said: Response | Answers, dataset: Dataset, truth: Array) -> tuple[Array, Array]:
-    """Return whether every head is right, and the joint class that is answered, -1 where there is none."""
-    if isinstance(said, Answers):
-        label = said.label[:, -1]
-    else:
-        label = joint_label(head_answers(dataset, said.output.sum(axis=1, dtype=np.int64)), dataset.heads)
-    return label == truth, label
-
-
-def _measured(
-    outcome: Outcome,
-    asked: _Question,
-    phi: Array,
-    theta: Array,
-    hardware: Sequence[Profile],
-    weight_bits: int,
-) -> Measurement:
-    found, points, points_work = (
-        _of_spikes(outcome, asked, phi, theta, weight_bits)
-        if isinstance(outcome.validation, Response)
-        else (_of_answers(outcome, asked), {}, None)
+    answer = FullReadOut(
+        outcome=outcome,
+        label=label,
+        target=truth,
+        confusion=np.column_stack([matrix, unnamed]),
+        decision_latency_ms=end.decision_latency_ms[-1].item(),
+        read_outs=None,
+        decisions=None,
     )
-    n = len(asked.target)
-    work = found.work
-    bits = work.load.number_bits
-    read_outs = found.read_outs | {"memory_bytes": memory_bytes(found.read_outs["n_weights"], np.array(bits))}
-    columns = {
-        "accuracy": read_outs["accuracy"][-1].item(),
-        "accuracy_se": read_outs["accuracy_se"][-1].item(),
-        **({} if found.label_test is None else {"accuracy_test": read_outs["accuracy_test"][-1].item()}),
-        "n_weights": int(read_outs["n_weights"][-1]),
-        "memory_bytes": read_outs["memory_bytes"][-1].item(),
-        "decision_latency_ms": read_outs["decision_latency_ms"][-1].item(),
-        **{name: x[-1].item() for name, x in _activity(work, n).items()},
-    }
-    matrix = confusion(found.label, asked.target, asked.n_classes)
-    columns |= _information(matrix, columns["decision_latency_ms"])
-    columns["t_c_ms"] = decision.t_c(read_outs["decision_latency_ms"], read_outs["accuracy"])
-    columns |= found.times
-    # Health that is one number is a column; the rest stays in the record.
-    columns |= {name: x for name, x in outcome.health.items() if isinstance(x, bool | int | float)}
-    columns["train_s"] = outcome.train_s
-    full = work.load.mapped(lambda counts: counts[-1])
+    columns = _columns({name: x[-1] for name, x in measured("points", points).items()}, answer)
+    columns |= {f"accuracy_{name}": head.columns["accuracy"] for name, head in heads.items()}
+    matrix_test = None
+    if label_test is not None:
+        named = label_test >= 0
+        matrix_test = confusion(label_test[named], truth_test[named], n_classes)
+        columns |= {f"accuracy_test_{name}": head.columns["accuracy_test"] for name, head in heads.items()}
     return Measurement(
-        columns,
+        columns=columns,
+        points={},
+        read_outs={},
+        points_load=None,
+        read_outs_load=None,
+        hardware=next(iter(heads.values())).hardware,
+        confusion=matrix,
+        confusion_test=matrix_test,
+        heads=heads,
+    )
+
+
+def _columns(of_points: dict[str, Any], answer: FullReadOut) -> dict[str, Any]:
+    """Return the columns of the full read-out; health that is one number is a column as well."""
+    of_answer = measured("full_read_out", answer)
+    train_s = of_answer.pop("train_s")
+    health = {name: x for name, x in answer.outcome.health.items() if isinstance(x, bool | int | float)}
+    return {**flat(of_points), **flat(of_answer), **health, "train_s": train_s}
+
+
+def _at_end(points: Points) -> Points:
+    """Return the last of k read-outs, as one point."""
+    return replace(
         points,
-        {**read_outs, **_activity(work, n)},
-        points_work.load if points_work else None,
-        work.load,
-        {chip.name: {column: x.item() for column, x in columns_on(chip, full).items()} for chip in hardware},
-        matrix,
-        None if found.label_test is None else confusion(found.label_test, asked.target_test, asked.n_classes),
+        accuracy=points.accuracy[-1:],
+        accuracy_test=None if points.accuracy_test is None else points.accuracy_test[-1:],
+        decision_latency_ms=points.decision_latency_ms[-1:],
+        spikes=points.spikes[-1:],
+        n_weights=points.n_weights[-1:],
+        load=points.load.mapped(lambda counts: counts[-1:]),
     )
 
 
-@dataclass(frozen=True)
-class _ReadOuts:
-    """Answers after k input lengths: columns (k,), their work, the last labels, times to decide."""
-
-    read_outs: Columns
-    work: _Work
-    label: Array
-    label_test: Array | None
-    times: dict[str, float | None]
+def _of_head(head: Head, outputs: slice, truth: Ints, truth_test: Ints) -> _Target:
+    of_class = head.of_class
+    return _Target(of_class[truth], of_class[truth_test], len(head.classes), outputs, of_class)
 
 
-def _of_answers(outcome: Outcome, asked: _Question) -> _ReadOuts:
-    said, test = outcome.validation, outcome.test
-    assert isinstance(said, Answers) and not isinstance(test, Response)  # a family answers in one way
+def _joint_label(answers: Response | Answers, dataset: Dataset) -> Ints:
+    """Return the joint class that is answered, (n,); -1 where the heads name none."""
+    if isinstance(answers, Answers):
+        return answers.label[:, -1]
+    return joint_label(head_answers(dataset, answers.output.sum(axis=1, dtype=np.int64)), dataset.heads)
 
-    def labels(answers: Answers) -> Array:
-        return answers.label if asked.joint_of is None else asked.joint_of[answers.label]
 
-    label = labels(said)
-    test_label = None if test is None else labels(test)
-    spikes = said.input_spikes.mean(axis=0)
-    read_outs = {
-        **_accuracies(label, asked.target),
-        "decision_latency_ms": np.asarray(said.time_ms, np.float64),
-        "n_weights": np.asarray(said.n_weights),
-    }
-    if test_label is not None:
-        read_outs["accuracy_test"] = (test_label == asked.target_test[:, None]).mean(axis=0)
-    macs, additions = np.asarray(said.macs, np.float64), np.asarray(said.additions, np.float64)
-    load = Operations(
-        macs, additions, np.zeros_like(macs), np.asarray(said.n_weights), np.asarray(said.time_ms, np.float64)
+def _answers_to(target: _Target, outcome: Outcome, phi: Array, theta: Array, weight_bits: int) -> _Answered:
+    """Return what a run answers to a target; a family answers in one way, on validation and on test."""
+    validation, test = outcome.validation, outcome.test
+    if isinstance(validation, Response):
+        assert not isinstance(test, Answers)
+        return _of_spikes(outcome.network, validation, test, target, phi, theta, weight_bits)
+    assert not isinstance(test, Response)
+    return _of_answers(validation, test, target)
+
+
+def _of_answers(answers: Answers, test: Answers | None, target: _Target) -> _Answered:
+    def labels(answers: Answers) -> Ints:
+        return answers.label if target.joint_of is None else target.joint_of[answers.label]
+
+    label, label_test = labels(answers), None if test is None else labels(test)
+    time_ms = np.asarray(answers.time_ms, np.float64)
+    macs = np.asarray(answers.macs, np.float64)
+    n_weights = np.asarray(answers.n_weights)
+    read_outs = Points(
+        n_samples=len(label),
+        accuracy=_accuracies(label, target.validation),
+        accuracy_test=None if label_test is None else _share_right(label_test, target.test),
+        decision_latency_ms=time_ms,
+        spikes=answers.input_spikes.mean(axis=0)[:, None],
+        n_weights=n_weights,
+        load=Operations(
+            macs=macs,
+            additions=np.asarray(answers.additions, np.float64),
+            updates=np.zeros_like(macs),
+            n_weights=n_weights,
+            duration_ms=time_ms,
+        ),
     )
-    work = _Work(spikes, np.zeros_like(spikes), additions, macs, load)
-    return _ReadOuts(read_outs, work, label[:, -1], None if test_label is None else test_label[:, -1], {})
+    return _Answered(
+        read_outs=read_outs,
+        grid=None,
+        label=label[:, -1],
+        label_test=None if label_test is None else label_test[:, -1],
+        of_lengths={},
+    )
 
 
 def _of_spikes(
-    outcome: Outcome, asked: _Question, phi: Array, theta: Array, weight_bits: int
-) -> tuple[_ReadOuts, Columns, _Work | None]:
-    network, said, test = outcome.network, outcome.validation, outcome.test
-    assert isinstance(said, Response) and not isinstance(test, Answers)  # a family answers in one way
-    output = said.output[..., asked.outputs]
+    network: Network | Parameters,
+    response: Response,
+    test: Response | None,
+    target: _Target,
+    phi: Array,
+    theta: Array,
+    weight_bits: int,
+) -> _Answered:
+    output = response.output[..., target.outputs]
+    output_test = None if test is None else test.output[..., target.outputs]
     n, n_steps = output.shape[:2]
     if not n or not n_steps:
         raise ValueError(
@@ -332,117 +324,105 @@ def _of_spikes(
     lengths = np.unique(np.rint(np.linspace(n_steps / READ_OUTS, n_steps, READ_OUTS)).astype(int))
     lengths = lengths[lengths > 0]
     label = _labels_after(output, lengths)
-    per_step = np.concatenate([said.spikes, said.updates], axis=2)
-    done = per_step.cumsum(axis=1, dtype=np.int64)
-    work = _spiking_work(network, said, done[:, lengths - 1].mean(axis=0), lengths, weight_bits)
-    read_outs = {
-        **_accuracies(label, asked.target),
-        "decision_latency_ms": lengths * said.step_ms,
-        "n_weights": np.full(len(lengths), _n_weights(network)),
-    }
-    label_test = None
-    if test is not None:
-        label_test = _labels_after(test.output[..., asked.outputs], lengths)
-        read_outs["accuracy_test"] = (label_test == asked.target_test[:, None]).mean(axis=0)
-        label_test = label_test[:, -1]
-    times: dict[str, float | None] = {}
-    points: Columns = {}
-    points_work = None
+    label_test = None if output_test is None else _labels_after(output_test, lengths)
+    done = np.concatenate([response.spikes, response.updates], axis=2).cumsum(axis=1, dtype=np.int64)
+
+    def points(
+        accuracy: Floats,
+        accuracy_test: Floats | None,
+        latency_ms: Floats,
+        n_steps: Array,
+        work: Floats,
+        decisions: DecisionSurface | None = None,
+    ) -> Points:
+        return Points(
+            n_samples=n,
+            accuracy=accuracy,
+            accuracy_test=accuracy_test,
+            decision_latency_ms=latency_ms,
+            spikes=work[..., : response.spikes.shape[2]],
+            n_weights=np.full(np.shape(accuracy), _n_weights(network)),
+            load=_load(network, response, work, n_steps, weight_bits),
+            decisions=decisions,
+        )
+
+    read_outs = points(
+        _accuracies(label, target.validation),
+        None if label_test is None else _share_right(label_test, target.test),
+        lengths * response.step_ms,
+        lengths,
+        done[:, lengths - 1].mean(axis=0),
+    )
+    grid, of_lengths = None, {}
     if len(phi) and len(theta):
-        found = decision.surface(output, asked.target, phi, theta, said.step_ms, done)
-        n_steps_done = found.decision_latency_ms / said.step_ms
-        points_work = _spiking_work(network, said, found.work, n_steps_done, weight_bits)
-        points = {
-            "accuracy": found.accuracy,
-            "accuracy_se": wilson_se(np.rint(found.accuracy * n), n),
-            "accuracy_strict": found.accuracy_strict,
-            "decision_latency_ms": found.decision_latency_ms,
-            "undecided": found.undecided,
-            "ties": found.ties,
-            **_activity(points_work, n),
-        }
-        if test is not None:
-            settings = (asked.target_test, phi, theta, test.step_ms)
-            points["accuracy_test"] = decision.surface(test.output[..., asked.outputs], *settings).accuracy
-        early = decision.early(output, asked.target, lengths, phi, theta, said.step_ms)
-        read_outs |= {name: getattr(early, name) for name in _OF_DECISIONS}
-        times["t_p_ms"] = decision.t_p(found).decision_latency_ms
-        human = decision.t_h(found)
-        times["t_h_ms"] = None if human is None else human.decision_latency_ms
-    return _ReadOuts(read_outs, work, label[:, -1], label_test, times), points, points_work
+        step_ms = response.step_ms
+        decisions = decision.surface(output, target.validation, phi, theta, step_ms, done)
+        of_test = None
+        if output_test is not None:
+            of_test = decision.surface(output_test, target.test, phi, theta, step_ms).accuracy
+        latency_ms = decisions.decision_latency_ms
+        grid = points(
+            decisions.accuracy, of_test, latency_ms, latency_ms / step_ms, decisions.work, decisions
+        )
+        early = decision.early(output, target.validation, lengths, phi, theta, step_ms)
+        of_lengths = {name: getattr(early, name) for name in _OF_DECISIONS}
+    return _Answered(
+        read_outs=read_outs,
+        grid=grid,
+        label=label[:, -1],
+        label_test=None if label_test is None else label_test[:, -1],
+        of_lengths=of_lengths,
+    )
 
 
-def _accuracies(label: Array, target: Array) -> Columns:
-    """Return accuracy and its error after each of k read-outs; label: (n, k)."""
-    found = np.array([accuracy(column, target) for column in label.T])
-    return {"accuracy": found, "accuracy_se": wilson_se(np.rint(found * len(target)), len(target))}
+def _accuracies(label: Ints, target: Ints) -> Floats:
+    """Return the accuracy of each of k read-outs; label: (n, k)."""
+    return np.array([accuracy(column, target) for column in label.T])
 
 
-def _labels_after(output: Array, lengths: Array) -> Array:
+def _share_right(label: Ints, target: Ints) -> Floats:
+    """Return the fraction that is right of each of k read-outs of any number of samples; label: (n, k)."""
+    return np.asarray((label == target[:, None]).mean(axis=0))
+
+
+def _labels_after(output: Array, lengths: Ints) -> Ints:
     """Return argmax of the output spikes of the first steps, (n, k); the lowest class on ties."""
     counts = np.stack([output[:, :length].sum(axis=1, dtype=np.int64) for length in lengths], axis=1)
     return np.asarray(counts.argmax(axis=2))
 
 
 def _n_weights(network: Network | Parameters) -> int:
-    return n_weights(network) if isinstance(network, Network) else int(network.arrays["n_weights"])
+    return network.n_weights if isinstance(network, Network) else int(network.arrays["n_weights"])
 
 
-def _spiking_work(
-    network: Network | Parameters, said: Response, done: Array, n_steps: Array, weight_bits: int
-) -> _Work:
-    """Return mean work (..., layer + layer - 1) of a spiking classifier with the same leading axes.
+def _load(
+    network: Network | Parameters, response: Response, work: Floats, n_steps: Array, weight_bits: int
+) -> Workload | Operations:
+    """Return mean work (..., layer + layer - 1) of a spiking classifier as hardware is asked for its cost.
 
     One that is no stack of layers has its synapses counted in its response, and is operations to hardware.
     """
-    if isinstance(network, Parameters):
-        assert said.synapses is not None  # the family counts what no stack says
-        n_layers = len(said.synapses)
-        spikes = done[..., :n_layers]
-        additions = spikes @ np.array(said.synapses)
-        none = np.zeros_like(additions)
-        operations = Operations(
-            none,
-            additions,
-            done[..., n_layers:].sum(axis=-1),
-            np.full(additions.shape, _n_weights(network)),
-            np.asarray(n_steps * said.step_ms, np.float64),
-            weight_bits,
+    n_layers = response.spikes.shape[2]
+    spikes, updates = work[..., :n_layers], work[..., n_layers:]
+    if isinstance(network, Network):
+        return Workload(
+            sizes=network.sizes,
+            recurrent=tuple(layer.recurrent is not None for layer in network.layers),
+            n_steps=n_steps,
+            spikes=spikes,
+            updates=updates,
+            step_ms=response.step_ms,
+            weight_bits=weight_bits,
+            synapses=response.synapses,
+            stored=network.stored,
         )
-        return _Work(spikes.sum(axis=-1), spikes[..., 1:].sum(axis=-1), additions, none, operations)
-    n_layers = len(network.sizes)
-    load = Workload(
-        sizes=network.sizes,
-        recurrent=tuple(layer.recurrent is not None for layer in network.layers),
-        n_steps=n_steps,
-        spikes=done[..., :n_layers],
-        updates=done[..., n_layers:],
-        step_ms=said.step_ms,
-        weight_bits=weight_bits,
-        synapses=said.synapses,
-        stored=network.stored,
+    assert response.synapses is not None  # the family counts what no stack says
+    additions = spikes @ np.array(response.synapses)
+    return Operations(
+        macs=np.zeros_like(additions),
+        additions=additions,
+        updates=updates.sum(axis=-1),
+        n_weights=np.full(additions.shape, _n_weights(network)),
+        duration_ms=np.asarray(n_steps * response.step_ms, np.float64),
+        number_bits=weight_bits,
     )
-    additions = synaptic_operations(load)
-    return _Work(
-        spikes_per_inference(load),
-        spikes_per_inference_no_input(load),
-        additions,
-        np.zeros_like(additions),
-        load,
-    )
-
-
-def _activity(work: _Work, n: int) -> Columns:
-    """Return spikes and operations; `n` samples were evaluated."""
-    return {
-        "spikes_per_inference": work.spikes,
-        "spikes_per_inference_no_input": work.spikes_no_input,
-        "spikes_total": spikes_total(work.spikes, n),
-        "synaptic_operations": work.additions,
-        "macs": work.macs,
-    }
-
-
-def _information(matrix: Array, time_ms: float) -> dict[str, float]:
-    bits = itr_bits(matrix)
-    return {"itr_bits": bits, "itr_bits_per_s": itr_bits_per_s(bits, time_ms)}

@@ -12,7 +12,7 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 import pandas as pd
 
-from dse.config.sections import OF_HARDWARE
+from dse import registry
 from dse.records import Bools, Ints
 from dse.skyline.table import group_numbers, numbers
 
@@ -75,7 +75,7 @@ def leave_out_misfits(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.D
 
 def leave_out_copies(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.DataFrame, list[str]]:
     """Return the points on the first hardware if no named column depends on hardware, and a note."""
-    depends = "hardware" in named or any(name in OF_HARDWARE for name in named)
+    depends = "hardware" in named or bool(named & registry.columns("hardware").keys())
     if depends or "hardware" not in rows or rows["hardware"].isna().any() or rows["hardware"].nunique() < 2:
         return rows, []
     first = rows["hardware"].iloc[0]
@@ -86,9 +86,10 @@ def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.
     """Return the rows whose named columns are finite, and one note per column and kind of missing value."""
     keep = np.ones(len(frame), dtype=bool)
     notes = []
+    of_hardware = registry.columns("hardware")
     for name in names:
         values = numbers(frame, name)
-        is_cost = name in OF_HARDWARE and "hardware" in frame
+        is_cost = name in of_hardware and "hardware" in frame
         for kind, wrong in (("NaN", np.isnan(values)), ("infinite", np.isinf(values))):
             if wrong.any():
                 chips = " and ".join(dict.fromkeys(map(str, frame["hardware"][wrong]))) if is_cost else ""

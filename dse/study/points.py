@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import store
+from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
 from dse.measure.objectives.accuracy import seeds_se
-from dse.measure.run import columns_on, drawn_on
+from dse.measure.on_chips import columns_on, drawn_on
 from dse.records import Array, Operations, Workload
 from dse.study import precision
 from dse.study import trials as tables
@@ -92,7 +92,7 @@ def drawn(
         answers: of the trial.
         profile: the chip.
         figures: draws of its figures, the same for every trial that is to be compared.
-        columns: some of `dse.measure.run.DRAWN`.
+        columns: some of `dse.measure.on_chips.DRAWN`.
         wanted: which points, numbered as the rows of `answers` are.
 
     Returns:
@@ -113,8 +113,8 @@ def drawn(
     return found
 
 
-# Columns of one answer, not of its design: rows that do not measure them have none.
-_OF_ONE_ANSWER = ("itr_bits", "itr_bits_per_s", "accuracy_strict", "undecided", "phi", "theta", "read_out_ms")
+# Columns of one row: others do not have its value where they measure none.
+_OF_ROW = ("phi", "theta", "read_out_ms")
 
 
 # Of read-outs, the settings behind their decision times: a row per setting is on the surface.
@@ -195,7 +195,12 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     full = {**about, **({"task": head} if head else {}), **tables.summary(numbers, None)}
     end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
     first = full | (end if surfaces else {}) | {"read_out_ms": np.nan}
-    design = {name: value for name, value in first.items() if name not in _OF_ONE_ANSWER}
+    declared = registry.columns()
+    design = {
+        name: value
+        for name, value in first.items()
+        if name not in _OF_ROW and (name not in declared or declared[name].of_design)
+    }
     last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
     found = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
     if surfaces:
@@ -247,7 +252,7 @@ def _earlier(read_outs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
 
 def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Return the columns of several runs: mean of every number, `all` of every claim, accuracy's error."""
-    columns = {}
+    columns: dict[str, Array] = {}
     for name in runs[0]:
         stacked = np.stack([run[name] for run in runs])
         if stacked.dtype == bool:

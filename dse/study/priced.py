@@ -86,7 +86,7 @@ def draws(
     import numpy as np
 
     from dse import store
-    from dse.measure.run import DRAWN
+    from dse.measure.on_chips import DRAWN
     from dse.skyline.front import Draws
     from dse.study import pricing
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import store
+from dse import registry, store
 from dse.config import ConfigError, Fault
-from dse.config.sections import OF_HARDWARE
 from dse.hardware.profile import Figures, Profile, load, read
 from dse.records import Array
 from dse.skyline.table import read as read_table
@@ -104,7 +103,8 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
         raise store.StoreError(f"{folder}: holds no work counts to compute costs from; run the study again")
     if "hardware" in table:
         table = table[table["hardware"] == table["hardware"].iloc[0]]
-    table = table.drop(columns=[name for name in table if name in OF_HARDWARE])
+    of_hardware = registry.columns("hardware")
+    table = table.drop(columns=[name for name in table if name in of_hardware])
     on: list[list[pandas.DataFrame]] = [[] for _ in chips]
     for trial, own in table.groupby("trial", sort=False):
         answered = _answered(folder, trial, own)
@@ -134,7 +134,7 @@ def drawn(
     Args:
         folder: of the study.
         rows: of its points, with all columns that say which.
-        columns: some of `dse.measure.run.DRAWN`.
+        columns: some of `dse.measure.on_chips.DRAWN`.
         n_draws: how many; the same ones at every call, and for all designs on a chip.
         hardware: as of `points`, where the rows are from there: files are not found by the name of a profile.
 

@@ -11,7 +11,7 @@ import pytest
 
 from dse import registry
 from dse.config import ConfigError, SearchSpace, load_space, shipped_spaces
-from dse.config.sections import HELD_BACK, OF_HARDWARE, components, front_end, known_objectives
+from dse.config.sections import components, front_end
 from dse.recordings import EventSource
 from dse.recordings.scene import Trials
 from dse.records import Events, Rasters, Signals
@@ -213,8 +213,8 @@ def test_one_fault_has_one_line(tmp_path: Path, old: str, new: str, fault: str) 
 
 
 def test_what_a_chip_decides_needs_a_chip(tmp_path: Path) -> None:
-    assert set(OF_HARDWARE) < set(known_objectives())
-    assert HELD_BACK in known_objectives()
+    assert set(registry.columns("hardware")) < set(registry.columns())
+    assert [name for name, column in registry.columns().items() if not column.selects] == ["accuracy_test"]
     path = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("accuracy:max", "energy_uj"))
     assert faults_of(path) == [
         "18: objective 'energy_uj' needs a hardware profile in section 'hardware', got none"

@@ -3,13 +3,13 @@ import pytest
 
 from dse.figures.surface import QUANTITIES, draw_surface, draw_surfaces, gather_surface, stored_surface
 from dse.measure.decision import surface as decision_surface
-from dse.records import Surface
+from dse.records import DecisionSurface
 
 
 @pytest.fixture
 def surface():
     latency = np.array([[10.0, 30.0], [5.0, 20.0]])
-    return Surface(
+    return DecisionSurface(
         phi=np.array([0.0, 8.0]),
         theta=np.array([0.2, 0.9]),
         accuracy=np.array([[0.5, 0.9], [0.4, 0.9]]),

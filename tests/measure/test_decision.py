@@ -174,7 +174,7 @@ def test_decide_checks_its_setting():
 def of(accuracy, time):
     """A surface of two phi and two theta with given accuracies and times."""
     blank = np.zeros((2, 2))
-    return decision.Surface(
+    return decision.DecisionSurface(
         phi=np.array([5.0, 1.0]),
         theta=np.array([0.9, 0.4]),
         accuracy=np.array(accuracy),

@@ -10,7 +10,8 @@ import pytest
 from dse.hardware.profile import load
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.objectives.information import itr_bits
-from dse.measure.run import columns_on, measure, read_out
+from dse.measure.on_chips import columns_on
+from dse.measure.run import measure, read_out
 from dse.records import Answers, Dataset, Head, Layer, Network, Outcome, Parameters, Response, Spikes
 from tests.saved_data import in_a_row
 

@@ -14,7 +14,7 @@ import pytest
 
 from dse import store
 from dse.hardware.profile import load
-from dse.measure.run import columns_on
+from dse.measure.on_chips import columns_on
 from dse.models.counts.knn import KNN
 from dse.models.snn.family import SNN
 from dse.models.training import Training

@@ -115,7 +115,13 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
             "spikes_total": np.full((2, 3), 7),
             **store.work_arrays(work),
         }
-        run = published(tmp_path, 0, repeat, surface=surface)
+        read_out = {
+            "decision_latency_ms": np.array([4.0]),
+            "accuracy": np.array([0.5]),
+            "spikes_total": np.array([9]),
+            **store.work_arrays(counted(100.0)),
+        }
+        run = published(tmp_path, 0, repeat, surface=surface, read_out=read_out)
         run["columns"] = {**run["columns"], "spikes_total": 9}
         runs.append(run)
     frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS])

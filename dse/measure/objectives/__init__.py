@@ -1,56 +1,152 @@
-"""Objectives: what a column of the record means, its unit, and which way is better.
+"""Objectives: a file each, with the columns that it measures and the function that measures them.
 
-Each file measures one thing with pure functions of arrays and records; nothing reads files here.
-To add one: a file with a function under `@objective(...)`; `known()` finds it by itself.
+An objective states what it needs: `points` (every design point of a run has its number), `full_read_out`
+(what a run answers at the end of the window) or `hardware` (design points on a chip). It is a pure function
+of that record; nothing here reads files.
+
+To add one, here or in a module of your own, write a file with
+
+    @register("objectives", "recall_worst")
+    @dataclass(frozen=True)
+    class RecallWorst:
+        needs = "full_read_out"
+        columns = (Column("recall_worst", "", "max", "Recall of the class that is recognised worst."),)
+
+        def measure(self, answer: FullReadOut) -> Mapping[str, float]: ...
+
+`dse.testing.check_objective` says what it lacks. A search space names its columns in `objectives`.
 """
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
-Direction = Literal["max", "min"]
-F = TypeVar("F", bound=Callable[..., object])
+import numpy as np
+
+from dse import registry
+from dse.hardware.cost import Cost
+from dse.records import Array, DecisionSurface, Floats, Ints, Operations, Outcome, Workload
+from dse.registry import Column
+
+Needs = Literal["points", "full_read_out", "hardware"]
+Number = float | int | bool | None
+T_contra = TypeVar("T_contra", contravariant=True)
 
 
 @dataclass(frozen=True)
-class Objective:
-    """One column: its unit ('' for a plain number), the better direction and one line of meaning."""
+class Points:
+    """Design points of one run that answer in one way; arrays (...) hold one number per point.
 
-    unit: str
-    direction: Direction
-    doc: str
+    n_samples: validation samples behind each number.
+    accuracy: fraction that is answered correctly.
+    accuracy_test: the same of the test set, for the report alone; None without one.
+    decision_latency_ms: mean time of the decision on the sensor's clock.
+    spikes: (..., layer) mean spikes per inference, those of the input first.
+    n_weights: stored weights that the answer needs.
+    load: mean work per inference.
+    decisions: of a grid over (phi, theta), all of it; None of read-outs.
+    """
+
+    n_samples: int
+    accuracy: Floats
+    accuracy_test: Floats | None
+    decision_latency_ms: Floats
+    spikes: Floats
+    n_weights: Ints
+    load: Workload | Operations
+    decisions: DecisionSurface | None = None
 
 
-_objectives: dict[str, Objective] = {}
+@dataclass(frozen=True)
+class FullReadOut:
+    """What a run answers at the end of the window to the n validation samples.
+
+    outcome: what the model family returned.
+    label: (n,) answered class; -1 where the heads of a joint net name a combination that no class is.
+    target: (n,) true class.
+    confusion: (true class, answered class) counts; of a joint net the last column counts the labels -1.
+    decision_latency_ms: length of the window.
+    read_outs: the same run after k shorter inputs, this one last; None of a joint net, whose heads have them.
+    decisions: what the decision maker reaches over its grid; None without a grid, and of a joint net.
+    """
+
+    outcome: Outcome
+    label: Ints
+    target: Ints
+    confusion: Ints
+    decision_latency_ms: float
+    read_outs: Points | None
+    decisions: DecisionSurface | None
 
 
-def declare(name: str, unit: str, direction: Direction, doc: str) -> None:
-    """Declare a column that another part of the package measures.
+@dataclass(frozen=True)
+class Priced:
+    """Design points on a chip: what each costs, and the work that it is for."""
+
+    cost: Cost
+    load: Workload | Operations
+
+
+class Objective(Protocol[T_contra]):
+    """One or more columns of the tables that are measured together.
+
+    needs: 'points', 'full_read_out' or 'hardware': `measure` takes `Points`, a `FullReadOut` or `Priced`.
+    columns: what it may return.
+    """
+
+    @property
+    def needs(self) -> str: ...
+
+    @property
+    def columns(self) -> tuple[Column, ...]: ...
+
+    def measure(self, record: T_contra, /) -> Mapping[str, Array | Number]:
+        """Return numbers by column: an array (...) of points, one number (None: there is none) of a read-out.
+
+        A column that has no meaning for the record is left out.
+        """
+
+
+def measured(needs: Needs, record: Points | FullReadOut | Priced) -> dict[str, Any]:
+    """Return the columns of all registered objectives that need such a record.
 
     Raises:
-        ValueError: the column is declared already, as something else.
+        TypeError: an objective returns a column that it does not declare.
     """
-    new = Objective(unit, direction, doc)
-    if _objectives.setdefault(name, new) != new:
-        raise ValueError(f"column '{name}' is declared twice")
+    result: dict[str, Any] = {}
+    for name, cls in registry.known("objectives").items():
+        objective: Objective[Any] = cls()
+        if objective.needs != needs:
+            continue
+        columns = objective.measure(record)
+        undeclared = sorted(set(columns) - {column.name for column in objective.columns})
+        if undeclared:
+            raise TypeError(
+                f"objective '{name}' must declare its columns, got {', '.join(undeclared)} as well"
+            )
+        result |= columns
+    return dict(sorted(result.items(), key=lambda item: _place(item[0])))
 
 
-def objective(unit: str, direction: Direction) -> Callable[[F], F]:
-    """Declare the column that a function measures: its name and the first line of its docstring."""
+# Columns of the tables in the order in which they stand there; others follow.
+_ORDER = (
+    *("accuracy", "accuracy_se", "accuracy_strict", "accuracy_test", "n_weights", "memory_bytes"),
+    *("decision_latency_ms", "undecided", "ties"),
+    *("spikes_per_inference", "spikes_per_inference_no_input", "spikes_total", "synaptic_operations", "macs"),
+    *("itr_bits", "itr_bits_per_s", "t_c_ms", "t_p_ms", "t_h_ms"),
+    *("energy_uj", "energy_uj_low", "energy_uj_high"),
+    *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
+    *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),
+    *("idle_mw", "hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
+)
 
-    def decorate(function: F) -> F:
-        declare(function.__name__, unit, direction, (function.__doc__ or "").strip().splitlines()[0])
-        return function
 
-    return decorate
+def _place(name: str) -> int:
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
-def known() -> dict[str, Objective]:
-    """Return every objective by column name."""
-    for module in pkgutil.iter_modules(__path__):
-        importlib.import_module(f"{__name__}.{module.name}")
-    return dict(sorted(_objectives.items()))
+def flat(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Return columns whose values are plain numbers, or None."""
+    return {name: x.item() if isinstance(x, np.ndarray | np.generic) else x for name, x in columns.items()}

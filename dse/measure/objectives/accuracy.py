@@ -2,20 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dse.measure.objectives import declare, objective
-
-declare(
-    "accuracy_se", "", "min", "Standard error of the accuracy: over seeds or folds, Wilson for a single run."
-)
-declare("accuracy_test", "", "max", "Accuracy on the test set, which selection never sees.")
+from dse.measure.objectives import Points
+from dse.records import Floats
+from dse.registry import Column, register
 
 
-@objective(unit="", direction="max")
+@register("objectives", "accuracy")
+@dataclass(frozen=True)
+class Accuracy:
+    """Fraction of samples that are answered correctly."""
+
+    needs = "points"
+    columns = (
+        Column("accuracy", "", "max", "Fraction of samples answered correctly."),
+        Column(
+            "accuracy_se",
+            "",
+            "min",
+            "Standard error of the accuracy: over seeds or folds, Wilson for a single run.",
+        ),
+        Column(
+            "accuracy_test",
+            "",
+            "max",
+            "Accuracy on the test set, which selection never sees.",
+            selects=False,
+        ),
+    )
+
+    def measure(self, points: Points) -> Mapping[str, Floats]:
+        n = points.n_samples
+        columns = {"accuracy": points.accuracy, "accuracy_se": wilson_se(np.rint(points.accuracy * n), n)}
+        return columns if points.accuracy_test is None else columns | {"accuracy_test": points.accuracy_test}
+
+
 def accuracy(label: ArrayLike, target: ArrayLike) -> float:
-    """Fraction of samples answered correctly.
+    """Return the fraction of samples answered correctly.
 
     Args:
         label: (n,) answers.
@@ -30,7 +58,7 @@ def accuracy(label: ArrayLike, target: ArrayLike) -> float:
     return float((answers == truth).mean())
 
 
-def wilson_se(k: ArrayLike, n: ArrayLike) -> np.ndarray:
+def wilson_se(k: ArrayLike, n: ArrayLike) -> Floats:
     """Return the standard error of k successes in n: half the Wilson score interval at z = 1.
 
         sqrt(p (1 - p) / n + 1 / (4 n^2)) / (1 + 1 / n),  p = k / n
@@ -53,7 +81,7 @@ def wilson_se(k: ArrayLike, n: ArrayLike) -> np.ndarray:
     return np.asarray(np.sqrt(p * (1 - p) / trials + 0.25 / trials**2) / (1 + 1 / trials))
 
 
-def seeds_se(values: ArrayLike) -> np.ndarray:
+def seeds_se(values: ArrayLike) -> Floats:
     """Return the standard error of the mean over seeds or folds: s / sqrt(r), s with r - 1.
 
     Args:

@@ -11,15 +11,44 @@ Source: Rasouli et al., an extreme learning machine for texture recognition, Eq.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dse.measure.objectives import objective
+from dse.measure.objectives import FullReadOut
+from dse.registry import Column, register
 
 
-@objective(unit="bit", direction="max")
+@register("objectives", "information")
+@dataclass(frozen=True)
+class InformationTransfer:
+    """Information that an answer carries about the class, per answer and per second of touch."""
+
+    needs = "full_read_out"
+    columns = (
+        Column(
+            "itr_bits",
+            "bit",
+            "max",
+            "Information about the class per prediction; NaN without samples.",
+        ),
+        Column(
+            "itr_bits_per_s",
+            "bit/s",
+            "max",
+            "Information per second of touch: bits per prediction divided by the decision time.",
+        ),
+    )
+
+    def measure(self, answer: FullReadOut) -> Mapping[str, float]:
+        bits = itr_bits(answer.confusion)
+        return {"itr_bits": bits, "itr_bits_per_s": itr_bits_per_s(bits, answer.decision_latency_ms)}
+
+
 def itr_bits(confusion: ArrayLike) -> float:
-    """Information about the class per prediction; NaN without samples.
+    """Return the information about the class per prediction; NaN without samples.
 
     Args:
         confusion: (true class, answered class) counts; classes without samples do not matter.
@@ -40,9 +69,8 @@ def itr_bits(confusion: ArrayLike) -> float:
     return max(0.0, bits)  # rounding may leave less than nothing
 
 
-@objective(unit="bit/s", direction="max")
 def itr_bits_per_s(bits: float, decision_ms: float) -> float:
-    """Information per second of touch: bits per prediction divided by the decision time.
+    """Return the information per second of touch: bits of an answer over the time that it takes.
 
     Args:
         bits: per answer; NaN stays NaN.

@@ -2,37 +2,50 @@
 
 from __future__ import annotations
 
-from numpy.typing import ArrayLike
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from dse.hardware import latency
-from dse.measure.objectives import declare, objective
-from dse.records import Floats
+import numpy as np
 
-declare("hardware_latency_ms", "ms", "min", "Computing time of the hardware per inference at full speed.")
-declare(
-    "t_p_ms", "ms", "min", "Shortest mean decision time among the settings (phi, theta) of best accuracy."
-)
-declare("t_h_ms", "ms", "min", "Shortest mean decision time among the settings that reach human accuracy.")
-declare("t_c_ms", "ms", "min", "Shortest input length at which accuracy is within 10 % of its peak.")
-declare(
-    "decision_latency_ms",
-    "ms",
-    "min",
-    "Mean time from the first touch to the decision, by the clock of the sensor.",
-)
-declare("undecided", "", "min", "Fraction of samples that never reach the confidence theta.")
+from dse.hardware.latency import latency_ms
+from dse.measure.objectives import Priced
+from dse.records import Array, Floats, Operations, Workload
+from dse.registry import Column, register
 
 
-@objective(unit="ms", direction="min")
-def latency_ms(decision_ms: ArrayLike, step_ms: float, step_time_us: ArrayLike) -> Floats:
-    """Time from the first touch until the hardware has computed the decision.
+@register("objectives", "latency")
+@dataclass(frozen=True)
+class Latency:
+    """Time of the answer on a chip."""
 
-    The hardware starts a step when its input is complete and the step before is done. With n steps
-    of period p that each take c to compute, the last one is done at p + (n - 1) max(p, c) + c.
+    needs = "hardware"
+    columns = (
+        Column(
+            "hardware_latency_ms",
+            "ms",
+            "min",
+            "Computing time of the hardware per inference at full speed.",
+        ),
+        Column(
+            "latency_ms",
+            "ms",
+            "min",
+            "Time from the first touch until the hardware has computed the decision.",
+        ),
+    )
 
-    Args:
-        decision_ms: decision time on the sensor's clock, n p, any shape.
-        step_ms: period p of a step.
-        step_time_us: computing time c of a step, broadcast against decision_ms.
-    """
-    return latency.latency_ms(decision_ms, step_ms, step_time_us)
+    def measure(self, priced: Priced) -> Mapping[str, Array]:
+        cost = priced.cost
+        if not cost.timed:
+            return {}
+        return {
+            "hardware_latency_ms": cost.hardware_latency_ms,
+            "latency_ms": latency_of(priced.load, cost.step_time_us.value) + cost.pipeline_ms,
+        }
+
+
+def latency_of(load: Workload | Operations, step_time_us: Floats) -> Floats:
+    """Return the time until the answer of some work, without what it still takes through a pipeline."""
+    if isinstance(load, Operations):  # computes once, when the input is complete
+        return np.asarray(load.duration_ms + step_time_us * 1e-3)
+    return latency_ms(load.n_steps * load.step_ms, load.step_ms, step_time_us)

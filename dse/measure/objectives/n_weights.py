@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
-from dse.measure.objectives import declare, objective
-from dse.records import Network
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-declare("n_weights_dense", "", "min", "Number of weights, pruned weights included.")
+from dse.measure.objectives import Points
+from dse.records import Ints
+from dse.registry import Column, register
 
 
-@objective(unit="", direction="min")
-def n_weights(network: Network) -> int:
+@register("objectives", "n_weights")
+@dataclass(frozen=True)
+class NWeights:
     """Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.
 
     Only pruning leaves weights at exactly 0: W_t of a network that was not pruned is the source's.
+    `n_weights_dense` is what a family that prunes reports of its training.
 
     Source: Brayshaw et al., texture and velocity, W_t = sum over layers of i_l i_(l+1) (REFERENCES.md).
     """
-    return network.n_weights
+
+    needs = "points"
+    columns = (
+        Column(
+            "n_weights",
+            "",
+            "min",
+            "Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.",
+            of_design=True,
+        ),
+        Column(
+            "n_weights_dense",
+            "",
+            "min",
+            "Number of weights, pruned weights included.",
+            of_design=True,
+        ),
+    )
+
+    def measure(self, points: Points) -> Mapping[str, Ints]:
+        return {"n_weights": points.n_weights}

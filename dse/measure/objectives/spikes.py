@@ -11,35 +11,42 @@ Source: Brayshaw et al., texture and velocity, Eq. (3) (REFERENCES.md).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from dse.measure.objectives import objective
-from dse.records import Workload
-
-
-@objective(unit="", direction="min")
-def spikes_per_inference(workload: Workload) -> NDArray[np.float64]:
-    """Mean spikes per inference, all layers (S of Eq. 3).
-
-    Returns:
-        (...,), the leading axes of `workload.spikes`.
-    """
-    return np.asarray(np.asarray(workload.spikes, dtype=np.float64).sum(axis=-1))
+from dse.measure.objectives import Points
+from dse.records import Array
+from dse.registry import Column, register
 
 
-@objective(unit="", direction="min")
-def spikes_per_inference_no_input(workload: Workload) -> NDArray[np.float64]:
-    """Mean spikes per inference, without the input layer."""
-    return np.asarray(np.asarray(workload.spikes, dtype=np.float64)[..., 1:].sum(axis=-1))
+@register("objectives", "spikes")
+@dataclass(frozen=True)
+class SpikingActivity:
+    """Spikes of all layers per inference (S of Eq. 3), without the input, and over the whole set."""
 
+    needs = "points"
+    columns = (
+        Column("spikes_per_inference", "", "min", "Mean spikes per inference, all layers (S of Eq. 3)."),
+        Column(
+            "spikes_per_inference_no_input",
+            "",
+            "min",
+            "Mean spikes per inference, without the input layer.",
+        ),
+        Column(
+            "spikes_total",
+            "",
+            "min",
+            "Spikes of all layers, summed over all samples of the set (S as published).",
+        ),
+    )
 
-@objective(unit="", direction="min")
-def spikes_total(spikes: ArrayLike, n_samples: int) -> NDArray[np.int64]:
-    """Spikes of all layers, summed over all samples of the set (S as published).
-
-    Args:
-        spikes: (...,) mean spikes per inference.
-        n_samples: size of the set.
-    """
-    return np.asarray(np.rint(np.asarray(spikes, np.float64) * n_samples).astype(np.int64))
+    def measure(self, points: Points) -> Mapping[str, Array]:
+        spikes = points.spikes.sum(axis=-1)
+        return {
+            "spikes_per_inference": spikes,
+            "spikes_per_inference_no_input": points.spikes[..., 1:].sum(axis=-1),
+            "spikes_total": np.asarray(np.rint(spikes * points.n_samples).astype(np.int64)),
+        }

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from dse.measure.objectives import objective
-from dse.records import Workload
+from dse.measure.objectives import Points
+from dse.records import Floats
+from dse.registry import Column, register
 
 
-@objective(unit="", direction="min")
-def synaptic_operations(workload: Workload) -> NDArray[np.float64]:
+@register("objectives", "synaptic_operations")
+@dataclass(frozen=True)
+class SynapticOperations:
     """Mean synaptic operations per inference: each spike counts once per target neuron.
 
-        sum over layers l of spikes_l (n_(l+1) + n_l where l is recurrent)
-
     Effective accumulates in the sense of NeuroBench for binary inputs: weights that pruning removed do not
-    count (`Workload.synapses` in place of the brackets), those that 8 bits round to 0 do. Output spikes have
-    no targets.
-
-    Returns:
-        (...,), the leading axes of `workload.spikes`.
+    count, those that 8 bits round to 0 do. Output spikes have no targets. Of a classifier that is no stack of
+    spiking layers, its additions.
     """
-    reached = workload.fan_out if workload.synapses is None else workload.synapses
-    return np.asarray(workload.spikes, dtype=np.float64) @ np.array(reached, dtype=np.float64)
+
+    needs = "points"
+    columns = (
+        Column(
+            "synaptic_operations",
+            "",
+            "min",
+            "Mean synaptic operations per inference: each spike counts once per target neuron.",
+        ),
+    )
+
+    def measure(self, points: Points) -> Mapping[str, Floats]:
+        return {"synaptic_operations": points.load.synaptic_operations}

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.measure.confusion import confusion
 from dse.measure.objectives.accuracy import accuracy, seeds_se, wilson_se
-from dse.measure.objectives.confusion import confusion
 
 
 def test_accuracy_is_the_fraction_of_right_answers():

@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dse.measure.objectives.latency import latency_ms
-from dse.measure.objectives.n_weights import n_weights
-from dse.measure.objectives.spikes import spikes_per_inference, spikes_per_inference_no_input, spikes_total
-from dse.measure.objectives.synaptic_operations import synaptic_operations
+from dse.hardware.latency import latency_ms
+from dse.measure.objectives import Points
+from dse.measure.objectives.spikes import SpikingActivity
+from dse.measure.objectives.synaptic_operations import SynapticOperations
 from dse.records import Layer, Network, Workload
 
 
@@ -18,7 +18,7 @@ def layer(n, n_in, recurrent=False):
 
 def test_weights_count_delays_and_recurrence():
     network = Network((layer(5, 2 * 3, recurrent=True), layer(4, 5)), 3, (0, 2), 1, "integer")
-    assert n_weights(network) == 5 * 6 + 5 * 5 + 4 * 5
+    assert network.n_weights == 5 * 6 + 5 * 5 + 4 * 5
 
 
 def test_weights_that_are_exactly_0_do_not_count():
@@ -27,7 +27,7 @@ def test_weights_that_are_exactly_0_do_not_count():
     pruned.recurrent[0, 0] = 0
     network = Network((pruned, layer(4, 5)), 6, (0,), 1, "integer")
     assert network.stored == (5 * 5 + 5 * 5 - 1, 4 * 5)
-    assert n_weights(network) == sum(network.stored)
+    assert network.n_weights == sum(network.stored)
     assert network.n_weights_dense == 5 * 6 + 5 * 5 + 4 * 5
 
 
@@ -36,18 +36,35 @@ def workload(sizes, recurrent, spikes):
     return Workload(sizes, recurrent, np.ones(spikes.shape[:-1]), spikes, None, 1.0)
 
 
+def points(load, n_samples=1):
+    ones = np.ones(load.spikes.shape[:-1])
+    return Points(
+        n_samples=n_samples,
+        accuracy=ones,
+        accuracy_test=None,
+        decision_latency_ms=ones,
+        spikes=load.spikes,
+        n_weights=ones.astype(int),
+        load=load,
+    )
+
+
+def synaptic_operations(load):
+    return SynapticOperations().measure(points(load))["synaptic_operations"]
+
+
 def test_spikes_both_ways_with_and_without_input():
-    found = workload((9, 4, 3), (False, False), [6.0, 1.5, 1.5])
-    assert spikes_per_inference(found) == 9.0
-    assert spikes_per_inference_no_input(found) == 3.0
-    assert spikes_total(spikes_per_inference(found), 2) == 18
+    activity = SpikingActivity().measure(points(workload((9, 4, 3), (False, False), [6.0, 1.5, 1.5]), 2))
+    assert activity["spikes_per_inference"] == 9.0
+    assert activity["spikes_per_inference_no_input"] == 3.0
+    assert activity["spikes_total"] == 18
 
 
 def test_totals_are_whole_and_do_not_overflow():
     thirds = workload((9, 4), (False,), [[2**33, 1 / 3], [1, 2 / 3]])
-    found = spikes_total(spikes_per_inference(thirds), 3)
-    assert found.tolist() == [3 * 2**33 + 1, 5]
-    assert found.dtype == np.int64
+    total = SpikingActivity().measure(points(thirds, 3))["spikes_total"]
+    assert total.tolist() == [3 * 2**33 + 1, 5]
+    assert total.dtype == np.int64
 
 
 def test_synaptic_operations_of_a_network_small_enough_to_count():

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from dse.measure import objectives
+from dse import registry
 from dse.measure.objectives.information import itr_bits, itr_bits_per_s
 
 counts = arrays.arrays(np.int64, st.integers(2, 5).map(lambda n: (n, n)), elements=st.integers(0, 20))
@@ -59,6 +59,6 @@ def test_per_second():
 
 
 def test_both_are_objectives():
-    known = objectives.known()
+    known = registry.columns()
     assert (known["itr_bits"].unit, known["itr_bits"].direction) == ("bit", "max")
     assert known["itr_bits_per_s"].unit == "bit/s"

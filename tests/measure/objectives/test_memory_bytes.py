@@ -1,6 +1,6 @@
 import numpy as np
 
-from dse.measure import objectives
+from dse import registry
 from dse.measure.objectives.memory_bytes import memory_bytes
 
 
@@ -10,5 +10,5 @@ def test_bits_of_every_stored_weight() -> None:
 
 
 def test_it_is_an_objective_to_minimise() -> None:
-    found = objectives.known()["memory_bytes"]
-    assert (found.unit, found.direction) == ("bytes", "min")
+    column = registry.columns()["memory_bytes"]
+    assert (column.unit, column.direction) == ("bytes", "min")
