@@ -10,7 +10,6 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -19,7 +18,7 @@ import numpy as np
 
 from dse import registry, seeds
 from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.locate import names_a_file
+from dse.config.locate import hardware_names, names_a_file, shipped_profiles
 from dse.config.yaml_lines import Document, parse
 from dse.hardware.plan import NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
@@ -163,11 +162,8 @@ _OWN = ("name", "kind", "doc", "interval_only")
 
 
 def names() -> list[str]:
-    """Return the names of the profiles that the package holds."""
-    folder = resources.files("dse.hardware") / "profiles"
-    return sorted(
-        entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml")
-    )
+    """Return the names of the shipped profiles."""
+    return hardware_names()
 
 
 def kinds() -> dict[str, type[Profile]]:
@@ -226,8 +222,7 @@ def load_all(entries: Sequence[str], base: Path) -> tuple[Profile, ...]:
 
 @functools.cache
 def _packaged(name: str) -> Profile:
-    file = resources.files("dse.hardware") / "profiles" / f"{name}.yaml"
-    return read(file.read_text(encoding="utf-8"), f"{name}.yaml")
+    return read(shipped_profiles()[name].read_text(encoding="utf-8"), f"{name}.yaml")
 
 
 def read(text: str, source: str) -> Profile:

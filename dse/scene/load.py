@@ -17,7 +17,8 @@ from typing import Any
 
 from dse import registry
 from dse.config.axes import Axis
-from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.faults import Fault, known_names
+from dse.config.locate import find_file, shipped_folder, yaml_files
 from dse.config.parts import read_fixed, read_or_axis
 from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_given
 from dse.config.yaml_lines import Document, in_file_order, read_document
@@ -25,8 +26,6 @@ from dse.config.yaml_lines import Path as Keys
 from dse.registry import param, rule_of
 from dse.scene import checks, presets
 from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Variation
-
-_PACKAGE = Path(__file__).parent.parent
 
 
 @dataclass(frozen=True)
@@ -94,22 +93,12 @@ def find_scene(path_or_name: str, base: Path | None = None) -> Path:
     Raises:
         ConfigError: there is neither.
     """
-    for path in (*([base / path_or_name] if base else []), Path(path_or_name)):
-        if path.is_file():
-            return path
-    shipped = shipped_scenes()
-    if path_or_name in shipped:
-        return shipped[path_or_name]
-    message = (
-        f"no such file and no shipped scene of this name; {known_names(Path(path_or_name).stem, shipped)}"
-    )
-    raise ConfigError([Fault(path_or_name, 0, message)])
+    return find_file(path_or_name, shipped_scenes(), "scene", base)
 
 
 def shipped_scenes() -> dict[str, Path]:
-    """Return the scenes that come with the package (in a clone: `search_spaces/scenes/`), by name."""
-    folders = (_PACKAGE.parent / "search_spaces" / "scenes", _PACKAGE / "_search_spaces" / "scenes")
-    return {path.stem: path for folder in folders for path in sorted(folder.glob("*.yaml"))}
+    """Return the scenes that come with the package, by name."""
+    return yaml_files(shipped_folder("search_spaces") / "scenes")
 
 
 def _scene(document: Document, faults: list[Fault]) -> Scene | None:
