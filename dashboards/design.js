@@ -625,7 +625,7 @@ const Design = (() => {
         const { classes, step_ms: stepMs, true: meant } = example();
         const { label, step, decided } = answer();
         const name = clip(String(classes[label]), 40);
-        const verdict = typeof meant !== "string" ? "" : meant === classes[label] ? " (right)" : ` (wrong: it is ${clip(meant, 40)})`;
+        const verdict = meant === classes[label] ? " (right)" : ` (wrong: it is ${clip(meant, 40)})`;
         const time = `${number((step + 1) * stepMs)}\u00a0ms`;
         if (rule.phi === null) return `answers ${name} after ${time}${verdict}`;
         return decided ? `decides ${name} after ${time}${verdict}` : `undecided: the largest count says ${name} after ${time}${verdict}`;

@@ -49,8 +49,6 @@ _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
 _MOST_EPOCHS = 120  # that a line draws: more is finer than a pixel or two
 _DIGITS = 6  # as float32 has; a page shows three
 
-_NO_LABELS = "This study is of an earlier version, which kept no labels: what the examples were is not known."
-
 # The panel of a design is about 400 px wide.
 _HEIGHT = 280
 _MARGIN = {"l": 56, "r": 12, "t": 28, "b": 40}
@@ -106,7 +104,7 @@ def gather_details(
         surfaces: for each precision, `phi`, `theta`, and per hardware ('' where the table names none) columns
         of the rows of the table, theta fastest; `first_point` is the value of `point` of the first.
         examples: recordings of the first repeat, some that the full read-out gets right and some that it does
-        not; `true` is None in a study of an earlier version, which kept no labels.
+        not.
         misfits: hardware -> what does not fit it, where something does not.
 
     Raises:
@@ -254,8 +252,6 @@ def _of_task(
             where[part] = {name: parts[part] for name, parts in on.items() if parts.get(part)}
         examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces))
         found["examples"] = examples
-        if examples and examples[0]["true"] is None:
-            notes.append(_NO_LABELS)
     found["figures"] = {name: figure for name, figure in figures.items() if figure}
     return {name: part for name, part in found.items() if part or name in ("figures", "surfaces")}
 
@@ -372,12 +368,12 @@ def _learning(runs: Sequence[_Run]) -> Any:
 
 
 def _loads(runs: Sequence[_Run], head: str) -> list[Workload | Operations]:
-    """Return each run's work of the full read-out; nothing where the study kept none."""
+    """Return each run's work of the full read-out; nothing where a file is missing."""
     suffix = f"_{head}" if head else ""
     found = []
     for run in runs:
         arrays = run.arrays(f"read_out{suffix}.npz")
-        if arrays is None or not any(name.startswith("work/") for name in arrays):
+        if arrays is None:
             return []
         found.append(store.work_of(arrays).mapped(lambda counts: counts[-1:]))
     return found
@@ -415,26 +411,24 @@ def _examples(
         first = sum(len(run.record["heads"][name]["classes"]) for name in heads[: heads.index(head)])
     output = response.output[..., first : first + len(classes)]
     said = read_out(output)
-    true = arrays.get("target")
-    if true is None:
-        chosen = _first_of_each(said, np.arange(len(said)), MOST_EXAMPLES)
-    else:
-        true = np.asarray(run.record["heads"][head]["of_class"])[true] if head else true
-        chosen = [
-            sample
-            for among in (np.flatnonzero(said == true), np.flatnonzero(said != true))
-            for sample in _first_of_each(true, among, MOST_EXAMPLES // 2)
-        ]
+    true = arrays["target"]
+    if head:
+        true = np.asarray(run.record["heads"][head]["of_class"])[true]
+    chosen = [
+        sample
+        for among in (np.flatnonzero(said == true), np.flatnonzero(said != true))
+        for sample in _first_of_each(true, among, MOST_EXAMPLES // 2)
+    ]
     found = []
     for sample in chosen:
-        meant = None if true is None else int(true[sample])
+        meant = int(true[sample])
         drawn = gather_recording(
             output[sample], response.spikes[sample], response.step_ms, classes, meant, setting
         )
         found.append(
             {
                 "title": _title(int(index[sample]), classes, meant, int(said[sample])),
-                "true": None if meant is None else classes[meant],
+                "true": classes[meant],
                 "figure": _plain(draw_recording(drawn)),
                 "step_ms": response.step_ms,
                 "n_steps": len(output[sample]),
@@ -445,9 +439,7 @@ def _examples(
     return found
 
 
-def _title(number: int, classes: Sequence[str], true: int | None, said: int) -> str:
-    if true is None:
-        return f"recording {number}: taken for {classes[said]}"
+def _title(number: int, classes: Sequence[str], true: int, said: int) -> str:
     return f"recording {number}: {classes[true]}" + (f", taken for {classes[said]}" if said != true else "")
 
 

@@ -78,16 +78,10 @@ class Found:
         """Return an artefact such as 'read_out' or 'confusion' of every run of a design for this task.
 
         Raises:
-            StoreError: it is damaged, or the runs are too old to have it.
+            StoreError: it is missing or damaged.
         """
         name = f"{kind}_{self.task}.npz" if self.joint else f"{kind}.npz"
         runs = sorted(store.run_folder(self.study.folder, trial, 0).parent.glob("repeat_*"))
-        for run in runs:
-            if not (run / name).is_file():
-                raise store.StoreError(
-                    f"{run}: has no {name}: trained by a version of dse without `dse report`; train it again "
-                    "in another folder"
-                )
         return [store.load_arrays(run / name) for run in runs]
 
 
@@ -95,21 +89,14 @@ def found(study: Study) -> list[Found]:
     """Return what a study found, task by task; nothing where every design failed.
 
     Raises:
-        StoreError: a file is damaged, or was written before tables named families.
+        StoreError: a file is damaged.
     """
     points = study.points()
     if points.empty:
         return []
-    if "family" not in points:
-        raise store.StoreError(
-            f"{study.folder / 'points.parquet'}: has no column 'family': written by a version of dse without "
-            "`dse report`; the `dse run` that made the study writes it again"
-        )
     full = full_read_outs(points)
     if "hardware" in full:
         full = full[full["hardware"] == full["hardware"].iloc[0]]
-    if "macs" not in full:  # runs of before there were families that multiply
-        full = full.assign(macs=0.0)
     parts = []
     for named, rows in full.groupby("task", sort=False):
         task = str(named)

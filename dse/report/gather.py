@@ -116,8 +116,8 @@ def _of_hardware(
     names = hardware or (list(dict.fromkeys(points["hardware"])) if "hardware" in points else [])
     if len(names) < 2:
         return [], []
-    if "point" not in points:
-        return [], [f"{study.folder.name}: chips do not compare: of a version that kept no work to price"]
+    if points.empty:
+        return [], []
     if hardware:
         points = pricing.points(study.folder, hardware)
     rows: list[Row] = []

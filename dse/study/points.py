@@ -170,10 +170,6 @@ def _as_trained(run: Path, record: Record) -> precision.Evaluation:
     """Return what a run measured in training, as if it were an evaluation at another precision."""
     names = [name for name in record["files"] if name.startswith(("read_out", "surface"))]
     files = {name: store.load_arrays(run / name) for name in names}
-    for name, arrays in files.items():
-        if not any(key.startswith("work/") for key in arrays):
-            why = "holds no work counts to compute costs from; run the study again in another folder"
-            raise store.StoreError(f"{run / name}: {why}")
     return precision.Evaluation(*precision.AS_TRAINED, record, files)
 
 

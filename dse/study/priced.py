@@ -97,9 +97,6 @@ def draws(
             "nothing to sample: no objective or budget depends on uncertain numbers of hardware "
             f"({', '.join(DRAWN)})"
         )
-    for path, frame in zip(paths, frames, strict=True):
-        if "point" not in frame:
-            raise store.StoreError(f"{path}: holds no work counts to compute costs from; run the study again")
     if any("hardware" not in frame for frame in frames):
         raise store.StoreError(
             "nothing to sample: the points have no hardware; choose it with --hardware NAME"

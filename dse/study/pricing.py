@@ -92,15 +92,15 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
     Raises:
         ConfigError: a profile does not exist or is wrong.
-        StoreError: the study's artefacts are damaged, or too old to hold the work of their points.
+        StoreError: the study has no design points, or its artefacts are damaged.
     """
     import pandas
 
     folder = Path(folder)
     chips = profiles(folder, hardware)
     table = read_table(folder)
-    if "point" not in table:
-        raise store.StoreError(f"{folder}: holds no work counts to compute costs from; run the study again")
+    if table.empty:
+        raise store.StoreError(f"{folder}: has no design points: no trial has finished")
     if "hardware" in table:
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     of_hardware = registry.columns("hardware")

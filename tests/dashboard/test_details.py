@@ -194,19 +194,6 @@ def test_examples_are_what_the_first_repeat_answered(found):
     assert len(set(right)) == len(right)
 
 
-def test_examples_of_an_earlier_version_have_no_labels(copied):
-    trial = trial_of(copied, "fake")
-    path = store.run_folder(copied.folder, trial, 0) / "response.npz"
-    arrays = store.load_arrays(path)
-    del arrays["target"]
-    store.save_arrays(path, arrays)
-    document, task = details(copied)
-    [note] = document["notes"]
-    assert note.startswith("This study is of an earlier version")
-    assert {example["true"] for example in task["examples"]} == {None}
-    assert all(": taken for " in example["title"] for example in task["examples"])
-
-
 def test_trials_that_have_no_details(found):
     points = found.points()
     failed = int(found.trials.query("status == 'failed'")["trial"].iloc[0])

@@ -356,11 +356,6 @@ def test_where_there_is_nothing_to_compare(tmp_path: Path, priced: dict[str, lis
     priced |= {"one": [STEADY]}
     assert not rows_of(report([made(tmp_path / "nets", [{"accuracy": 0.9}], priced)]), "one")
     assert not rows_of(report([write(tmp_path / "plain", [{"accuracy": 0.9}])]), "")
-    priced |= {"two": [STEADY]}
-    old = made(tmp_path / "old", [{"accuracy": 0.9}], priced)
-    old.points().drop(columns="point").to_parquet(old.folder / "points.parquet")
-    found = report([old])
-    assert "old: chips do not compare: of a version that kept no work to price" in found.notes
 
 
 def test_other_chips_are_priced_without_training(

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 import yaml
 
-from dse import store
 from dse.config import shipped_spaces
 from dse.report import gather_marks, report
 from dse.report.rows import Row, published
@@ -142,10 +141,3 @@ def test_an_unrelated_study_has_none(tmp_path: Path) -> None:
     designs = [{"accuracy": 0.9, "family": "rate_windows"}, {"accuracy": 1.0, "transductive": True}]
     assert gather_marks(write(tmp_path / "own", designs)) == []
     assert gather_marks(write(tmp_path / "failed", [], failed=2)) == []
-
-
-def test_what_is_too_old_says_so(tmp_path: Path) -> None:
-    old = write(tmp_path / "old", [{"accuracy": 0.9}])
-    old.points().drop(columns="family").to_parquet(old.folder / "points.parquet")
-    with pytest.raises(store.StoreError, match="has no column 'family'"):
-        gather_marks(old)

@@ -275,19 +275,6 @@ def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
         pricing.points(study, [one, other])
 
 
-def test_a_study_of_an_older_version_has_no_work(study: Path) -> None:
-    frame = pd.read_parquet(study / "points.parquet").drop(columns="point")
-    frame.to_parquet(study / "points.parquet")
-    with pytest.raises(store.StoreError, match="kept no work to price"):
-        pricing.points(study, ["loihi1_silicon"])
-    old = {"accuracy": np.array([0.5]), "loihi1_silicon/energy_uj": np.array([1.0])}
-    run = store.run_folder(study, 1, 0)
-    store.save_arrays(run / "read_out.npz", old)
-    record = store.read_json(run / "record.json")
-    with pytest.raises(store.StoreError, match=r"read_out\.npz: holds no work counts"):
-        points.answers(study, [record])
-
-
 def test_work_is_written_and_read_back(tmp_path: Path) -> None:
     pruned = dataclasses.replace(spiking(3.0, 4.0), synapses=(2.0, 1.5, 0.0), stored=(6, 4), weight_bits=4)
     for work in (pruned, spiking(1.0), counted(5.0), dataclasses.replace(spiking(1.0), updates=None)):
