@@ -233,11 +233,11 @@ def _front_share(study: Study, table: pandas.DataFrame, asked: Asked) -> pandas.
     import pandas
 
     from dse.skyline import front
-    from dse.study import priced
+    from dse.study import pricing
 
     objectives = study.objectives
     names = [name for name, _ in objectives]
-    drawing = priced.draws([str(study.folder)], [table], asked.hardware, names, asked.n_draws)
+    drawing = pricing.draws([study.folder], [table], asked.hardware, names, asked.n_draws)
     among = front.comparable(table, objectives, by="task").rows
     share = front.front_share(among, objectives, drawing, "task")
     return pandas.Series(share, among.index).reindex(table.index)

@@ -19,7 +19,7 @@ from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
 from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.on_chips import columns_on, drawn_on
-from dse.records import Array, Operations, Workload
+from dse.records import Array, Ints, Operations, Workload
 from dse.study import precision
 from dse.study import trials as tables
 from dse.study.trials import Record
@@ -210,12 +210,46 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
 def _rows(answers: Sequence[Answered]) -> dict[str, Array]:
     """Return the columns of all answers, one after the other; what the design has, every row has."""
     names = dict.fromkeys(name for piece in answers for name in piece.columns)
-    columns: dict[str, list[Array]] = {name: [] for name in names}
-    for piece in answers:
-        for name, column in columns.items():
-            own = piece.columns.get(name)
-            column.append(_repeated(piece.design.get(name, np.nan), len(piece)) if own is None else own)
-    return {name: np.concatenate(column) for name, column in columns.items()}
+    return {name: _column(answers, name) for name in names}
+
+
+def _column(answers: Sequence[Answered], name: str) -> Array:
+    """Return a column of all answers; NaN where neither they nor their designs have it."""
+    parts = [
+        _repeated(piece.design.get(name, np.nan), len(piece)) if column is None else column
+        for piece in answers
+        for column in [piece.columns.get(name)]
+    ]
+    return np.concatenate(parts)
+
+
+_KEY = ("weight_bits", "pruned_after", "phi", "theta", "read_out_ms")
+
+
+def places(answers: Sequence[Answered], rows: pandas.DataFrame) -> Ints:
+    """Return where design points of a trial are among its answers, (row,); -1 where they are not.
+
+    A point is identified by what it was evaluated at: its precision, phi and theta, read-out time and, of a
+    joint net, its task.
+
+    Args:
+        answers: of the trial.
+        rows: some of its points, on any hardware.
+    """
+    import pandas
+
+    is_joint = any("task" in piece.design for piece in answers)
+    evaluated = pandas.DataFrame({name: _column(answers, name) for name in (*_KEY, "task")})
+
+    def keys(frame: pandas.DataFrame) -> pandas.MultiIndex:
+        values = [
+            frame[name].to_numpy(np.float64, na_value=-1.0) if name in frame else np.full(len(frame), -1.0)
+            for name in _KEY
+        ]
+        tasks = frame["task"].to_numpy(object) if is_joint else np.zeros(len(frame))
+        return pandas.MultiIndex.from_arrays([tasks, *(np.where(np.isnan(x), -1.0, x) for x in values)])
+
+    return np.asarray(keys(evaluated).get_indexer(keys(rows)), np.int64)
 
 
 def _part(load: Workload | Operations, rows: Array) -> Workload | Operations:

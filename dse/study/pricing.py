@@ -1,4 +1,7 @@
-"""What the design points of a study cost on any hardware, and how sure that is; nothing is trained for it."""
+"""Costs of the design points of studies on any hardware, how sure they are, and on a duty cycle.
+
+Nothing is trained for this: a study keeps the work counts of its points.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,13 @@ import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Fault
+from dse.hardware.duty import battery_h, mean_power_mw
 from dse.hardware.profile import Figures, Profile, load, read
-from dse.records import Array
+from dse.measure.on_chips import DRAWN
+from dse.records import Floats, Ints
+from dse.skyline.front import Draws
 from dse.skyline.table import read as read_table
+from dse.store import StoreError
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
 
@@ -26,10 +33,10 @@ DRAWS = 200
 
 
 def check(profiles: Sequence[Profile], folder: Path) -> None:
-    """Check that profiles say what a study keeps of them: its samplers were told costs by those figures.
+    """Check that profiles hold the numbers that a study keeps: its samplers were told costs by these.
 
     Raises:
-        ConfigError: one says something else.
+        ConfigError: a number of a profile has changed.
     """
     faults = []
     for chip in profiles:
@@ -42,7 +49,7 @@ def check(profiles: Sequence[Profile], folder: Path) -> None:
 
 
 def _figures(chip: Profile) -> object:
-    """Return what costs come from: not the sources, nor what is said about them."""
+    """Return what costs are computed from: the numbers of a profile without their sources and notes."""
     return type(chip), chip.interval_only, [chip.at(end) for end in ("low", "value", "high")]
 
 
@@ -65,7 +72,7 @@ def profile(folder: Path, name: str) -> Profile:
 
 
 def figures(chip: Profile, n_draws: int) -> Figures:
-    """Return draws of a chip's figures, the same at every call: designs are compared on the same draw."""
+    """Return samples of a chip's numbers, the same at every call: designs are compared on the same sample."""
     return chip.draws(n_draws)
 
 
@@ -75,16 +82,16 @@ def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
     Raises:
         ConfigError: as `profile`, or two files give one name.
     """
-    found: dict[str, Profile] = {}
+    chips: dict[str, Profile] = {}
     for name in dict.fromkeys(hardware):
         chip = profile(folder, name)
-        if found.setdefault(chip.name, chip) != chip:
+        if chips.setdefault(chip.name, chip) != chip:
             raise ConfigError([Fault(name, 0, f"another profile has the name '{chip.name}' too")])
-    return list(found.values())
+    return list(chips.values())
 
 
 def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
-    """Return the design points of a study, priced on other hardware than it was run with.
+    """Return the design points of a study with the costs on other hardware than it was run with.
 
     Args:
         folder: of the study.
@@ -92,34 +99,121 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
     Raises:
         ConfigError: a profile does not exist or is wrong.
-        StoreError: the study has no design points, or its artefacts are damaged.
+        StoreError: the study's artefacts are damaged, or other points have replaced those of its table.
     """
     import pandas
 
     folder = Path(folder)
     chips = profiles(folder, hardware)
     table = read_table(folder)
-    if table.empty:
-        raise store.StoreError(f"{folder}: has no design points: no trial has finished")
     if "hardware" in table:
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     of_hardware = registry.columns("hardware")
     table = table.drop(columns=[name for name in table if name in of_hardware])
     on: list[list[pandas.DataFrame]] = [[] for _ in chips]
-    for trial, own in table.groupby("trial", sort=False):
-        answered = _answered(folder, trial, own)
-        if sum(map(len, answered)) != len(own):
-            raise store.StoreError(f"{folder}: the points of trial {trial} have changed; run the study again")
-        for columns, chip in zip(on, chips, strict=True):
-            columns.append(pandas.DataFrame(_points.priced(answered, chip), own.index))
+    for trial, rows in table.groupby("trial", sort=False):
+        answers = _answers(folder, trial, rows)
+        places = _places(folder, trial, answers, rows)
+        for parts, chip in zip(on, chips, strict=True):
+            costs = _points.priced(answers, chip)
+            parts.append(pandas.DataFrame({name: x[places] for name, x in costs.items()}, rows.index))
     priced = [
-        pandas.concat([table.assign(hardware=chip.name), pandas.concat(columns)], axis=1)
-        for chip, columns in zip(chips, on, strict=True)
+        pandas.concat([table.assign(hardware=chip.name), pandas.concat(parts)], axis=1)
+        for chip, parts in zip(chips, on, strict=True)
     ]
-    found = pandas.concat(priced, ignore_index=True)
+    whole = pandas.concat(priced, ignore_index=True)
     # A chip that no design can run on has no costs; fronts over them still look for the columns.
-    lacking = {name: np.nan for name in ("energy_uj", "energy_uj_high", "latency_ms") if name not in found}
-    return found.assign(**lacking).astype({"fits": "boolean"} if "fits" in found else {})
+    lacking = {name: np.nan for name in ("energy_uj", "energy_uj_high", "latency_ms") if name not in whole}
+    return whole.assign(**lacking).astype({"fits": "boolean"} if "fits" in whole else {})
+
+
+def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.DataFrame]:
+    """Return the points of every study or table, with costs computed anew if hardware is named.
+
+    Raises:
+        ConfigError, StoreError: as of `points`, or hardware is named for what is no study.
+        TableError: a file is no table.
+    """
+    if not hardware:
+        return [read_table(path) for path in paths]
+    _must_be_studies(paths, "--hardware needs")
+    return [points(path, hardware) for path in paths]
+
+
+def on_duty(
+    frame: pandas.DataFrame, contacts_per_hour: float | None, battery_mwh: float | None
+) -> pandas.DataFrame:
+    """Return points with the columns power_mw and, if a battery is given, battery_h.
+
+    Without contacts per hour the points are returned as they are.
+
+    Both columns are NaN where contacts would overlap, where the profile does not state the idle power, and
+    where the chip cannot run the classifier.
+
+    Raises:
+        StoreError: points lack the costs that this takes, or a battery is given without contacts.
+    """
+    if contacts_per_hour is None:
+        if battery_mwh is not None:
+            raise StoreError("--battery-mwh needs --contacts-per-hour (0: always idle)")
+        return frame
+    needed = ("energy_throttled_uj", "idle_mw", "hardware_latency_ms", "decision_latency_ms")
+    lacking = [name for name in needed if name not in frame]
+    if lacking:
+        raise StoreError(
+            f"--contacts-per-hour needs the column {lacking[0]}; choose hardware that has it with "
+            "--hardware NAME"
+        )
+    energy, idle, computing, window = (frame[name].to_numpy(np.float64, na_value=np.nan) for name in needed)
+    contact_ms = np.fmax(computing, window)
+    is_apart = contacts_per_hour * contact_ms <= 3.6e6
+    known = np.where((idle > 0) & is_apart, idle, np.nan)
+    power = mean_power_mw(contacts_per_hour, energy, np.where(is_apart, contact_ms, 0.0), known)
+    life = {} if battery_mwh is None else {"battery_h": battery_h(battery_mwh, power)}
+    return frame.assign(power_mw=power, **life)
+
+
+def draws(
+    paths: Sequence[str | Path],
+    frames: Sequence[pandas.DataFrame],
+    hardware: Sequence[str],
+    names: Sequence[str],
+    n_draws: int,
+) -> Draws:
+    """Return how to sample the columns among `names` that depend on uncertain numbers of hardware.
+
+    Args:
+        paths: studies.
+        frames: their points; rows are identified by their place in all of them, one after the other.
+        hardware: as of `points`.
+        names: columns.
+        n_draws: number of samples.
+
+    Raises:
+        StoreError: a frame is of no study, or none of the columns depends on hardware.
+    """
+    _must_be_studies(paths, "sampling needs")
+    columns = [name for name in dict.fromkeys(names) if name in DRAWN]
+    if not columns:
+        raise StoreError(
+            "nothing to sample: no objective or budget depends on uncertain numbers of hardware "
+            f"({', '.join(DRAWN)})"
+        )
+    if any("hardware" not in frame for frame in frames):
+        raise StoreError("nothing to sample: the points have no hardware; choose it with --hardware NAME")
+    starts = np.cumsum([0, *map(len, frames)])
+
+    def of(rows: pandas.DataFrame) -> dict[str, Floats]:
+        study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
+        samples: dict[str, Floats] = {name: np.empty((n_draws, len(rows))) for name in columns}
+        for number in np.unique(study):
+            is_of_study = study == number
+            costs = drawn(paths[number], rows[is_of_study], columns, n_draws, hardware)
+            for name in columns:
+                samples[name][:, is_of_study] = costs[name]
+        return samples
+
+    return Draws(columns, of)
 
 
 def drawn(
@@ -128,66 +222,71 @@ def drawn(
     columns: Sequence[str],
     n_draws: int = DRAWS,
     hardware: Sequence[str] = (),
-) -> dict[str, Array]:
-    """Return hardware columns of design points under draws of their chips' figures, (n_draws, row) each.
+) -> dict[str, Floats]:
+    """Return hardware columns of design points under samples of their chips' numbers, (n_draws, row) each.
 
     Args:
         folder: of the study.
-        rows: of its points, with all columns that say which.
+        rows: of its points, with all columns that identify them (`dse.study.points.places`).
         columns: some of `dse.measure.on_chips.DRAWN`.
-        n_draws: how many; the same ones at every call, and for all designs on a chip.
-        hardware: as of `points`, where the rows are from there: files are not found by the name of a profile.
+        n_draws: number of samples; the same ones at every call, and for all designs on a chip.
+        hardware: as of `points`, where the rows are from there: the name of a profile does not lead to its
+            file.
 
     Returns:
         NaN where the chip cannot run the classifier.
 
     Raises:
-        ConfigError, StoreError: as `points`.
+        ConfigError, StoreError: as of `points`.
     """
     folder = Path(folder)
-    found = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}
+    samples: dict[str, Floats] = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}
     named = {chip.name: chip for chip in profiles(folder, hardware)}
     chips = {name: named.get(name) or profile(folder, name) for name in rows["hardware"].unique()}
-    draws = {name: figures(chip, n_draws) for name, chip in chips.items()}
-    for trial, place in rows.groupby("trial", sort=False).indices.items():
-        own = rows.iloc[place]
-        answered = _answered(folder, trial, own)
-        wanted = _place(own, sum(map(len, answered)))
+    figures_of = {name: figures(chip, n_draws) for name, chip in chips.items()}
+    for trial, indices in rows.groupby("trial", sort=False).indices.items():
+        of_trial = rows.iloc[indices]
+        answers = _answers(folder, trial, of_trial)
+        places = _places(folder, trial, answers, of_trial)
         for name, chip in chips.items():
-            here = np.flatnonzero(own["hardware"] == name)
-            if len(here):
-                costs = _points.drawn(answered, chip, draws[name], columns, wanted[here])
+            on_chip = np.flatnonzero(of_trial["hardware"] == name)
+            if len(on_chip):
+                costs = _points.drawn(answers, chip, figures_of[name], columns, places[on_chip])
                 for column, values in costs.items():
-                    found[column][:, place[here]] = values
-    return found
+                    samples[column][:, indices[on_chip]] = values
+    return samples
 
 
-def _settings(rows: pandas.DataFrame) -> list[Setting]:
-    """Return the other precisions of some points of a trial, in the order of all its points."""
+def _precisions(rows: pandas.DataFrame) -> list[Setting]:
+    """Return the precisions, other than the trained one, of some points of a trial."""
     if "weight_bits" not in rows:
         return []
     pairs = rows[["weight_bits", "pruned_after"]].dropna().drop_duplicates().itertuples(index=False)
     return sorted({(int(bits), float(pruned)) for bits, pruned in pairs} - {AS_TRAINED})
 
 
-def _answered(folder: Path, trial: Any, rows: pandas.DataFrame) -> list[_points.Answered]:
+def _answers(folder: Path, trial: Any, rows: pandas.DataFrame) -> list[_points.Answered]:
     """Return what a trial answers at the precisions of some rows, by the runs that these are means of.
 
-    There may be more by now: a study that is being run writes its table now and then.
+    There may be more runs by now: a study that is being run writes its table now and then.
     """
     runs = records(folder, int(trial))[: int(rows["repeats"].iloc[0])]
-    return _points.answers(folder, runs, _settings(rows))
+    return _points.answers(folder, runs, _precisions(rows))
 
 
-def _place(rows: pandas.DataFrame, n_points: int) -> Array:
-    """Return where points are among those that a trial has at the precisions of these rows alone."""
-    settings = _settings(rows)
-    n_each = n_points // (1 + len(settings))  # the same at every precision
-    found = rows["point"].to_numpy() % n_each
-    for number, (bits, pruned) in enumerate(settings, 1):
-        at = (rows["weight_bits"] == bits) & (rows["pruned_after"] == pruned)
-        found[at.to_numpy()] += number * n_each
-    return np.asarray(found)
+def _places(folder: Path, trial: Any, answers: Sequence[_points.Answered], rows: pandas.DataFrame) -> Ints:
+    places = _points.places(answers, rows)
+    if (places < 0).any():
+        raise StoreError(f"{folder}: the points of trial {trial} have changed; run the study again")
+    return places
+
+
+def _must_be_studies(paths: Sequence[str | Path], who: str) -> None:
+    for path in paths:
+        if not Path(path).is_dir():
+            raise StoreError(
+                f"{path}: {who} the folder of a study, which holds the work counts of its points"
+            )
 
 
 def records(folder: Path, trial: int) -> list[Mapping[str, Any]]:
@@ -199,5 +298,5 @@ def records(folder: Path, trial: int) -> list[Mapping[str, Any]]:
     folders = store.run_folder(folder, trial, 0).parent.glob("repeat_*")
     found = [record for each in folders if (record := store.load_run(each)) is not None]
     if not found:
-        raise store.StoreError(f"{folder}: there is no trial {trial}")
+        raise StoreError(f"{folder}: there is no trial {trial}")
     return sorted(found, key=lambda record: int(record["repeat"]))

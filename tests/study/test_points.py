@@ -275,6 +275,52 @@ def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
         pricing.points(study, [one, other])
 
 
+def test_points_that_the_study_does_not_hold_any_more_are_named(study: Path) -> None:
+    frame = pd.read_parquet(study / "points.parquet").assign(phi=7.0, theta=0.5)
+    frame.to_parquet(study / "points.parquet")
+    with pytest.raises(store.StoreError, match="points of trial 0 have changed; run the study again"):
+        pricing.points(study, ["loihi1_silicon"])
+    with pytest.raises(store.StoreError, match="points of trial 0 have changed"):
+        pricing.drawn(study, frame, ["energy_uj"], 8)
+
+
+def answered(n: int, design: dict[str, object], **columns: list[float]) -> points.Answered:
+    return points.Answered(
+        design, {"accuracy": np.zeros(n)} | {k: np.array(x) for k, x in columns.items()}, []
+    )
+
+
+def test_a_point_is_known_by_what_it_was_evaluated_at() -> None:
+    at = {bits: {"weight_bits": bits, "pruned_after": 0.0} for bits in (8, 4)}
+    answers = [
+        piece
+        for bits in (8, 4)
+        for piece in (
+            answered(1, at[bits], phi=[np.nan], theta=[np.nan], read_out_ms=[np.nan]),
+            answered(4, at[bits], phi=[0, 0, 2, 2], theta=[0.2, 0.4, 0.2, 0.4]),
+            answered(2, at[bits], read_out_ms=[12.5, 25.0]),
+        )
+    ]
+    table = pd.DataFrame(
+        [
+            *((8, 0.0, 2, 0.2, np.nan), (8, 0.0, np.nan, np.nan, np.nan), (4, 0.0, np.nan, np.nan, 25.0)),
+            *((4, 0.0, 0, 0.4, np.nan), (4, 0.25, 0, 0.4, np.nan), (8, 0.0, 1, 0.4, np.nan)),
+        ],
+        columns=["weight_bits", "pruned_after", "phi", "theta", "read_out_ms"],
+    ).assign(task="texture", point=99)
+    assert points.places(answers, table).tolist() == [3, 0, 13, 9, -1, -1]
+    assert points.places(answers, table.iloc[::-1]).tolist() == [-1, -1, 9, 13, 0, 3]
+    alone = [answered(1, {}, read_out_ms=[np.nan]), answered(2, {}, read_out_ms=[5.0, 10.0])]
+    assert points.places(alone, pd.DataFrame({"read_out_ms": [10.0, np.nan, 5.0]})).tolist() == [2, 0, 1]
+    heads = [
+        answered(2, {"task": task}, phi=[np.nan, 1.0], theta=[np.nan, 0.5]) for task in ("texture", "speed")
+    ]
+    joint = pd.DataFrame(
+        {"task": ["speed", "texture", "speed"], "phi": [1, 1, np.nan], "theta": [0.5, 0.5, np.nan]}
+    )
+    assert points.places(heads, joint).tolist() == [3, 1, 2]
+
+
 def test_work_is_written_and_read_back(tmp_path: Path) -> None:
     pruned = dataclasses.replace(spiking(3.0, 4.0), synapses=(2.0, 1.5, 0.0), stored=(6, 4), weight_bits=4)
     for work in (pruned, spiking(1.0), counted(5.0), dataclasses.replace(spiking(1.0), updates=None)):

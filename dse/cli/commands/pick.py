@@ -10,7 +10,6 @@ from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import columns, records
 from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_duty, add_hardware
-from dse.study import priced
 
 if TYPE_CHECKING:
     import pandas
@@ -62,13 +61,13 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.skyline.goals import Goal
     from dse.skyline.pick import budgeted, pick, sure_pick
     from dse.store import StoreError
-    from dse.study import results
+    from dse.study import pricing, results
 
     is_study = Path(arguments.results).is_dir()
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
-    [points] = priced.points([arguments.results], arguments.hardware)
-    points = priced.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
+    [points] = pricing.tables([arguments.results], arguments.hardware)
+    points = pricing.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
     objectives: list[Goal] = results.open(arguments.results).objectives if is_study else []
     ties = [goal for goal in objectives if goal.column != arguments.maximise and goal.column in points]
     goals = [Goal(arguments.maximise, "max"), *ties]
@@ -76,7 +75,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         picked = pick(points, arguments.budget, arguments.maximise, ties)
     else:
         names = [*(name for name, _ in goals), *budgeted(arguments.budget)]
-        drawing = priced.draws([arguments.results], [points], arguments.hardware, names, arguments.draws)
+        drawing = pricing.draws([arguments.results], [points], arguments.hardware, names, arguments.draws)
         apart = [name for name in ("task",) if name in points]
         picked = sure_pick(
             points, arguments.budget, arguments.maximise, ties, drawing, arguments.confidence, apart

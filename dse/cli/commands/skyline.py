@@ -10,7 +10,6 @@ from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import columns, records
 from dse.cli.numbers import draws
 from dse.cli.options import add_duty, add_hardware
-from dse.study import priced
 
 if TYPE_CHECKING:
     from dse.skyline.goals import Goal
@@ -60,10 +59,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
     import pandas
 
     from dse.skyline import front
+    from dse.study import pricing
 
-    frames = priced.points(arguments.results, arguments.hardware)
+    frames = pricing.tables(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    frame = priced.on_duty(
+    frame = pricing.on_duty(
         pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
     )
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
@@ -72,7 +72,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     shown += [name for name in ("power_mw", "battery_h") if name in rows and name not in shown]
     if arguments.draws:
         names = [name for name, _ in objectives]
-        drawing = priced.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
+        drawing = pricing.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
         candidates = front.comparable(frame, objectives, arguments.where, by).rows
         share = front.front_share(candidates, objectives, drawing, by)
         rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
