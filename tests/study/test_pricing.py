@@ -129,16 +129,19 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
         (["skyline", "FOLDER", "--draws", "9999999"], "must be at most 100000, got 9999999"),
         (["skyline", "FOLDER", "--battery-mwh", "9"], "--battery-mwh needs --contacts-per-hour"),
         (["skyline", "FOLDER", "--contacts-per-hour", "-1"], "must be a finite number >= 0, got '-1'"),
-        (["pick", "TABLE", "--contacts-per-hour", "1"], "the points have no energy_throttled_uj"),
+        (
+            ["pick", "TABLE", "--contacts-per-hour", "1"],
+            "--contacts-per-hour needs the column energy_throttled_uj",
+        ),
         (["pick", "FOLDER", "--confidence", "1.5"], "must be a number > 0 and <= 1, got '1.5'"),
         (["pick", "FOLDER", "--confidence", "sure"], "must be a number > 0 and <= 1, got 'sure'"),
-        (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to draw"),
+        (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to sample"),
         (
             ["skyline", "TABLE", "--hardware", "loihi1_silicon", "--objectives", "accuracy:max"],
             "--hardware needs the folder of a study",
         ),
-        (["skyline", "TABLE", "--draws", "9", "--objectives", "energy_uj:min"], "draws need the folder"),
-        (["pick", "TABLE", "--confidence", "0.9"], "draws need the folder of a study"),
+        (["skyline", "TABLE", "--draws", "9", "--objectives", "energy_uj:min"], "sampling needs the folder"),
+        (["pick", "TABLE", "--confidence", "0.9"], "sampling needs the folder of a study"),
     ],
 )
 def test_what_cannot_be_asked(
