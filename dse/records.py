@@ -49,6 +49,10 @@ class Signals:
     def n_channels(self) -> int:
         return int(self.values.shape[1])
 
+    def notes(self) -> list[str]:
+        """Return no repairs: only event files are repaired."""
+        return []
+
 
 @dataclass(frozen=True)
 class Block:
@@ -89,6 +93,10 @@ class Events:
         part = slice(int(self.offsets[i]), int(self.offsets[i + 1]))
         yield Block(self.t_us[part], self.x[part], self.y[part], self.polarity[part])
 
+    def notes(self) -> list[str]:
+        """Return no repairs: events in memory are sound already."""
+        return []
+
 
 @dataclass(frozen=True)
 class Spikes:
@@ -118,6 +126,18 @@ class Rasters:
 
     spikes: Spikes
     columns: Mapping[str, Array]
+
+    @property
+    def n_recordings(self) -> int:
+        return self.spikes.n_samples
+
+    @property
+    def n_channels(self) -> int:
+        return self.spikes.n_channels
+
+    def notes(self) -> list[str]:
+        """Return no repairs: only event files are repaired."""
+        return []
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -57,13 +57,8 @@ class EventSource(Protocol):
             ValueError: anything wrong with the recording.
         """
 
-
-@runtime_checkable
-class Repaired(EventSource, Protocol):
-    """Event recordings that may be read on after what is not sound in them."""
-
     def notes(self) -> list[str]:
-        """Return what was repaired in what was read so far, a sentence each."""
+        """Return what was repaired in the recordings that were read so far, one sentence each."""
 
 
 Recordings = Signals | Rasters | EventSource
@@ -99,13 +94,8 @@ class Source(Protocol):
             ValueError: anything wrong with the file.
         """
 
-
-@runtime_checkable
-class Placed(Protocol):
-    """A component of sampled signals or of spikes; where events lie follows from their addresses."""
-
-    def channel_positions(self, base: Path) -> Array:
-        """Return x, y and plane of every channel, (n_channels, 3) int32.
+    def channel_positions(self, base: Path) -> Ints | None:
+        """Return x, y and plane of every channel, (n_channels, 3) int32, or None: events have addresses.
 
         Raises:
             ValueError: the file cannot be read, or positions are given for another number of taxels.
@@ -115,16 +105,29 @@ class Placed(Protocol):
 class Encoder(Protocol):
     """A component of section `encoder`: sampled signals in, spikes out; a step of one is a step of the other.
 
-    Recordings that are spikes already, rasters and events after preprocessing, may pass an encoder too. They
-    are signals of 0 and 1 then, without label columns. An encoder raises a `ValueError` of one sentence for
-    what it cannot do.
+    An encoder inherits from this class, which defines `learns`, `transductive` and `fitted` for an encoder
+    that learns nothing. Recordings that are spikes already, rasters and events after preprocessing, may pass
+    an encoder too: they are signals of 0 and 1, without label columns. An encoder raises a `ValueError` of
+    one sentence for what it cannot do.
     """
+
+    learns: ClassVar[bool] = False
+    """Whether `fitted` learns from training recordings."""
+
+    @property
+    def transductive(self) -> bool:
+        """Whether the encoder reads the label of the recording that it encodes.
+
+        Such an encoder is given the labels of all recordings of the split, and the same signals in `fitted`
+        and in one call of `encode_all`.
+        """
+        return False
 
     def n_channels(self, n_in: int) -> int:
         """Return the number of spike channels that n_in sampled channels become.
 
         Raises:
-            ValueError: it follows from what the encoder learns, and it has not been fitted.
+            ValueError: it follows from what the encoder learns, and the encoder has not been fitted.
         """
 
     def positions(self, inputs: Ints) -> Ints:
@@ -134,34 +137,12 @@ class Encoder(Protocol):
             inputs: (n_in, 3) int32, those of the sampled channels; planes tell copies of a channel apart.
         """
 
-    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
-        """Return the spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
-
-        Args:
-            signals: n recordings. What an encoder does at a step follows from the steps up to it.
-            first: (n,) first step to keep.
-            length: (n,) steps to keep; rows after them are empty, so 0 is a recording without spikes.
-
-        Raises:
-            ValueError: the encoder has not been fitted.
-        """
-
-
-@runtime_checkable
-class LearningEncoder(Encoder, Protocol):
-    """An encoder that learns from training recordings.
-
-    An encoder may also have the property `transductive`: whether it reads the label of the recording that it
-    encodes. Such an encoder is shown the labels of all recordings of the split, and the same signals in
-    `fitted` and in one call of `encode_all`.
-    """
-
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
         """Return the encoder with what it learns, in fields of its own, `param(axis=False)`.
 
-        What is learnt are numbers, texts or nested tuples of them: they are recorded with the design, and new
+        An encoder learns numbers, texts or nested tuples of them: they are recorded with the design, and new
         recordings are encoded with them.
 
         Args:
@@ -175,11 +156,19 @@ class LearningEncoder(Encoder, Protocol):
         Raises:
             ValueError: nothing can be learnt from them.
         """
+        return self
 
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
+        """Return the spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
 
-def is_transductive(encoder: Encoder | None) -> bool:
-    """Return whether an encoder, if there is one, reads the label of what it encodes."""
-    return bool(getattr(encoder, "transductive", False))
+        Args:
+            signals: n recordings. What an encoder does at a step follows from the steps up to it.
+            first: (n,) first step to keep.
+            length: (n,) steps to keep; rows after them are empty, so 0 is a recording without spikes.
+
+        Raises:
+            ValueError: the encoder has not been fitted.
+        """
 
 
 class Family(Protocol):

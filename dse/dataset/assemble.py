@@ -14,9 +14,9 @@ from dse.config.settings import Split, Window
 from dse.dataset import cache, encoding
 from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key
-from dse.dataset.parts import Part, Result, Telling, count, cropped, place_signals, placed, seen_by_encoder
+from dse.dataset.parts import Part, Result, Telling, cropped, place_signals, placed, seen_by_encoder
 from dse.dataset.sections import Resolved, component, section
-from dse.recordings import Placed, RecordingError, Recordings, Source, leakage
+from dse.recordings import RecordingError, Recordings, Source, leakage
 from dse.recordings.cutting import cut
 from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, target, target_columns
@@ -87,7 +87,7 @@ def _filled(
         other, places = _read(
             component("recordings", {**resolved["data"], **resolved["test"]}), base, resolved
         )
-        sources.append(_Read(other, places, np.ones(count(other), dtype=bool)))
+        sources.append(_Read(other, places, np.ones(other.n_recordings, dtype=bool)))
         targets.append(_codes_of(other, task["target"], classes, "the test file"))
         test = len(codes) + np.arange(len(targets[1]))
     labels = _Labels(codes, len(classes), train)
@@ -265,7 +265,7 @@ def build_for(resolved: Resolved, base: Path, classes: Sequence[str]) -> tuple[D
     """
     source: Source = component("recordings", resolved["data"])
     recordings, positions = _read(source.with_columns_found(base), base, resolved)
-    n = count(recordings)
+    n = recordings.n_recordings
     settings = resolved["task"]["target"]
     codes = np.full(n, -1, dtype=np.int64)
     if set(target_columns(settings)) <= set(recordings.columns):
@@ -299,7 +299,7 @@ def _read(source: Source, base: Path, resolved: Resolved) -> tuple[Recordings, A
     """Return recordings, cut into pieces where that is asked for, and where their channels lie."""
     window = section(Window, resolved.get("window"))
     recordings = cut(source.read(base), window.cut_steps, window.every_steps)
-    return recordings, source.channel_positions(base) if isinstance(source, Placed) else None
+    return recordings, source.channel_positions(base)
 
 
 def _check_alike(parts: Sequence[Part]) -> None:

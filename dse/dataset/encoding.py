@@ -6,12 +6,12 @@ are shown to it a few at a time, but those that it learns from all at once.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from dse.config.contracts import Encoder
 from dse.dataset.files import Stored
 from dse.dataset.parts import Part, Rows, rows_of
 from dse.dataset.sections import Resolved, component, refusals
@@ -21,16 +21,19 @@ from dse.records import Array, Signals, Spikes
 _DENSE_BYTES = 2**24
 
 
+def _encoder(keys: Resolved) -> Encoder:
+    encoder: Encoder = component("encoders", keys)
+    return encoder
+
+
 def learns(keys: Resolved) -> bool:
     """Return whether the encoder of a section learns from training recordings."""
-    return hasattr(component("encoders", keys), "fitted")
+    return _encoder(keys).learns
 
 
 def transductive(keys: Resolved | None) -> bool:
     """Return whether the encoder of a section, if there is one, reads the label of what it encodes."""
-    if not keys:
-        return False
-    return bool(getattr(component("encoders", keys), "transductive", False))
+    return _encoder(keys).transductive if keys else False
 
 
 def learnt(
@@ -52,8 +55,8 @@ def learnt(
     Raises:
         RecordingError: the encoder cannot learn from them.
     """
-    encoder = component("encoders", keys)
-    if not hasattr(encoder, "fitted"):
+    encoder = _encoder(keys)
+    if not encoder.learns:
         return dict(keys)
     shown = codes
     if not transductive(keys):
@@ -61,7 +64,7 @@ def learnt(
         shown[train] = codes[train]
     with refusals():
         found = encoder.fitted(signals, first, n_steps, shown, n_classes, train)
-    return {"kind": keys["kind"], **_plain(dataclasses.asdict(found))}
+    return {"kind": keys["kind"], **_plain(vars(found))}
 
 
 def learnt_from_spikes(
@@ -97,7 +100,7 @@ def encoded(stored: Stored, keys: Resolved, used: Array) -> Part:
     Raises:
         RecordingError: the encoder refuses them.
     """
-    encoder = component("encoders", keys)
+    encoder = _encoder(keys)
     lengths = _lengths(stored, used)
     # What reads the labels of certain recordings must find them all, in their order.
     most = np.inf if transductive(keys) else _DENSE_BYTES

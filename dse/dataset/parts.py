@@ -14,7 +14,7 @@ from dse import preprocessing
 from dse.config.settings import Preprocessing, Window
 from dse.dataset.sections import Resolved, component, refusals, section
 from dse.preprocessing import Pooling
-from dse.recordings import EventSource, RecordingError, Recordings, Repaired, Simulated
+from dse.recordings import EventSource, RecordingError, Recordings, Simulated
 from dse.recordings.pooling import pooling
 from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
 from dse.records import Array, Rasters, Signals, Spikes
@@ -58,11 +58,6 @@ class Part:
     @property
     def n_channels(self) -> int:
         return len(self.positions)
-
-
-def count(recordings: Recordings) -> int:
-    """Return the number of recordings."""
-    return recordings.spikes.n_samples if isinstance(recordings, Rasters) else recordings.n_recordings
 
 
 def placed(
@@ -240,7 +235,7 @@ def _of_events(
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
         _of_pools(pooling), pooling.bin_us / 1000, lengths, None, rows,
-        source.notes if isinstance(source, Repaired) else list,
+        source.notes,
     )  # fmt: skip
 
 

@@ -25,10 +25,11 @@ gains of 50 (SA) and 5000 (FA) give currents of one size where its derivative is
 from __future__ import annotations
 
 import dataclasses
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from dse.config.contracts import Encoder
 from dse.encoders.sampled import copied, smoothed
 from dse.native.compiled import compiled
 from dse.neurons import izhikevich
@@ -39,8 +40,10 @@ from dse.registry import param, register
 
 @register("encoders", "receptors")
 @dataclasses.dataclass(frozen=True)
-class Receptors:
+class Receptors(Encoder):
     """Three receptors per channel: slowly adapting, fast adapting to rising and to falling values."""
+
+    learns: ClassVar[bool] = True
 
     gain: float = param(1.0, low=0, doc="factor on the currents of all receptors; sets the spike rate")
     gain_sa: float = param(50.0, low=0, doc="current of SA (slowly adapting) receptors per normalised value")

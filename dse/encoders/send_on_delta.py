@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from dse.config.contracts import Encoder
 from dse.encoders.sampled import copied
 from dse.records import Array, Signals, Spikes
 from dse.registry import param, register
@@ -30,7 +31,7 @@ POLARITIES = ("separate", "merged")
 
 @register("encoders", "send_on_delta")
 @dataclass(frozen=True)
-class SendOnDelta:
+class SendOnDelta(Encoder):
     """ON and OFF spikes of each channel at each of several thresholds (Miskowicz, Sensors 6, 2006)."""
 
     thresholds: tuple[float, ...] = param(

@@ -24,10 +24,11 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from dse.config.contracts import Encoder
 from dse.encoders.sampled import copied, smoothed
 from dse.records import Array, Signals, Spikes
 from dse.registry import param, register
@@ -38,8 +39,10 @@ _NO_MEAN = 1e-4
 
 @register("encoders", "threshold")
 @dataclasses.dataclass(frozen=True)
-class Threshold:
+class Threshold(Encoder):
     """A channel spikes while it is at or above its mean; one copy of the channels per class."""
+
+    learns: ClassVar[bool] = True
 
     matching: str = param(
         "nearest",

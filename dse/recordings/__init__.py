@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from dse.config.contracts import EventSource, Placed, Recordings, Repaired, Source
+from dse.config.contracts import EventSource, Recordings, Source
 from dse.records import Array
 
 if TYPE_CHECKING:
@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 __all__ = [
     "PLACES",
     "EventSource",
-    "Placed",
     "RecordingError",
     "Recordings",
-    "Repaired",
     "Simulated",
     "Source",
 ]

@@ -152,6 +152,9 @@ class EventFiles:
         found = content_of(folder, names)
         return found if table is None else f"{found} {content(table)}"
 
+    def channel_positions(self, base: Path) -> None:
+        """Return None: an event's position is its address."""
+
     def read(self, base: Path) -> FolderEvents:
         """Return the recordings; with `repair` without files that hold not one sound event.
 

@@ -67,6 +67,9 @@ class EventFile:
         """Return the hash of the file."""
         return content(locate(self.file, base))
 
+    def channel_positions(self, base: Path) -> None:
+        """Return None: an event's position is its address."""
+
     def read(self, base: Path) -> Events:
         """Return the recordings.
 

@@ -94,6 +94,10 @@ class Trials:
 
         return simulate.raster(self.scene, i, pooling, n_bins)
 
+    def notes(self) -> list[str]:
+        """Return no repairs: simulated events are sound."""
+        return []
+
 
 @register("recordings", "scene")
 @dataclass(frozen=True)
@@ -178,6 +182,9 @@ class SceneTrials:
         kinds = [type(motion).__name__ for motion in scene.motions]
         text = json.dumps([simulate.VERSION, kinds, numbers], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+    def channel_positions(self, base: Path) -> None:
+        """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> Trials:
         """Return the trials; they are simulated as they are read.

@@ -51,7 +51,7 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
     from dse.config.settings import Split, Window
     from dse.dataset.parts import pooling_of
     from dse.dataset.sections import component, section
-    from dse.recordings import RecordingError, Repaired, Simulated
+    from dse.recordings import RecordingError, Simulated
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
     from dse.recordings.targets import heads, target
@@ -72,15 +72,13 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
     found: dict[str, Any] = {"recordings": len(codes)}
     found |= zip(("train", "validation", "test"), map(len, parts), strict=True)
     found["classes"] = list(classes)
-    if isinstance(recordings, Repaired) and (notes := recordings.notes()):
+    if notes := recordings.notes():
         found["repairs"] = notes
     weights: set[int] = set()
     for design in corners(space, _SIZING, _MOST_COMBINATIONS):
         resolved = space.resolve(design)
-        if isinstance(recordings, Signals):
+        if isinstance(recordings, Signals | Rasters):
             n_channels = recordings.n_channels
-        elif isinstance(recordings, Rasters):
-            n_channels = recordings.spikes.n_channels
         elif resolved["preprocessing"]["crop"] != "pins" or isinstance(recordings, Simulated):
             n_channels = pooling_of(recordings, resolved).n_channels
         else:  # the crop follows from the events, which are not read just for this

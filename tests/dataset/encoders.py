@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dse import registry
+from dse.config.contracts import Encoder
 from dse.records import Array, Signals, Spikes
 
 
@@ -24,7 +25,7 @@ def spikes_of(rasters: list[Array], n_channels: int, step_ms: float) -> Spikes:
 
 
 @dataclasses.dataclass(frozen=True)
-class Counting:
+class Counting(Encoder):
     """A spike at every k-th positive sample of a channel, counted from the first sample of the recording."""
 
     every: int = 1
@@ -55,12 +56,13 @@ class Silent(Counting):
 
 
 @dataclasses.dataclass(frozen=True)
-class Levels:
+class Levels(Encoder):
     """A copy of the channels per class: spikes above the mean of that class in the training windows.
 
     levels: fitted, (class, channel); a class without training recordings has a level that nothing reaches.
     """
 
+    learns: ClassVar[bool] = True
     peeks: bool = False
     levels: tuple[tuple[float, ...], ...] = ()
     seen: ClassVar[list[dict[str, Array]]] = []  # what every call of fitted was given

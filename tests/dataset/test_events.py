@@ -74,6 +74,9 @@ class Scene:
 
     columns = Recorded.columns
 
+    def notes(self) -> list[str]:
+        return []
+
     def pins(self) -> tuple[int, int, int, int]:
         return 4, 4, 4, 4
 
@@ -99,6 +102,9 @@ class Kind:
 
     def with_columns_found(self, base: Path) -> "Kind":
         return self
+
+    def channel_positions(self, base: Path) -> None:
+        """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> Any:
         return self.there[self.file]
