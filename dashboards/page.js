@@ -1,6 +1,5 @@
 "use strict";
-// One state object; every view is a function of it, and the URL's fragment carries it. A view is a module of its
-// own: `view(root, app)` returns {render(shown), hover(key), image(format)}, the last only if it draws a picture.
+// One state object; every view (views.js) is a function of it, and the URL's fragment carries it.
 // Text from the study only ever enters the page through textContent or escaped() below.
 (async () => {
   const byId = (id) => document.getElementById(id);
@@ -8,7 +7,6 @@
   const BOTH = "all";
   const COMPARED = 4; // designs side by side, at most
   const NOTES = 2; // that are open to begin with
-  const SECTIONS = { front: "figure", parallel: "parallel", table: "front", design: "design", compare: "compare", progress: "progress" };
 
   // ---- words and numbers
 
@@ -226,8 +224,12 @@
     toggleCompared, download, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
-  const views = [["front", Front], ["parallel", Parallel], ["table", Table], ["design", Design], ["compare", Compare], ["progress", Progress]]
-    .map(([name, module]) => ({ name, root: byId(SECTIONS[name]), view: module.view(byId(SECTIONS[name]), app) }));
+  const views = [...document.querySelectorAll("[data-view]")].map((root) => {
+    const { view: name, place } = root.dataset;
+    if (place === "top") document.querySelector("main").before(root);
+    if (place === "side") byId("views").after(root);
+    return { name, root, whenEmpty: Views[name].whenEmpty === true, view: Views[name].view(root, app) };
+  });
   const showBudgets = Budgets.panel(byId("budgets"), app);
 
   for (const { name, root, view } of views.filter((one) => one.view.image)) {
@@ -311,14 +313,14 @@
     const wanted = page.definition.views;
     byId("state").hidden = !empty;
     byId("budgets").hidden = empty;
-    for (const { name, root } of views) {
-      if (name !== "progress") root.hidden = empty || !wanted.includes(name);
+    for (const { name, root, whenEmpty } of views) {
+      if (!wanted.includes(name) || !whenEmpty) root.hidden = empty || !wanted.includes(name);
       root.style.order = wanted.indexOf(name);
     }
     const shown = selection(moving);
     renderHeader(shown);
     renderFailures();
-    if (wanted.includes("progress")) views.find(({ name }) => name === "progress").view.render(shown);
+    for (const { name, view, whenEmpty } of views) if (whenEmpty && wanted.includes(name)) view.render(shown);
     if (empty) {
       byId("state").querySelector("h2").textContent = page.state.title;
       byId("state").querySelector("p").textContent = page.state.text;
@@ -327,7 +329,7 @@
     showBudgets(state, shown.budgeted);
     renderBundle(shown);
     renderControls();
-    for (const { name, view } of views) if (name !== "progress" && wanted.includes(name)) view.render(shown);
+    for (const { name, view, whenEmpty } of views) if (!whenEmpty && wanted.includes(name)) view.render(shown);
   }
 
   // ---- what a reader does

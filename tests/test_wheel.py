@@ -29,9 +29,11 @@ def wheel(tmp_path_factory) -> Path:
 def test_data_is_inside(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert "dse/py.typed" in names
-    for source in ROOT.glob("dashboards/*"):
-        assert f"dse/_dashboards/{source.name}" in names
-    assert {f"dse/_dashboards/{name}" for name in ("page.html", "page.js", "study.yaml")} <= names
+    for source in ROOT.glob("dashboards/**/*.*"):
+        assert f"dse/_{source.relative_to(ROOT)}" in names
+    assert {
+        f"dse/_dashboards/{name}" for name in ("page.html", "page.js", "study.yaml", "views/front.js")
+    } <= names
     for space in ROOT.glob("search_spaces/**/*.yaml"):
         assert f"dse/_{space.relative_to(ROOT)}" in names
     for profile in ROOT.glob("dse/hardware/profiles/*.yaml"):

@@ -17,9 +17,9 @@ from dse.config.values import INVALID, Report, dotted, echo, read
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.dashboard.sources import sources
-from dse.registry import Rule, param, rule_of
+from dse.dashboard.views import view_names
+from dse.registry import PluginError, Rule, load_plugin, param, rule_of
 
-View = Literal["front", "parallel", "table", "design", "compare", "progress"]
 Tab = Literal["confusion", "surface", "raster", "energy", "cores", "learning", "bits"]
 DEFAULT = "study"
 _AXES = ("x", "y", "z")
@@ -45,7 +45,12 @@ class Definition:
     """The keys of a page definition. What is None, the page chooses."""
 
     title: str = param("", doc="title, shown beside the name of the study", axis=False)
-    views: tuple[View, ...] = param(typing.get_args(View), doc="parts of the page, in order", axis=False)
+    plugins: tuple[str, ...] = param(
+        (), doc="modules, or .py files beside this one, that bring views of their own", axis=False
+    )
+    views: tuple[str, ...] | None = param(
+        None, doc="parts of the page, in order (default: those of the page 'study')", axis=False
+    )
     front: FrontView = field(
         default_factory=FrontView,
         metadata={
@@ -86,15 +91,16 @@ def load(name: str | Path = DEFAULT) -> Definition:
     Raises:
         ConfigError: no such definition, or everything that is wrong with the file.
     """
-    document = read_document(_found(str(name)), {})
+    path = _path(str(name))
+    document = read_document(path, {})
     faults = list(document.faults)
-    values = {} if faults else _values(document, faults)
+    values = {} if faults else _values(document, path.parent, faults)
     if faults:
         raise in_file_order(faults)
     return Definition(**{**values, "front": FrontView(**values.get("front", {}))})
 
 
-def _found(name: str) -> Path:
+def _path(name: str) -> Path:
     shipped = shipped_definitions()
     if name in shipped:
         return shipped[name]
@@ -104,7 +110,7 @@ def _found(name: str) -> Path:
     return Path(name)
 
 
-def _values(document: Document, faults: list[Fault]) -> dict[str, Any]:
+def _values(document: Document, folder: Path, faults: list[Fault]) -> dict[str, Any]:
     """Return the keys of the file that are right, each in its type."""
 
     def report(path: Keys, message: str) -> None:
@@ -115,24 +121,39 @@ def _values(document: Document, faults: list[Fault]) -> dict[str, Any]:
         return {}
     known = {own.name: own for own in dataclasses.fields(Definition)}
     hints = typing.get_type_hints(Definition)
-    found = {}
-    for key, given in document.data.items():
+    values = {}
+    for key, raw in document.data.items():
         if key not in known:
             report((key,), f"unknown key '{key}'; {known_names(key, known)}")
             continue
-        value = read(given, hints[key], rule_of(known[key]), (key,), report)
+        value = read(raw, hints[key], rule_of(known[key]), (key,), report)
         if value is not INVALID:
-            found[key] = value
+            values[key] = value
+    for place, plugin in enumerate(values.get("plugins", ())):
+        try:
+            load_plugin(plugin, folder)
+        except PluginError as error:
+            report(("plugins", place), str(error))
+    _check_views(values.get("views"), report)
     _no_twins(document.data, report)
-    if found.get("views") == ():
+    return values
+
+
+def _check_views(views: Sequence[str] | None, report: Report) -> None:
+    if views == ():
         report(("views",), "views must name at least one part of the page, got []")
-    return found
+    known = view_names() if views else []
+    for place, name in enumerate(views or ()):
+        if name not in known:
+            report(("views", place), f"unknown views[{place}] '{name}'; {known_names(name, known)}")
 
 
 def _no_twins(data: Mapping[str, Any], report: Report) -> None:
     """Report what a list names twice, and a column on two axes."""
     front = data["front"] if isinstance(data.get("front"), dict) else {}
-    lists: dict[Keys, Any] = {(key,): data.get(key) for key in ("views", "parallel", "table", "design")}
+    lists: dict[Keys, Any] = {
+        (key,): data.get(key) for key in ("plugins", "views", "parallel", "table", "design")
+    }
     lists["front", "log"] = front.get("log")
     for path, names in lists.items():
         for place, name in enumerate(names if isinstance(names, list) else ()):
@@ -173,7 +194,7 @@ def definition_for(
 
     page = {
         "title": definition.title,
-        "views": list(definition.views),
+        "views": list(definition.views or load().views or ()),
         "front": {
             **{axis: name if name in numeric else None for axis, name in axes.items()},
             "dimensions": front.dimensions,

@@ -16,20 +16,15 @@ from typing import TYPE_CHECKING, Any
 from dse.dashboard.definition import Definition
 from dse.dashboard.gather import gather_page
 from dse.dashboard.sources import sources
+from dse.dashboard.views import view_sources
 from dse.store import atomic
 
 if TYPE_CHECKING:
     import pandas
 
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
-# The modules of each page in the order in which they call each other; each may have a style beside it.
-_MODULES = {
-    "page": (
-        *("data", "figure", "details", "budgets", "front", "parallel"),
-        *("table", "design", "compare", "progress", "page"),
-    ),
-    "trial": ("data", "figure", "trial"),
-}
+_MODULES = {"page": ("data", "figure", "details", "budgets", "views"), "trial": ("data", "figure")}
+"""What the views of each page, and its own script, call."""
 
 
 def write_page(
@@ -113,16 +108,19 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
     from plotly.offline import get_plotlyjs
 
     folder = sources()
-    names = [*_MODULES[template], *(["live"] if live else [])]
     plotly = get_plotlyjs().replace("\r\n", "\n")
-    modules = [(folder / f"{name}.js").read_text(encoding="utf-8") for name in names]
-    styles = [folder / f"{name}.css" for name in ("style", *names)]
+    views = view_sources(page["definition"]["views"]) if template == "page" else []
+    scripts = [
+        *(_text(folder, f"{name}.js") for name in _MODULES[template]),
+        *(view.script for view in views),
+        *(_text(folder, f"{name}.js") for name in (template, *(["live"] if live else []))),
+    ]
     # Only these scripts may run, and nothing but the page's own server may be asked, whatever a name in the
     # study contains. 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our scripts
     # never evaluate.
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-        for text in (plotly, *modules)
+        for text in (plotly, *scripts)
     )
     policy = (
         f"default-src 'none'; script-src {hashes} 'unsafe-eval'; "
@@ -131,15 +129,19 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
     )
     slots = {
         "plotly": plotly,
-        "scripts": "\n".join(f"<script>{text}</script>" for text in modules),
+        "scripts": "\n".join(f"<script>{text}</script>" for text in scripts),
+        "views": "".join(view.section for view in views),
         "title": html.escape(str(page["name"])),
         "policy": policy,
-        "style": "".join(path.read_text(encoding="utf-8") for path in styles if path.exists()),
+        "style": _text(folder, "style.css") + "".join(view.style for view in views),
         "kind": "application/json" if live else "application/gzip",
         "data": as_json(page) if live else packed(page),
     }
-    text = (folder / f"{template}.html").read_text(encoding="utf-8")
-    return Filled(_SLOT.sub(lambda slot: slots[slot[1]], text), policy)
+    return Filled(_SLOT.sub(lambda slot: slots[slot[1]], _text(folder, f"{template}.html")), policy)
+
+
+def _text(folder: Path, name: str) -> str:
+    return (folder / name).read_text(encoding="utf-8")
 
 
 def packed(document: Mapping[str, Any]) -> str:

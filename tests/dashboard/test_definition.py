@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dse.config import ConfigError
 from dse.dashboard.definition import Definition, FrontView, definition_for, load, shipped_definitions
 from dse.dashboard.gather import gather_page
+from dse.dashboard.views import view_names
 from tests.page_data import OBJECTIVES, failed, points
 
 COLUMNS: dict[str, Any] = {
@@ -35,14 +36,14 @@ def faults_of(path: Path | str) -> list[str]:
 
 
 def test_the_default_page_leaves_every_choice_to_the_study() -> None:
-    assert load() == load("study") == Definition()
+    assert load() == load("study") == Definition(views=load().views)
     assert {"study", "paper", "deployment"} <= set(shipped_definitions())
 
 
 @pytest.mark.parametrize("name", sorted(shipped_definitions()))
 def test_what_is_shipped_is_right(name: str) -> None:
     found = load(name)
-    assert set(found.views) == set(Definition().views), "no part of the page is lost"
+    assert set(found.views) == set(view_names()), "no part of the page is lost"
     assert set(found.design) == set(Definition().design)
 
 
@@ -87,9 +88,9 @@ sort: 3
     assert faults_of(path) == [
         f"{path}:{line}"
         for line in (
-            "1: unknown key 'titel'; known: title, views, front, parallel, table, design, budgets, sort. "
-            "Did you mean 'title'?",
-            "2: unknown views[1] 'tabel'; known: front, parallel, table, design, compare, progress. "
+            "1: unknown key 'titel'; known: title, plugins, views, front, parallel, table, design, budgets, "
+            "sort. Did you mean 'title'?",
+            "2: unknown views[1] 'tabel'; known: compare, design, front, parallel, progress, table. "
             "Did you mean 'table'?",
             "2: views must name nothing twice, got 'front' again",
             "5: front.y must be another column than front.x, got 'accuracy' twice",
@@ -167,7 +168,7 @@ def test_a_page_holds_what_its_study_has() -> None:
     page, notes = definition_for(wanted, COLUMNS, ["accuracy"])
     assert page == {
         "title": "mine",
-        "views": list(Definition().views),
+        "views": list(load().views),
         "front": {"x": None, "y": "accuracy", "z": None, "dimensions": 3, "log": ["energy_uj"]},
         "parallel": ["family", "energy_uj"],
         "table": None,

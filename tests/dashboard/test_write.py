@@ -23,7 +23,7 @@ def test_hostile_text_stays_data(tmp_path):
     )
     assert held(tmp_path / "page.html")["columns"]["model.kind"]["values"][0] == bad
     assert "alert(1)</script>" not in text
-    assert text.count("// One state object; every view is a function of it") == 1
+    assert text.count("// One state object; every view (views.js) is a function of it") == 1
 
 
 def test_same_input_same_bytes(tmp_path):

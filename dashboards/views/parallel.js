@@ -597,3 +597,4 @@ const Parallel = (() => {
 
   return { view };
 })();
+Views.parallel = Parallel;

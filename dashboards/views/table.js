@@ -103,3 +103,4 @@ const Table = (() => {
 
   return { view };
 })();
+Views.table = Table;

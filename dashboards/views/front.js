@@ -579,3 +579,4 @@ const Front = (() => {
 
   return { view, hasWebGL };
 })();
+Views.front = Front;

@@ -724,3 +724,4 @@ const Design = (() => {
 
   return { view, decide, named, restore, worded, partOf, figureOf, listed, plain, words: WORDS };
 })();
+Views.design = Design;

@@ -250,3 +250,4 @@ const Compare = (() => {
 
   return { view };
 })();
+Views.compare = Compare;

@@ -144,3 +144,4 @@ const Progress = (() => {
 
   return { view, duration, summary };
 })();
+Views.progress = { ...Progress, whenEmpty: true };

@@ -1,0 +1,91 @@
+"""Views of a page by name: the files of `dashboards/views/`, and what plugins bring.
+
+A view is a script (`dashboards/views.js` says what it must do). Files of the same name beside it are its
+style (.css) and its section of the page (.html); without the latter it has an empty one. A plugin's view is a
+frozen dataclass registered in section `views` with `script: ClassVar[str | Path]`, the script or its file.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Protocol
+
+from dse import registry
+from dse.dashboard.sources import sources
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+class View(Protocol):
+    """A view of a plugin."""
+
+    script: ClassVar[str | Path]
+
+
+class ViewError(ValueError):
+    """A view of a plugin cannot be part of a page; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class ViewSource:
+    """What a view adds to a page."""
+
+    name: str
+    script: str
+    section: str
+    style: str
+
+
+def view_names() -> list[str]:
+    """Return the names of all views, those of the package first."""
+    shipped = [path.stem for path in _shipped()]
+    return [*shipped, *(name for name in registry.known("views") if name not in shipped)]
+
+
+def view_sources(names: list[str]) -> list[ViewSource]:
+    """Return what every view of the package adds to a page, and those of plugins that are named, as named.
+
+    Raises:
+        ViewError: a plugin's view has a name or a script that a page cannot hold.
+        OSError: its file cannot be read.
+    """
+    known = registry.known("views")
+    views = [_of_file(path.stem, path) for path in _shipped()]
+    views += [_of_plugin(name, known[name]) for name in names if name in known]
+    return sorted(views, key=lambda view: names.index(view.name) if view.name in names else len(names))
+
+
+def _shipped() -> list[Path]:
+    return sorted((sources() / "views").glob("*.js"))
+
+
+def _of_plugin(name: str, view: type[View]) -> ViewSource:
+    if not _NAME.fullmatch(name):
+        raise ViewError(f"view '{name}': a name must be letters, digits and '_', a letter first")
+    script = getattr(view, "script", None)
+    if isinstance(script, Path):
+        source = _of_file(name, script)
+    elif isinstance(script, str):
+        source = ViewSource(name, script, _empty(name), "")
+    else:
+        raise ViewError(f"view '{name}': {view.__name__}.script must be a script or the path of its file")
+    # The end of its element would end the script there, and what follows would be text of the page.
+    if "</script" in source.script.lower():
+        raise ViewError(f"view '{name}': its script must not contain '</script'")
+    return source
+
+
+def _of_file(name: str, path: Path) -> ViewSource:
+    section, style = path.with_suffix(".html"), path.with_suffix(".css")
+    return ViewSource(
+        name,
+        path.read_text(encoding="utf-8"),
+        section.read_text(encoding="utf-8") if section.is_file() else _empty(name),
+        style.read_text(encoding="utf-8") if style.is_file() else "",
+    )
+
+
+def _empty(name: str) -> str:
+    return f'<section id="view-{name}" data-view="{name}" aria-label="{name}"></section>\n'
