@@ -25,6 +25,7 @@ _LISTS = {
 _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
 _MOTIONS = "scene.motions"
+_FIGURES = "figures"
 _PAGE = {
     "page": "page definition of `dse dashboard --page FILE`: parts of the page and what it shows first",
     "page.front": "the figure of the front",
@@ -61,6 +62,7 @@ def sections() -> list[Row]:
             "doc": "formats of event files; data.format selects one (default: recognised from the file)",
         }
     )
+    listed.append({"section": _FIGURES, "doc": "figures of a study: `dse figure RESULTS NAME --out FILE`"})
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 
@@ -114,7 +116,7 @@ def keys(section: str, name: str | None) -> list[Row]:
 
 
 def _package(section: str) -> str | None:
-    if section in (_SAMPLERS, _MOTIONS):
+    if section in (_SAMPLERS, _MOTIONS, _FIGURES):
         return section
     return COMPONENTS.get("data" if section == "test" else section)
 

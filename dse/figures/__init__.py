@@ -1,65 +1,118 @@
-"""Figures: each file gathers a record of plain numbers, then draws the record with plotly.
+"""Figures of a study: each file gathers a record of plain numbers, then draws the record with plotly.
 
-Contract: `gather_*` is pure and tested without a browser; `draw_*` adds no number of its own.
-To add one: `dse/figures/<name>.py` with both, and a line here.
+To add one, here or in a module of your own, write a file with
+
+    @register("figures", "accuracy_by_size")
+    @dataclass(frozen=True)
+    class AccuracyBySize:                                   its fields are the keys of `dse figure --set`
+        def gather(self, results: Results) -> Record        pure: a dataclass of plain numbers
+        def draw(self, record: Record) -> Figure            adds no number of its own
+
+`dse.testing.check_figure` says what it lacks; `dse figure RESULTS accuracy_by_size --out FILE` draws it.
 """
 
-from dse.figures.breakdown import draw_breakdown, gather_breakdown
-from dse.figures.confusion import draw_confusion, gather_confusion
-from dse.figures.core_map import draw_core_map, gather_core_map
-from dse.figures.energy import draw_energy, gather_energy
-from dse.figures.front import draw_front, gather_front
-from dse.figures.grid import draw_grid, gather_grid
-from dse.figures.isi import draw_distances, draw_isi, draw_isi_samples, gather_distances, gather_isi
-from dse.figures.learning import draw_learning, gather_learning
-from dse.figures.lengths import draw_lengths, gather_lengths, longest
-from dse.figures.parallel import draw_parallel, gather_parallel
-from dse.figures.precision import draw_precision, gather_precision
-from dse.figures.progress import draw_progress, gather_progress
-from dse.figures.raster import draw_recording, gather_recording
-from dse.figures.recognition import draw_recognition, gather_recognition
-from dse.figures.surface import draw_surface, draw_surfaces, gather_surface, stored_surface
-from dse.figures.trial import TrialView, draw_course, draw_pins, gather_trial
+from __future__ import annotations
 
-__all__ = [
-    "TrialView",
-    "draw_breakdown",
-    "draw_confusion",
-    "draw_core_map",
-    "draw_course",
-    "draw_distances",
-    "draw_energy",
-    "draw_front",
-    "draw_grid",
-    "draw_isi",
-    "draw_isi_samples",
-    "draw_learning",
-    "draw_lengths",
-    "draw_parallel",
-    "draw_pins",
-    "draw_precision",
-    "draw_progress",
-    "draw_recognition",
-    "draw_recording",
-    "draw_surface",
-    "draw_surfaces",
-    "gather_breakdown",
-    "gather_confusion",
-    "gather_core_map",
-    "gather_distances",
-    "gather_energy",
-    "gather_front",
-    "gather_grid",
-    "gather_isi",
-    "gather_learning",
-    "gather_lengths",
-    "gather_parallel",
-    "gather_precision",
-    "gather_progress",
-    "gather_recognition",
-    "gather_recording",
-    "gather_surface",
-    "gather_trial",
-    "longest",
-    "stored_surface",
-]
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+
+from dse import registry
+from dse.hardware.profile import Profile
+from dse.records import Array, Dataset
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
+R = TypeVar("R")
+
+
+class Results(Protocol):
+    """What a figure may read of a study; `dse.study.results.Study` is one."""
+
+    @property
+    def trials(self) -> pandas.DataFrame:
+        """One row per trial."""
+
+    @property
+    def objectives(self) -> Sequence[tuple[str, str]]:
+        """(column, 'max' or 'min') of each objective of the search space."""
+
+    def points(self) -> pandas.DataFrame:
+        """Return one row per design point."""
+
+    def best_trial(self) -> int:
+        """Return the most accurate finished trial."""
+
+    def classes(self, trial: int) -> tuple[str, ...]:
+        """Return the names of the classes of a trial."""
+
+    def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
+        """Return what a file of a trial's artefacts holds, such as read_out.npz, for each of its runs."""
+
+    def dataset(self, trial: int) -> Dataset:
+        """Return what a trial was trained on."""
+
+    def chip(self, name: str) -> Profile:
+        """Return a hardware profile as the study keeps it, or a shipped one."""
+
+
+class Figure(Protocol[R]):
+    """A figure of a study; its fields are its keys.
+
+    What it cannot show is a `ValueError` of one sentence.
+    """
+
+    def gather(self, results: Results) -> R:
+        """Return what is drawn: a dataclass of numbers, arrays and texts, or a tuple of them."""
+
+    def draw(self, record: R) -> plotly.graph_objects.Figure:
+        """Return the record as a plotly figure."""
+
+
+def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figure:
+    """Return a figure of a study, with the keys of its component.
+
+    Raises:
+        ValueError: no such figure, or it has nothing to show.
+    """
+    figures = registry.known("figures")
+    if name not in figures:
+        raise ValueError(f"unknown figure '{name}'; known: {', '.join(figures)}")
+    figure: Figure[Any] = figures[name](**keys)
+    return figure.draw(figure.gather(results))
+
+
+def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFrame:
+    """Return the points on one hardware profile; without a name the first, without hardware all.
+
+    Raises:
+        ValueError: no point is on it.
+    """
+    if "hardware" not in points or points.empty:
+        return points
+    chips = list(dict.fromkeys(points["hardware"]))
+    if hardware and hardware not in chips:
+        raise ValueError(f"hardware must be one of {', '.join(map(str, chips))}, got '{hardware}'")
+    return points[points["hardware"] == (hardware or chips[0])]
+
+
+def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
+    """Return the points that answer at the end of the window, as trained."""
+    frame = points
+    for name in ("phi", "read_out_ms"):
+        if name in frame:
+            frame = frame[frame[name].isna()]
+    return frame.drop_duplicates(["trial", *(name for name in ("task", "hardware") if name in frame)])
+
+
+def trial_of(results: Results, trial: int | None) -> int:
+    """Return a trial, or the most accurate one where none is given."""
+    return results.best_trial() if trial is None else trial
+
+
+def mean_of(runs: Sequence[Mapping[str, Array]], name: str) -> Array:
+    """Return the mean of an array over runs."""
+    return np.asarray(np.mean([run[name] for run in runs], axis=0))

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse import store
+from dse.figures import Results, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT, short
-from dse.hardware.cost import Cost
+from dse.hardware.cost import Cost, cost
 from dse.records import Floats
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -39,6 +42,24 @@ class Breakdown:
     energy_uj: float
     energy_uj_low: float
     energy_uj_high: float
+
+
+@register("figures", "energy")
+@dataclass(frozen=True)
+class EnergyFigure:
+    """Energy of an inference by cause, of the full read-out of a trial on a chip."""
+
+    hardware: str = param(doc="profile that costs are on", axis=False)
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+
+    def gather(self, results: Results) -> Breakdown:
+        runs = results.arrays(trial_of(results, self.trial), "read_out.npz")
+        chip = results.chip(self.hardware)
+        loads = [store.work_of(run).mapped(lambda counts: counts[-1:]) for run in runs]
+        return gather_breakdown([cost(chip, load) for load in loads])
+
+    def draw(self, record: Breakdown) -> plotly.graph_objects.Figure:
+        return draw_breakdown(record)
 
 
 def gather_breakdown(costs: Sequence[Cost]) -> Breakdown:

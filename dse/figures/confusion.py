@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results, trial_of
 from dse.records import Array
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -26,6 +28,22 @@ class Confusion:
     counts: Array
     rates: Array
     classes: tuple[str, ...]
+
+
+@register("figures", "confusion")
+@dataclass(frozen=True)
+class ConfusionFigure:
+    """Which class was taken for which, over the runs of a trial; of validation samples."""
+
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+
+    def gather(self, results: Results) -> Confusion:
+        trial = trial_of(results, self.trial)
+        counts = [run["validation"] for run in results.arrays(trial, "confusion.npz")]
+        return gather_confusion(np.sum(counts, axis=0), results.classes(trial))
+
+    def draw(self, record: Confusion) -> plotly.graph_objects.Figure:
+        return draw_confusion(record)
 
 
 def gather_confusion(counts: Array, classes: Sequence[str]) -> Confusion:

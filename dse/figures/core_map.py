@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse import store
+from dse.figures import Results, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import Profile
 from dse.records import Array, Workload
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -42,6 +45,24 @@ class CoreMap:
     high: int
     on_chip: int
     misfits: tuple[str, ...]
+
+
+@register("figures", "cores")
+@dataclass(frozen=True)
+class CoresFigure:
+    """Cores of a chip that the layers of a trial's network take."""
+
+    hardware: str = param(doc="profile of the chip", axis=False)
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+
+    def gather(self, results: Results) -> CoreMap:
+        load = store.work_of(results.arrays(trial_of(results, self.trial), "read_out.npz")[0])
+        if not isinstance(load, Workload):
+            raise NotApplicable(f"{self.hardware} runs networks of spiking layers only")
+        return gather_core_map(results.chip(self.hardware), load.mapped(lambda counts: counts[-1:]))
+
+    def draw(self, record: CoreMap) -> plotly.graph_objects.Figure:
+        return draw_core_map(record)
 
 
 def gather_core_map(profile: Profile, load: Workload) -> CoreMap:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results, full_read_outs, on_one_chip
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
+from dse.registry import param, register
 from dse.skyline.front import front_mask
 
 if TYPE_CHECKING:
@@ -40,6 +42,24 @@ class Trade:
     labels: tuple[str, ...]
     on_front: Array
     n_left_out: int
+
+
+@register("figures", "trade")
+@dataclass(frozen=True)
+class TradeFigure:
+    """Two columns of the full read-outs, labelled by a parameter: what a parameter buys and costs."""
+
+    parameter: str = param(doc="column that labels the points, such as encoder.gain", axis=False)
+    x: str = param("energy_uj", doc="column of the cost", axis=False)
+    y: str = param("accuracy", doc="column of the quality", axis=False)
+    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+
+    def gather(self, results: Results) -> Trade:
+        frame = full_read_outs(on_one_chip(results.points(), self.hardware))
+        return gather_energy(frame, self.parameter, self.x, self.y)
+
+    def draw(self, record: Trade) -> plotly.graph_objects.Figure:
+        return draw_energy(record)
 
 
 def gather_energy(

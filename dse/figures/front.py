@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse import registry
+from dse.figures import Results, on_one_chip
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
+from dse.registry import param, register
+from dse.skyline.admissible import admissible
 from dse.skyline.front import front_mask
 
 if TYPE_CHECKING:
@@ -71,6 +75,30 @@ def design_columns(frame: pandas.DataFrame) -> list[str]:
     about = ("trial", "hardware", "phi", "theta", "weight_bits", "pruned_after")
     named = [column for column in about if column in frame.columns]
     return named[:1] + [column for column in map(str, frame.columns) if "." in column] + named[1:]
+
+
+@register("figures", "front")
+@dataclass(frozen=True)
+class FrontFigure:
+    """Design points in the plane or space of two or three columns, the front of each task joined."""
+
+    columns: tuple[str, ...] = param(
+        (), doc="two or three columns, x first; absent: the first objectives of the study", axis=False
+    )
+    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+
+    def gather(self, results: Results) -> Front:
+        objectives = {
+            **{name: c.direction for name, c in registry.columns().items()},
+            **dict(results.objectives),
+        }
+        first = [name for name, _ in results.objectives]
+        columns = self.columns or (*first[1:2], *first[:1], *first[2:3])
+        frame = on_one_chip(results.points(), self.hardware)
+        return gather_front(frame[admissible(frame)], columns, objectives)
+
+    def draw(self, record: Front) -> plotly.graph_objects.Figure:
+        return draw_front(record)
 
 
 def gather_front(

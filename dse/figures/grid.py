@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results
 from dse.figures.front import numbers
 from dse.figures.labels import axis_title, short
 from dse.records import Array
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import pandas
@@ -46,6 +48,22 @@ class Grid:
     mean: Array
     n: Array
     n_left_out: int
+
+
+@register("figures", "grid")
+@dataclass(frozen=True)
+class GridFigure:
+    """Mean of a column over each two values of two axes, as a heat map of trials."""
+
+    x: str = param(doc="column of the horizontal axis, such as model.hidden", axis=False)
+    y: str = param(doc="column of the vertical axis", axis=False)
+    value: str = param("accuracy", doc="column of numbers", axis=False)
+
+    def gather(self, results: Results) -> Grid:
+        return gather_grid(results.trials, self.x, self.y, self.value)
+
+    def draw(self, record: Grid) -> plotly.graph_objects.Figure:
+        return draw_grid(record)
 
 
 def gather_grid(frame: pandas.DataFrame, x: str, y: str, value: str = "accuracy") -> Grid:

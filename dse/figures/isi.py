@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array, Dataset
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -59,6 +61,49 @@ class Distances:
     within: Array
     between: Array
     ratio: Array
+
+
+@register("figures", "intervals")
+@dataclass(frozen=True)
+class IntervalsFigure:
+    """Intervals between the spikes that a trial was trained on: a histogram per class and plane."""
+
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    bins: int = param(40, doc="bins of the histogram", low=1, axis=False)
+
+    def gather(self, results: Results) -> Intervals:
+        dataset = results.dataset(trial_of(results, self.trial))
+        planes = dataset.positions[:, 2]
+        groups = {f"plane {plane}": np.flatnonzero(planes == plane) for plane in np.unique(planes)}
+        return gather_isi(dataset, dataset.train, groups, self.bins)
+
+    def draw(self, record: Intervals) -> plotly.graph_objects.Figure:
+        return draw_isi(record)
+
+
+@register("figures", "intervals_by_sample")
+@dataclass(frozen=True)
+class SampleIntervalsFigure(IntervalsFigure):
+    """The same intervals, a dot per sample: their mean against their coefficient of variation."""
+
+    def draw(self, record: Intervals) -> plotly.graph_objects.Figure:
+        return draw_isi_samples(record)
+
+
+@register("figures", "distances")
+@dataclass(frozen=True)
+class DistancesFigure:
+    """How far classes lie apart over time in the spikes that a trial was trained on."""
+
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    every_ms: float = param(20.0, doc="time between looks", unit="ms", low=0, low_open=True, axis=False)
+
+    def gather(self, results: Results) -> Distances:
+        dataset = results.dataset(trial_of(results, self.trial))
+        return gather_distances(dataset, dataset.train, self.every_ms)
+
+    def draw(self, record: Distances) -> plotly.graph_objects.Figure:
+        return draw_distances(record)
 
 
 def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_bins: int = 40) -> Intervals:

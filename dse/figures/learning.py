@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.figures import Results, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -29,6 +31,20 @@ class Learning:
     """curves: name of a curve -> one (epoch,) array per repeat, empty where that repeat has none."""
 
     curves: Mapping[str, tuple[Array, ...]]
+
+
+@register("figures", "learning")
+@dataclass(frozen=True)
+class LearningFigure:
+    """Loss, accuracy and gradient of a trial over the epochs, a line per run."""
+
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+
+    def gather(self, results: Results) -> Learning:
+        return gather_learning(results.arrays(trial_of(results, self.trial), "history.npz"))
+
+    def draw(self, record: Learning) -> plotly.graph_objects.Figure:
+        return draw_learning(record)
 
 
 def gather_learning(histories: Sequence[Mapping[str, Array]]) -> Learning:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
 from dse.records import Array
+from dse.registry import register
 
 if TYPE_CHECKING:
     import pandas
@@ -35,6 +37,19 @@ class Lengths:
     accuracy_se: Array
     early_ms: Array
     early: Mapping[str, Array]
+
+
+@register("figures", "lengths")
+@dataclass(frozen=True)
+class LengthsFigure:
+    """Sample length: the best trial of each length, beside the longest one that is read out early."""
+
+    def gather(self, results: Results) -> Lengths:
+        trials = results.trials
+        return gather_lengths(trials, results.arrays(longest(trials), "read_out.npz"))
+
+    def draw(self, record: Lengths) -> plotly.graph_objects.Figure:
+        return draw_lengths(record)
 
 
 def longest(trials: pandas.DataFrame) -> int:

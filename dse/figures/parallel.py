@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.figures import Results, on_one_chip
 from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
+from dse.registry import param, register
 from dse.skyline.admissible import admissible
 from dse.skyline.front import front_mask
 from dse.skyline.table import group_numbers
@@ -48,6 +50,26 @@ class Parallel:
     on_front: Array
     n_incomplete: int
     n_left_out: int
+
+
+@register("figures", "parallel")
+@dataclass(frozen=True)
+class ParallelFigure:
+    """Design points as lines across several columns; those on the front stand out."""
+
+    columns: tuple[str, ...] = param(
+        (), doc="columns, left to right; absent: the axes of the search space and the objectives", axis=False
+    )
+    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+
+    def gather(self, results: Results) -> Parallel:
+        frame = on_one_chip(results.points(), self.hardware)
+        objectives = {name: way for name, way in results.objectives if name in frame}
+        axes = [name for name in map(str, frame.columns) if "." in name]
+        return gather_parallel(frame, self.columns or (*axes, *objectives), objectives)
+
+    def draw(self, record: Parallel) -> plotly.graph_objects.Figure:
+        return draw_parallel(record)
 
 
 def gather_parallel(

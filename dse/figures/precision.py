@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results, on_one_chip, trial_of
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
 from dse.records import Array
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import pandas
@@ -34,6 +36,26 @@ class Precision:
     accuracy: Array
     accuracy_se: Array
     costs: Mapping[str, Array]
+
+
+@register("figures", "precision")
+@dataclass(frozen=True)
+class PrecisionFigure:
+    """Accuracy of a trial with fewer bits per weight and fewer weights, and what they cost."""
+
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    task: str = param("", doc="of a joint net, its head; absent: the first", axis=False)
+    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+
+    def gather(self, results: Results) -> Precision:
+        points = results.points()
+        rows = points[points["trial"] == trial_of(results, self.trial)]
+        if "task" in rows and len(rows):
+            rows = rows[rows["task"] == (self.task or rows["task"].iloc[0])]
+        return gather_precision(on_one_chip(rows, self.hardware))
+
+    def draw(self, record: Precision) -> plotly.graph_objects.Figure:
+        return draw_precision(record)
 
 
 def gather_precision(points: pandas.DataFrame) -> Precision:

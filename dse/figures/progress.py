@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.figures import Results
 from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
+from dse.registry import register
 from dse.skyline.admissible import fitting, honest
 from dse.skyline.pareto import hypervolume, non_dominated
 
@@ -53,6 +55,19 @@ class Progress:
 
     curves: tuple[Curve, ...]
     left_out: tuple[str, ...]
+
+
+@register("figures", "progress")
+@dataclass(frozen=True)
+class ProgressFigure:
+    """Hypervolume of the front over the number of trials, in the order of their numbers."""
+
+    def gather(self, results: Results) -> Progress:
+        finished = [int(trial) for trial in sorted(results.trials["trial"])]
+        return gather_progress(results.points(), dict(results.objectives), finished)
+
+    def draw(self, record: Progress) -> plotly.graph_objects.Figure:
+        return draw_progress(record)
 
 
 def gather_progress(

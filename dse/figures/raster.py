@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse import store
+from dse.figures import Results, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.measure.decision import decide
 from dse.records import Array
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -52,6 +55,39 @@ class Recording:
     def time_ms(self) -> Array:
         """Ends of the steps, (T,)."""
         return (np.arange(len(self.confidence)) + 1) * self.step_ms
+
+
+@register("figures", "recording")
+@dataclass(frozen=True)
+class RecordingFigure:
+    """What a network did on one recording: output spikes, confidence, spikes of each layer."""
+
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    sample: int = param(0, doc="place among the validation recordings", low=0, axis=False)
+    phi: float | None = param(
+        None, doc="spikes to wait for; absent: it answers at the end", low=0, axis=False
+    )
+    theta: float = param(0.5, doc="confidence to reach, where phi is given", low=0, high=1, axis=False)
+
+    def gather(self, results: Results) -> Recording:
+        trial = trial_of(results, self.trial)
+        runs = results.arrays(trial, "response.npz")
+        if not runs or "output" not in runs[0]:
+            raise ValueError(f"trial {trial} has no output spikes")
+        response = store.response_of(runs[0])
+        if self.sample >= len(response.output):
+            raise ValueError(f"sample must be below {len(response.output)}, got {self.sample}")
+        return gather_recording(
+            response.output[self.sample],
+            response.spikes[self.sample],
+            response.step_ms,
+            results.classes(trial),
+            int(runs[0]["target"][self.sample]),
+            None if self.phi is None else (self.phi, self.theta),
+        )
+
+    def draw(self, record: Recording) -> plotly.graph_objects.Figure:
+        return draw_recording(record)
 
 
 def gather_recording(

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures import Results, mean_of
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.measure import decision
 from dse.records import Array
+from dse.registry import register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -33,6 +35,29 @@ class Recognition:
     accuracy: Array
     t_c_ms: float
     accuracy_at_t_c: float
+
+
+@register("figures", "recognition")
+@dataclass(frozen=True)
+class RecognitionFigure:
+    """Accuracy over input length, a curve for the most accurate trial of each family and task."""
+
+    def gather(self, results: Results) -> tuple[Recognition, ...]:
+        trials = results.trials[results.trials["status"] == "finished"]
+        best = trials.sort_values("accuracy", ascending=False, kind="stable").drop_duplicates(
+            ["task", "family"]
+        )
+        n_tasks = best["task"].nunique()
+        read_outs = {}
+        for trial, task, family in zip(best["trial"], best["task"], best["family"], strict=True):
+            runs = results.arrays(int(trial), "read_out.npz")
+            if runs:
+                name = f"{family} {task}" if n_tasks > 1 else str(family)
+                read_outs[name] = mean_of(runs, "decision_latency_ms"), mean_of(runs, "accuracy")
+        return gather_recognition(read_outs)
+
+    def draw(self, record: tuple[Recognition, ...]) -> plotly.graph_objects.Figure:
+        return draw_recognition(record)
 
 
 def gather_recognition(read_outs: Mapping[str, tuple[Array, Array]]) -> tuple[Recognition, ...]:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.figures import Results, trial_of
 from dse.figures.labels import axis_title
 from dse.records import Array, DecisionSurface
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -30,6 +32,26 @@ class SurfaceMap:
     theta: Array
     values: Array
     best: tuple[float, float]
+
+
+@register("figures", "surface")
+@dataclass(frozen=True)
+class SurfaceFigure:
+    """One quantity of a trial over the settings (phi, theta) of the decision maker."""
+
+    quantity: str = param("accuracy", doc="what is drawn", choices=QUANTITIES, axis=False)
+    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    repeat: int = param(0, doc="run of the trial", low=0, axis=False)
+
+    def gather(self, results: Results) -> SurfaceMap:
+        trial = trial_of(results, self.trial)
+        runs = results.arrays(trial, "surface.npz")
+        if self.repeat >= len(runs):
+            raise ValueError(f"trial {trial} has no decision surface of repeat {self.repeat}")
+        return gather_surface(stored_surface(runs[self.repeat]), self.quantity)
+
+    def draw(self, record: SurfaceMap) -> plotly.graph_objects.Figure:
+        return draw_surface(record)
 
 
 def stored_surface(arrays: Mapping[str, Array]) -> DecisionSurface:

@@ -16,6 +16,8 @@ from dse.study.runs import Record
 if TYPE_CHECKING:
     import pandas
 
+    from dse.hardware.profile import Profile
+    from dse.records import Array, Dataset
     from dse.skyline.front import Skyline
     from dse.skyline.goals import Goal
     from dse.skyline.pick import Pick
@@ -60,6 +62,56 @@ class Study:
             StoreError: an artefact of the trial is damaged, or the study has no such trial.
         """
         return [dict(record) for record in pricing.records(self.folder, trial)]
+
+    def best_trial(self) -> int:
+        """Return the most accurate finished trial, the first of several.
+
+        Raises:
+            StoreError: none has finished.
+        """
+        trials = self.trials
+        finished = trials[trials["status"] == "finished"]
+        if finished.empty:
+            raise store.StoreError(f"{self.folder}: has no finished trial")
+        return int(finished.sort_values("accuracy", ascending=False, kind="stable")["trial"].iloc[0])
+
+    def classes(self, trial: int) -> tuple[str, ...]:
+        """Return the names of the classes of a trial.
+
+        Raises:
+            StoreError: as of `runs`.
+        """
+        return tuple(self.runs(trial)[0]["classes"])
+
+    def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
+        """Return the arrays of a file of a trial's artefacts, such as read_out.npz, of each run that has it.
+
+        Raises:
+            StoreError: as of `runs`, or the file is damaged.
+        """
+        return [
+            store.load_arrays(store.run_folder(self.folder, trial, record["repeat"]) / name)
+            for record in self.runs(trial)
+            if name in record["files"]
+        ]
+
+    def dataset(self, trial: int) -> Dataset:
+        """Return what the first run of a trial was trained on, from the cache.
+
+        Raises:
+            StoreError: as of `runs`, or the cache does not hold it any more.
+        """
+        from dse import dataset
+        from dse.dataset import cache
+
+        found = dataset.find(cache.usual_root(), self.runs(trial)[0]["data"])
+        if found is None:
+            raise store.StoreError(f"{self.folder}: the data set of trial {trial} is no longer in the cache")
+        return found
+
+    def chip(self, name: str) -> Profile:
+        """Return a hardware profile as the study keeps it, or a shipped one."""
+        return pricing.profile(self.folder, name)
 
     @property
     def warnings(self) -> list[str]:

@@ -18,7 +18,7 @@ from dse.config import load_space
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
 from dse.deploy import bundle
-from dse.figures import draw_confusion, gather_confusion
+from dse.figures.confusion import draw_confusion, gather_confusion
 from dse.figures.learning import draw_learning, gather_learning
 from dse.figures.raster import draw_recording, gather_recording
 from dse.measure.decision import decide

@@ -228,8 +228,8 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
     Raises:
         ConfigError: the disk refuses.
     """
-    from dse import figures
     from dse.dashboard.trial import write_trial_page
+    from dse.figures.trial import gather_trial
     from dse.scene import simulate
 
     texture, motion, force, repetition = scene.cell(k)
@@ -239,7 +239,7 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
     )
     # The physics' own step: a coarser one would put slips where the events have none.
     paths = simulate.pin_paths(scene, k, scene.method.friction_step_ms)
-    view = figures.gather_trial(simulate.events(scene, k), paths, scene.sensor.frame_px, name)
+    view = gather_trial(simulate.events(scene, k), paths, scene.sensor.frame_px, name)
     try:
         return write_trial_page(view, path)
     except OSError as error:

@@ -1,0 +1,100 @@
+"""`dse figure`: a figure of a study, in a file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dse.cli.answer import Answer
+from dse.cli.options import add_set
+from dse.config import ConfigError, Fault, known_names
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+GROUP = "choose"
+HELP = "draw a figure of a study into a file (HTML or JSON); `dse describe figures` lists the figures"
+SUFFIXES = (".html", ".json")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
+    parser.add_argument("figure", metavar="NAME", help="a figure, e.g. front")
+    parser.add_argument(
+        "--out",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="file to write: .html (a page that works offline and saves SVG) or .json (plotly's own format)",
+    )
+    add_set(parser, "x=model.hidden; `dse describe figures NAME` lists the keys")
+    parser.add_argument(
+        "--plugin",
+        action="append",
+        default=[],
+        metavar="NAME",
+        dest="plugins",
+        help="load components from this module or .py file first; repeatable",
+    )
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Draw the figure into the file.
+
+    Raises:
+        ConfigError: the figure, one of its keys or the file's ending is unknown, or it has nothing to show.
+        StoreError: the study is missing or damaged.
+    """
+    from dse.registry import PluginError, load_plugin
+    from dse.store import write_text
+    from dse.study.results import open as open_study
+
+    out: Path = arguments.out
+    if out.suffix not in SUFFIXES:
+        raise _fault(f"--out must end in {' or '.join(SUFFIXES)}, got '{out}'")
+    study = open_study(arguments.results)
+    try:
+        for name in arguments.plugins:
+            load_plugin(name)
+    except PluginError as error:
+        raise _fault(str(error)) from None
+    figure = _figure(arguments.figure, arguments.overrides)
+    try:
+        drawn: plotly.graph_objects.Figure = figure.draw(figure.gather(study))
+    except ValueError as error:
+        raise _fault(f"figure {arguments.figure}: {error}") from None
+    saves_svg = {"toImageButtonOptions": {"format": "svg", "filename": arguments.figure}}
+    write_text(
+        out,
+        drawn.to_json() if out.suffix == ".json" else drawn.to_html(config=saves_svg, include_plotlyjs=True),
+    )
+    return Answer([{"figure": arguments.figure, "file": str(out)}])
+
+
+def _figure(name: str, settings: list[str]) -> Any:
+    """Return the figure of a name, with the keys of `--set`."""
+    import yaml
+
+    from dse import registry
+    from dse.config.values import read_fields
+
+    figures = registry.known("figures")
+    if name not in figures:
+        raise _fault(f"unknown figure '{name}'; {known_names(name, figures)}")
+    written = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            raise _fault(f"--set must be KEY=VALUE, got '{setting}'")
+        written[key.strip()] = yaml.safe_load(text)
+    faults: list[str] = []
+    keys, good = read_fields(figures[name], written, (name,), lambda _, text: faults.append(text))
+    if not good:
+        raise ConfigError([Fault("dse figure", 0, text) for text in faults])
+    return figures[name](**keys)
+
+
+def _fault(text: str) -> ConfigError:
+    return ConfigError([Fault("dse figure", 0, text)])
