@@ -1,12 +1,17 @@
-"""The README's promises: its size, its two commands, its links, and every `dse` command it shows."""
+"""The README's promises: its size, its words, its two commands, its links, and its example, which is run."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from dse.cli import main
+from dse.cli.command_line import commands_by_name
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -22,8 +27,26 @@ def shown_commands() -> list[str]:
 
 
 def test_five_minutes():
-    assert len(README.splitlines()) <= 110
+    assert len(README.splitlines()) <= 120
     assert len(re.findall(r"!\[", README)) == 1
+
+
+def test_a_word_is_defined_where_it_first_appears():
+    text = re.sub(r"\s+", " ", README)
+    words = re.findall(r"\*\*(.+?)\*\*", text)
+    assert {
+        "study",
+        "trial",
+        "design",
+        "objective",
+        "skyline",
+        "cohort",
+        "hardware profile",
+        "φ",
+        "θ",
+    } <= set(words)
+    for word in words:
+        assert text.lower().index(word) == text.index(f"**{word}**") + 2, word
 
 
 def test_two_commands_do_everything():
@@ -56,17 +79,13 @@ def test_links_lead_somewhere():
 
 
 def test_shown_commands_exist():
-    from dse.cli.command_line import commands_by_name
-
     commands = shown_commands()
     assert {"run", "skyline", "pick", "evaluate"} <= set(commands)
     assert set(commands) <= set(commands_by_name())
 
 
 def test_described_sections_exist(capsys):
-    from dse.cli import main
-
-    sections = re.findall(r"^dse describe (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)
+    sections = re.findall(r"`dse describe ([\w.]+)`", README)
     assert sections
     assert [main(["describe", section]) for section in sections] == [0] * len(sections)
 
@@ -77,13 +96,35 @@ def test_search_spaces_named_exist():
     assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
-def test_python_blocks_compile_and_use_what_exists():
+def touches() -> dict[str, np.ndarray]:
+    """60 touches of three fabrics, which differ in the frequency that they make the sensor vibrate at."""
+    rng = np.random.default_rng(0)
+    fabric = np.tile(["denim", "silk", "wool"], 20)
+    hz = np.tile([4.0, 9.0, 18.0], 20)[:, None, None]
+    t_s = 0.004 * np.arange(250)[None, :, None]
+    phase = rng.uniform(0, 6, (60, 1, 1)) + np.array([0.0, 1.0])
+    pressure = 0.5 * np.sin(2 * np.pi * hz * t_s + phase) + rng.normal(0, 0.03, (60, 250, 2))
+    return {"pressure": pressure, "fabric": fabric, "session": np.arange(60) // 3 % 5}
+
+
+def test_the_example_goes_from_arrays_to_a_bundle(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    (code,), (space,), (_, commands) = blocks("python"), blocks("yaml"), blocks("sh")
+    exec(compile(code, "README.md", "exec"), touches())
+    (tmp_path / "my_touch.yaml").write_text(space, encoding="utf-8")
+    for line in commands.splitlines():
+        program, *arguments = shlex.split(line, comments=True)
+        assert program == "dse"
+        assert main(arguments) == 0, line
+    assert "bundle: bundle" in capsys.readouterr().err
+    assert (tmp_path / "bundle" / "bundle.json").is_file()
+    assert (tmp_path / "page.html").is_file()
+
+
+def test_from_python_uses_what_exists():
     import dse
 
-    code = blocks("python")
-    assert code
-    for block in code:
-        compile(block, "README.md", "exec")
-    names = set(re.findall(r"\bdse\.(\w+)\(", "\n".join(code)))
+    names = set(re.findall(r"\bdse\.(\w+)\(", README))
     assert names
     assert names <= set(dse.__all__)
