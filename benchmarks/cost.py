@@ -51,7 +51,7 @@ from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.neurons.cuba_lif import quantise
+from dse.neurons.fixed_point import quantise
 from dse.records import Array, Dataset, Floats, Network, Response, Workload
 
 HARDWARE = "loihi1_silicon"

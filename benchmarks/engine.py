@@ -37,7 +37,7 @@ from dse.engine.network import gradients
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import deployed, initialise, populations_of
 from dse.models.training import Training
-from dse.neurons import cuba_lif
+from dse.neurons import fixed_point
 from dse.neurons.surrogate import exponential
 from dse.records import Dataset, Spikes
 
@@ -103,14 +103,14 @@ def first_gradient(data: Dataset, model: SNN, training: Training) -> np.ndarray:
     batch = data.train[: training.batch_size]
     rows = gather(data.spikes, batch, data.start[batch], data.n_steps, model.input_delays)
     start_model = dataclasses.replace(model, arithmetic="integer")
-    populations = populations_of(start_model, len(data.classes), rows.n_steps, rng)
-    start = initialise(rows, start_model, populations, rng)
+    populations = populations_of(start_model, len(data.classes), data.spikes.step_ms, rng)
+    start = initialise(rows, start_model, populations, len(data.classes), rng)
     widths = [*[model.tau_grad] * len(model.hidden), model.output_tau_grad]
     found = gradients(
         rows,
         deployed(start.feed_forward, start.recurrent, populations, model.arithmetic),
         [
-            exponential(p.threshold, tau, model.scale_grad, model.surrogate_cut)
+            exponential(p.to_threshold, tau, model.scale_grad, model.surrogate_cut)
             for p, tau in zip(populations, widths, strict=True)
         ],
         data.target[batch],
@@ -119,7 +119,9 @@ def first_gradient(data: Dataset, model: SNN, training: Training) -> np.ndarray:
         arithmetic=model.arithmetic,
         gains=[None] * len(populations),
     )
-    passes = [cuba_lif.quantise_passes(w) if model.arithmetic == "integer" else 1 for w in start.feed_forward]
+    passes = [
+        fixed_point.quantise_passes(w) if model.arithmetic == "integer" else 1 for w in start.feed_forward
+    ]
     return np.concatenate([(g * p).ravel() for g, p in zip(found.feed_forward, passes, strict=True)]).astype(
         float
     )

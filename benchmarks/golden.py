@@ -30,8 +30,9 @@ from dse.engine.events import delayed, dense
 from dse.engine.layers import forward, weights
 from dse.engine.loss import spike_rate
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif
+from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import Exponential, exponential
+from dse.records import Arithmetic
 
 MODES = ("quant", "slayerfloat", "ideal")
 """8-bit weights and integer states; integer states with weights as given; real numbers."""
@@ -65,14 +66,14 @@ class Case:
         return self.mode != "ideal"
 
     @property
-    def population(self) -> cuba_lif.Params:
+    def population(self) -> cuba_lif.Population:
         given = self.settings["params"]
-        return cuba_lif.params(given["current_decay"], given["voltage_decay"], given["threshold"])
+        return cuba_lif.rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
 
     @property
     def surrogate(self) -> Exponential:
         given = self.settings["params"]
-        return exponential(self.population.threshold, given["tau_grad"], given["scale_grad"])
+        return exponential(self.population.to_threshold, given["tau_grad"], given["scale_grad"])
 
     def given(self, key: str) -> np.ndarray:
         """Return an input of the case: x (sample, step, channel), labels, w1 (neuron, input), ..."""
@@ -82,11 +83,11 @@ class Case:
     def running(self, layer: int) -> np.ndarray:
         """Return the weights of a layer (from 1) as they run, (neuron, input)."""
         weight = self.given(f"w{layer}")
-        return cuba_lif.quantise(weight) if self.mode == "quant" else weight
+        return fixed_point.quantise(weight) if self.mode == "quant" else weight
 
     def passes(self, layer: int) -> np.ndarray | float:
         """Return where the gradient of a layer's weights survives their rounding."""
-        return cuba_lif.quantise_passes(self.given(f"w{layer}")) if self.mode == "quant" else 1.0
+        return fixed_point.quantise_passes(self.given(f"w{layer}")) if self.mode == "quant" else 1.0
 
     def expected(self, key: str) -> np.ndarray:
         """Return a result of the mode; states and spikes with time before neurons."""
@@ -96,7 +97,7 @@ class Case:
     def state(self, kind: str, layer: int) -> np.ndarray:
         """Return `cur` or `vol` of a layer (from 1) in weight units."""
         if self.integer:
-            return self.expected(f"{kind}{layer}_int") / cuba_lif.STATE_SCALE
+            return self.expected(f"{kind}{layer}_int") / fixed_point.STATE_SCALE
         return self.expected(f"{kind}{layer}")
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -133,7 +134,7 @@ class Found:
 def by_definition(case: Case) -> Found:
     """Run a case by the equations of dse.neurons."""
     population, shifts = case.population, case.settings["delay_shift"]
-    arithmetic: cuba_lif.Arithmetic = "integer" if case.integer else "ideal"
+    arithmetic: Arithmetic = "integer" if case.integer else "ideal"
     states, inputs, fired = {}, [case.given("x").astype(np.float64)], []
     used = [case.running(k).astype(np.float64) for k in range(1, case.n_layers + 1)]
     for k, weight in enumerate(used, 1):
@@ -157,7 +158,9 @@ def by_definition(case: Case) -> Found:
     for k in range(case.n_layers, 0, -1):
         if shifts:
             grad = np.concatenate([grad[:, 1:], np.zeros_like(grad[:, :1])], axis=1)
-        grad = cuba_lif.backward(grad, case.surrogate(states[f"vol{k}"]), population)
+        grad = cuba_lif.backward(
+            grad, case.surrogate(states[f"vol{k}"] - population.to_threshold), population
+        )
         by_weight.append(np.einsum("nto,ntc->oc", grad, inputs[k - 1], optimize=True) * case.passes(k))
         grad = grad @ used[k - 1]
     return Found(states, fired, output, loss, by_weight[::-1])
@@ -166,10 +169,7 @@ def by_definition(case: Case) -> Found:
 def by_engine(case: Case) -> Found:
     """Run a case by the fast path, dse.engine."""
     p, shifts = case.population, case.settings["delay_shift"]
-    layers = [
-        weights(case.running(k).T, None, p.decay_current, p.decay_voltage, p.threshold)
-        for k in range(1, case.n_layers + 1)
-    ]
+    layers = [weights(case.running(k).T, None, p) for k in range(1, case.n_layers + 1)]
     rows = inputs = rows_of(case.given("x"))
     states, fired = {}, []
     for k, layer in enumerate(layers, 1):

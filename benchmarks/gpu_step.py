@@ -31,6 +31,7 @@ from benchmarks.ours import SURROGATE, layers_of, rows_of
 from dse.engine import gpu
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
+from dse.neurons import cuba_lif
 from dse.records import Arithmetic
 
 ARITHMETICS: tuple[Arithmetic, ...] = ("integer", "float32", "ideal")
@@ -47,9 +48,11 @@ def member_of(case: Case, arithmetic: Arithmetic) -> Member:
             TrainedLayer(
                 layer.feed_forward,
                 None,
-                np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
-                np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
-                THRESHOLD,
+                cuba_lif.Population(
+                    np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
+                    np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
+                    THRESHOLD,
+                ),
                 SURROGATE,
                 np.ones(layer.n_neurons, np.float32),
             )
@@ -108,7 +111,7 @@ def main() -> None:
     """Print the table."""
     import torch
 
-    from dse.engine.gpu.cohort import device
+    from dse.engine.gpu.wide import device
 
     try:
         on = device()

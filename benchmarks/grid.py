@@ -125,14 +125,14 @@ def task(space: SearchSpace, data: Dataset, numbers: Sequence[int]) -> Task:
     found = {}
     for number in numbers:
         model, training, own = chosen[number]
-        layers = populations_of(model, len(data.classes), data.n_steps, own("time constants"))
-        start = initialise(probe, model, layers, own("initialisation"))
+        layers = populations_of(model, len(data.classes), data.spikes.step_ms, own("time constants"))
+        start = initialise(probe, model, layers, len(data.classes), own("initialisation"))
         populations = [
             Population(
-                1 - p.decay_current / 4096,
-                1 - p.decay_voltage / 4096,
+                p.keep[0],
+                p.keep[1],
                 p.threshold / 64,
-                exponential(p.threshold, tau, model.scale_grad),
+                exponential(p.to_threshold, tau, model.scale_grad),
             )
             for p, tau in zip(layers, (model.tau_grad, model.output_tau_grad), strict=True)
         ]

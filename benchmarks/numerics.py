@@ -57,7 +57,7 @@ from dse.models.snn.initialise import initialise, populations_of
 from dse.models.surfaces.time_surfaces import NEVER, Field, Memory, Stream
 from dse.models.training import Training
 from dse.native.compiled import compiled
-from dse.neurons import cuba_lif, izhikevich
+from dse.neurons import cuba_lif, fixed_point, izhikevich
 from dse.preprocessing import pool
 from dse.recordings.pooling import pooling
 from dse.records import Array, Block, Dataset, Signals, Spikes
@@ -220,15 +220,15 @@ def trains(fired: Rows) -> list[Array]:
 
 def exact_decays(layer: Weights, current_decay: float, voltage_decay: float) -> Weights:
     """Return a layer with decays that were not rounded."""
-    keep = [np.full(layer.n_neurons, 1 - d) for d in (current_decay, voltage_decay)]
-    return replace(layer, keep_current=keep[0], keep_voltage=keep[1])
+    decays = [np.full(layer.n_neurons, 4096 * d) for d in (current_decay, voltage_decay)]
+    return replace(layer, population=cuba_lif.Population(*decays, layer.population.threshold))
 
 
 def started(rows: Rows, d_u: float, d_v: float, n_hidden: int) -> Weights:
     """Return a layer that the package starts on some input spikes, its 12-bit decays all alike.
 
     The weights of slow neurons round to 0 under the default threshold: it is raised, four times at a time, to
-    where the layer fires at a fifth of the rate that is wanted at least.
+    where the layer fires at a fifth of its target rate at least.
 
     Raises:
         ValueError: it fires nowhere.
@@ -238,12 +238,12 @@ def started(rows: Rows, d_u: float, d_v: float, n_hidden: int) -> Weights:
             hidden=(n_hidden,), current_decay=(d_u,), voltage_decay=(d_v,), threshold=float(threshold)
         )
         rng = np.random.default_rng(1)
-        populations = populations_of(model, 2, rows.n_steps, rng)
-        start = initialise(rows, model, populations, rng)
-        wanted, reached = start.rates[0]
-        if reached >= wanted / 5:
-            weight, of = cuba_lif.quantise(start.feed_forward[0]), populations[0]
-            return weights(weight, None, of.decay_current, of.decay_voltage, of.threshold)
+        populations = populations_of(model, 2, 1.0, rng)
+        start = initialise(rows, model, populations, 2, rng)
+        target, reached = start.rates[0]
+        if reached >= target / 5:
+            weight, of = fixed_point.quantise(start.feed_forward[0]), populations[0]
+            return weights(weight, None, of)
     raise ValueError(f"neurons of decays {d_u:g} and {d_v:g} must fire, got none that do")
 
 
@@ -266,7 +266,7 @@ def decay_rows(
         layer = started(rows, *decays_uv, n_hidden)
         exact = exact_decays(layer, *decays_uv)
         expected = forward(rows, exact, "ideal", keep_voltage=True)
-        threshold = layer.threshold / cuba_lif.WEIGHT_SCALE
+        threshold = layer.population.to_threshold
         of = f"{source}{kind}" + (f", threshold {threshold:g}" if threshold != SNN().threshold else "")
         for name, run, arithmetic in (
             ("12 bits, integer", layer, "integer"),

@@ -22,10 +22,11 @@ from dse.engine.events import Rows, delayed
 from dse.engine.layers import Weights, forward, prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
+from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
 
-SURROGATE = exponential(THRESHOLD, TAU_GRAD, SCALE_GRAD)
+SURROGATE = exponential(THRESHOLD / 64, TAU_GRAD, SCALE_GRAD)
 
 
 def rows_of(x: np.ndarray) -> Rows:
@@ -39,7 +40,7 @@ def rows_of(x: np.ndarray) -> Rows:
 def layers_of(case: Case, arithmetic: Arithmetic) -> list[Weights]:
     """Return a case's layers as they run."""
     return [
-        weights(w, None, np.int32(DECAY_CURRENT), np.int32(DECAY_VOLTAGE), THRESHOLD)
+        weights(w, None, cuba_lif.Population(np.int32(DECAY_CURRENT), np.int32(DECAY_VOLTAGE), THRESHOLD))
         for w in (case.rounded if arithmetic == "integer" else case.weights)
     ]
 
@@ -55,9 +56,11 @@ class Ours:
             TrainedLayer(
                 layer.feed_forward,
                 None,
-                np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
-                np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
-                THRESHOLD,
+                cuba_lif.Population(
+                    np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
+                    np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
+                    THRESHOLD,
+                ),
                 SURROGATE,
                 np.ones(layer.n_neurons, np.float32),
             )

@@ -1,7 +1,7 @@
 """The classifier that is timed and swept, as plain torch loops and as other frameworks would write it.
 
-Needs torch and the framework in question, and of dse nothing but its surrogate. Weights, decays, threshold,
-loss and Adam are the same for all. The plain loops compute what dse computes. The frameworks' neurons are
+Needs torch and the framework in question. Weights, decays, threshold, loss and Adam are the same for all. The
+plain loops are those of dse itself, through the definition of the neuron. The frameworks' neurons are
 their own: they differ in when they reset, in the reset's part in the gradient and in the surrogate, and they
 hand spikes on without a step's delay.
 """
@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.torch_loop import CsrProduct, Fire, later, layer_spikes
 from dse.neurons.surrogate import Exponential
 
 
@@ -25,14 +24,14 @@ from dse.neurons.surrogate import Exponential
 class Population:
     """Neurons of a layer: (neuron,) factors from one step to the next, threshold in weight units, ds/dv."""
 
-    keep_current: np.ndarray
-    keep_voltage: np.ndarray
+    keep_u: np.ndarray
+    keep_v: np.ndarray
     threshold: float
     surrogate: Exponential
 
-    def kept(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def factors(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the factors as float32 tensors."""
-        return torch.as_tensor(self.keep_current).float(), torch.as_tensor(self.keep_voltage).float()
+        return torch.as_tensor(self.keep_u).float(), torch.as_tensor(self.keep_v).float()
 
 
 class Peer:
@@ -58,14 +57,20 @@ class Loop(Peer):
         """Return the first layer's weighted input, (step, sample, neuron)."""
         return inputs @ self.weights[0]
 
+    def __init__(self, weights: Sequence[np.ndarray], populations: Sequence[Population]) -> None:
+        from benchmarks.torch_loop import loops
+
+        super().__init__(weights, populations)
+        self._loops = loops(populations)
+
     def spikes(self, inputs: Any) -> list[torch.Tensor]:
         """Return each layer's spikes, the step's delay included."""
-        drive, found = self.first(inputs), []
-        for k, p in enumerate(self.populations):
-            found.append(later(layer_spikes(drive, *p.kept(), p.threshold, p.surrogate)))
+        drive, spikes = self.first(inputs), []
+        for k, loop in enumerate(self._loops):
+            spikes.append(loop(drive))
             if k + 1 < len(self.weights):
-                drive = found[-1] @ self.weights[k + 1]
-        return found
+                drive = spikes[-1] @ self.weights[k + 1]
+        return spikes
 
 
 class CsrLoop(Loop):
@@ -80,6 +85,8 @@ class CsrLoop(Loop):
 
     def first(self, inputs: Any) -> torch.Tensor:
         """Return the first layer's weighted input, (step, sample, neuron)."""
+        from benchmarks.torch_loop import CsrProduct
+
         spikes, transposed, shape = inputs
         return CsrProduct.apply(self.weights[0], spikes, transposed).reshape(*shape, -1)
 
@@ -101,11 +108,11 @@ class SnnTorch(Peer):
         self._hoisted = hoisted
         self._neurons = []
         for p in populations:
-            keep_current, keep_voltage = p.kept()
+            keep_u, keep_v = p.factors()
             self._neurons.append(
                 snntorch.Synaptic(
-                    alpha=keep_current,
-                    beta=keep_voltage,
+                    alpha=keep_u,
+                    beta=keep_v,
                     threshold=p.threshold,
                     reset_mechanism="zero",
                     spike_grad=snntorch.surrogate.fast_sigmoid() if own_surrogate else _fires(p.surrogate),
@@ -134,8 +141,9 @@ class SnnTorch(Peer):
 
 def _fires(surrogate: Exponential) -> Any:
     """Return a spike function of the potential above the threshold, with dse's surrogate."""
-    centred = Exponential(0.0, surrogate.width, surrogate.height)
-    return lambda v: Fire.apply(v, 0.0, centred)
+    from dse.engine.autograd import Fire
+
+    return lambda v: Fire.apply(v, surrogate)
 
 
 class SpikingJelly(Peer):
@@ -147,8 +155,8 @@ class SpikingJelly(Peer):
         super().__init__(weights, populations)
         self._neurons = [
             neuron.CUBALIFNode(
-                c_decay=float(p.keep_current[0]),
-                v_decay=float(p.keep_voltage[0]),
+                c_decay=float(p.keep_u[0]),
+                v_decay=float(p.keep_v[0]),
                 v_threshold=p.threshold,
                 v_reset=0.0,
             )
@@ -178,10 +186,10 @@ class Norse(Peer):
         self._neurons = [
             norse.LIF(
                 norse.LIFParameters(
-                    tau_syn_inv=torch.tensor((1 - p.keep_current[0]) / step_s),
-                    tau_mem_inv=torch.tensor((1 - p.keep_voltage[0]) / step_s),
+                    tau_syn_inv=torch.tensor((1 - p.keep_u[0]) / step_s),
+                    tau_mem_inv=torch.tensor((1 - p.keep_v[0]) / step_s),
                     # Norse integrates v += dv (i - v): its potential is smaller by dv.
-                    v_th=torch.tensor(p.threshold * (1 - p.keep_voltage[0])),
+                    v_th=torch.tensor(p.threshold * (1 - p.keep_v[0])),
                     method="super",
                 ),
                 dt=step_s,

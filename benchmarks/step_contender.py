@@ -52,7 +52,7 @@ class _Peer:
         from benchmarks.peers import Population, peer
         from dse.neurons.surrogate import exponential
 
-        surrogate = exponential(THRESHOLD, TAU_GRAD, SCALE_GRAD)
+        surrogate = exponential(THRESHOLD / 64, TAU_GRAD, SCALE_GRAD)
         populations = [
             Population(
                 np.full(n, 1 - DECAY_CURRENT / 4096),

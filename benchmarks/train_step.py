@@ -28,10 +28,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.cases import CASES, FALSE_RATE, TRUE_RATE, Case
-from benchmarks.ours import SURROGATE, layers_of
+from benchmarks.ours import SURROGATE, layers_of, rows_of
 from benchmarks.step_contender import OURS
-from benchmarks.torch_loop import gradients
 from benchmarks.worker import NotInstalled, Worker, pythons
+from dse.engine.autograd import gradients
 
 ROWS = {
     "loop": "torch loop, dense",
@@ -66,10 +66,16 @@ class Row:
 
 def exact_gradients(case: Case) -> dict[str, list[np.ndarray]]:
     """Return dL/dW of each layer by automatic differentiation in float64, for real and integer states."""
-    given = case.labels, TRUE_RATE, FALSE_RATE
     return {
         arithmetic: gradients(
-            case.x, layers_of(case, arithmetic), [SURROGATE] * 2, *given, arithmetic == "integer", [None] * 2
+            rows_of(case.x),
+            layers_of(case, arithmetic),
+            [SURROGATE] * 2,
+            case.labels,
+            true_rate=TRUE_RATE,
+            false_rate=FALSE_RATE,
+            arithmetic=arithmetic,
+            gains=[None] * 2,
         )[1]
         for arithmetic in ("ideal", "integer")
     }

@@ -184,21 +184,23 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Layer:
-    """One dense CUBA-LIF layer.
+    """One dense layer of neurons.
 
-    weight: (neuron, input) float32; the deployed weight is its 8-bit rounding (neurons.cuba_lif.quantise).
+    weight: (neuron, input) float32; in integer arithmetic its 8-bit rounding is deployed
+        (dse.neurons.fixed_point.quantise).
         Delayed copies of the inputs are inputs of their own: column k * n_channels + c is channel c
         seen `delays[k]` steps ago.
     recurrent: (neuron, neuron) float32 or None; row = postsynaptic, acts one step later.
-    decay_current, decay_voltage: (neuron,) int32 12-bit decays in [0, 4096].
-    threshold: integer threshold mantissa; the neuron fires where v > threshold / 64.
+    parameters: of the neurons by name, each (neuron,) or one number; their kind says what they mean
+        (dse.neurons). Of CUBA-LIF: decay_current and decay_voltage, (neuron,) int32 12-bit decays in
+        [0, 4096], and the integer mantissa `threshold`: a neuron fires where v > threshold / 64.
+    neuron: kind of the neurons.
     """
 
-    weight: Array
-    recurrent: Array | None
-    decay_current: Array
-    decay_voltage: Array
-    threshold: int
+    weight: Floats
+    recurrent: Floats | None
+    parameters: Mapping[str, Array]
+    neuron: str = "cuba_lif"
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
 from dse.store import StoreError
 from dse.study import explore
+from tests.layers import cuba_parameters
 from tests.waiting import until
 
 N_CHANNELS, N_STEPS, N_PER_CLASS = 4, 20, 12
@@ -55,9 +56,7 @@ class Fake:
             Layer(
                 weight=rng.normal(size=(n_out, n_in)).astype(np.float32),
                 recurrent=None,
-                decay_current=np.full(n_out, 1024, np.int32),
-                decay_voltage=np.full(n_out, 123, np.int32),
-                threshold=80,
+                parameters=cuba_parameters(np.full(n_out, 1024, np.int32), np.full(n_out, 123, np.int32), 80),
             )
             for n_in, n_out in itertools.pairwise(sizes)
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, NamedTuple, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -198,10 +198,13 @@ class Family(Protocol):
         """
 
 
-class FitRequest(NamedTuple):
-    """A design in a cohort: its family, the settings of its training, its own random generators."""
+F = TypeVar("F")
 
-    model: Family
+
+class FitRequest(NamedTuple, Generic[F]):
+    """A design in a cohort: its family F, the settings of its training, its own random generators."""
+
+    model: F
     training: Training
     rngs: Generators
 
@@ -253,7 +256,7 @@ class CohortFamily(Family, Protocol):
     def fit_cohort(
         self,
         dataset: Dataset,
-        designs: Sequence[FitRequest],
+        designs: Sequence[FitRequest[Any]],
         shared: Generators,
         device: str = "cpu",
         threads: int = 1,

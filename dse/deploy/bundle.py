@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from dse import store
-from dse.neurons import cuba_lif
+from dse.neurons import neuron_of
+from dse.neurons.fixed_point import quantise
 from dse.records import Array, Head, Network, Parameters
 from dse.store import StoreError
 
+_8_BIT = "_8bit"  # ends the names of 8-bit matrices
 SCHEMA = "dse/bundle/2"
 _WEIGHTS = "weights.npz"
 
@@ -108,7 +110,9 @@ def read(folder: str | Path) -> Bundle:
             if store.checksum(path / name) != expected:
                 raise BundleError(f"{path / name}: is damaged (its checksum differs)")
         return Bundle(
-            fitted=store.fitted_of(store.load_arrays(path / _WEIGHTS)),
+            fitted=store.fitted_of(
+                {k: x for k, x in store.load_arrays(path / _WEIGHTS).items() if not k.endswith(_8_BIT)}
+            ),
             sections=document["sections"],
             classes=tuple(document["classes"]),
             phi=document["decision"]["phi"],
@@ -128,13 +132,15 @@ def read(folder: str | Path) -> Bundle:
 def weights(fitted: Network | Parameters) -> dict[str, Array]:
     """Return what was trained as arrays; of a network, beside each float matrix the 8-bit one of a chip.
 
-    An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.cuba_lif.quantise).
+    An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.fixed_point.quantise).
     """
     arrays = store.record_arrays(fitted)
     for k, layer in enumerate(fitted.layers if isinstance(fitted, Network) else ()):
+        if "fixed_point" not in neuron_of(layer.neuron).exports:
+            continue
         for name, matrix in (("weight", layer.weight), ("recurrent", layer.recurrent)):
             if matrix is not None:
-                arrays[f"{k}/{name}_8bit"] = np.rint(cuba_lif.quantise(matrix) * 32).astype(np.int8)
+                arrays[f"{k}/{name}{_8_BIT}"] = np.rint(quantise(matrix) * 32).astype(np.int8)
     return arrays
 
 

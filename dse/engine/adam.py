@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, TypeVar
 
-from dse.records import Array
+A = TypeVar("A", bound=Any)
+"""An array of numpy or a tensor of torch."""
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 
 
-def adam(
-    weights: Array, gradient: Array, first: Array, second: Array, step: int, rate: Array
-) -> tuple[Array, Array, Array]:
+def adam(weights: A, gradient: A, first: A, second: A, step: int, rate: A | float) -> tuple[A, A, A]:
     """Return weights and both moments after an update.
 
     Args:
@@ -22,9 +21,8 @@ def adam(
         step: number of this update, from 1.
         rate: learning rate, one number or one per column.
     """
-    first = first + np.float32(1 - BETA_1) * (gradient - first)
-    second = second + np.float32(1 - BETA_2) * (gradient * gradient - second)
-    size = np.float32(1 / (1 - BETA_1**step)) * rate
-    correction = np.float32(1 / (1 - BETA_2**step))
-    moved = weights - size * first / (np.sqrt(second * correction) + np.float32(EPSILON))
-    return moved.astype(np.float32), first.astype(np.float32), second.astype(np.float32)
+    first = first + (1 - BETA_1) * (gradient - first)
+    second = second + (1 - BETA_2) * (gradient * gradient - second)
+    size = 1 / (1 - BETA_1**step) * rate
+    correction = 1 / (1 - BETA_2**step)
+    return weights - size * first / ((second * correction) ** 0.5 + EPSILON), first, second

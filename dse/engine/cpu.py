@@ -14,11 +14,11 @@ from dse.engine import kernels
 from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.events import Rows
-from dse.engine.layers import GRID, Layer, layer_of, padded_ring, precision
+from dse.engine.layers import GRID, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
-from dse.neurons.cuba_lif import DECAY_SCALE, WEIGHT_SCALE
+from dse.neurons.fixed_point import WEIGHT_SCALE
 from dse.records import Arithmetic, Array
 
 _NOTHING = np.zeros(0, np.float32)
@@ -164,7 +164,7 @@ class _Network:
         )
 
     def prune(self, kept: Masters) -> None:
-        """Set weights to 0 for good; see dse.engine.member.Cohort."""
+        """Set weights to 0 for good; see dse.engine.member.Engine."""
         self.matrices = [m.without(k) for m, k in zip(self.matrices, kept.feed_forward, strict=True)]
         self.rings = [
             None if r is None or k is None else r.without(padded_ring(k))
@@ -189,23 +189,20 @@ def _ring(layer: TrainedLayer, arithmetic: Arithmetic) -> _Matrix | None:
     return _matrix(padded_ring(layer.recurrent), unit, arithmetic)
 
 
-def _layer(layer: TrainedLayer, matrix: _Matrix, ring: _Matrix | None, arithmetic: Arithmetic) -> Layer:
-    decays = (layer.decay_current, layer.decay_voltage)
-    keep_current, keep_voltage = ((DECAY_SCALE - np.asarray(d, np.float64)) / DECAY_SCALE for d in decays)
+def _layer(layer: TrainedLayer, matrix: _Matrix, ring: _Matrix | None, arithmetic: Arithmetic) -> KernelLayer:
     return layer_of(
         matrix.table,
         matrix.table[:0] if ring is None else ring.table,
         matrix.n_rows,
-        keep_current,
-        keep_voltage,
-        layer.threshold,
+        layer.feed_forward.shape[1],
+        layer.population,
         arithmetic,
         layer.surrogate,
     )
 
 
-class CpuCohort:
-    """Networks that share each batch's rows and their transpose; see dse.engine.member.Cohort."""
+class CpuEngine:
+    """Networks that share each batch's rows and their transpose; see dse.engine.member.Engine."""
 
     def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int, threads: int) -> None:
         self._networks = [_Network(member) for member in members]
@@ -263,9 +260,9 @@ def _workspace(networks: Sequence[_Network], n_rows: int, thread: int) -> Worksp
     )
 
 
-def start(members: Sequence[Member], n_samples: int, n_steps: int, threads: int = 1) -> CpuCohort:
+def start(members: Sequence[Member], n_samples: int, n_steps: int, threads: int = 1) -> CpuEngine:
     """Return a cohort, ready for batches of at most `n_samples` samples of `n_steps` steps.
 
     Threads share a batch's samples (chunk by chunk) and change no result.
     """
-    return CpuCohort(members, n_samples, n_steps, threads)
+    return CpuEngine(members, n_samples, n_steps, threads)

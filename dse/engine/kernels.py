@@ -182,7 +182,7 @@ def _typed_flushed(x: Any) -> Any:
 
 @_part
 def _advance(u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, integer: bool, scale: float) -> Any:
-    """Return the current and the potential before reset one step on (dse.neurons.cuba_lif.step)."""
+    """Return the current and the potential before reset one step on (dse.neurons.cuba_lif)."""
     if integer:
         u = trunc(u * keep_u) + trunc(z * splat(scale, u))
         return u, trunc(v * keep_v) + u

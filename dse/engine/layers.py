@@ -18,9 +18,10 @@ from dse.engine.batch import chunk_samples
 from dse.engine.events import Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import compiled
-from dse.neurons.cuba_lif import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
+from dse.neurons import Population, cuba_lif
+from dse.neurons.fixed_point import STATE_SCALE, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array
+from dse.records import Arithmetic, Array, Floats
 
 GRID = WEIGHT_SCALE / 2
 """8-bit weights are whole numbers on a grid of 1/32."""
@@ -36,37 +37,44 @@ class Weights:
 
     feed_forward: (input, neuron) float32.
     recurrent: (neuron, neuron) float32, row = presynaptic; (0, 0) where there is none.
-    keep_current, keep_voltage: (neuron,) float64 factors (4096 - d) / 4096.
-    threshold: integer mantissa.
+    population: the neurons.
     """
 
-    feed_forward: Array
-    recurrent: Array
-    keep_current: Array
-    keep_voltage: Array
-    threshold: int
+    feed_forward: Floats
+    recurrent: Floats
+    population: Population[Any]
 
     @property
     def n_neurons(self) -> int:
         return int(self.feed_forward.shape[1])
 
 
-def weights(
-    feed_forward: Array, recurrent: Array | None, decay_current: Array, decay_voltage: Array, threshold: int
-) -> Weights:
-    """Return engine weights from (input, neuron) matrices and integer decays, scalar or (neuron,)."""
-    n = feed_forward.shape[1]
-    keep = [(DECAY_SCALE - np.asarray(d, np.float64)) / DECAY_SCALE for d in (decay_current, decay_voltage)]
+def weights(feed_forward: Floats, recurrent: Floats | None, population: Population[Any]) -> Weights:
+    """Return engine weights from (input, neuron) matrices and the layer's neurons."""
     return Weights(
         np.ascontiguousarray(feed_forward, np.float32),
         _NONE if recurrent is None else np.ascontiguousarray(recurrent, np.float32),
-        np.broadcast_to(keep[0], n).copy(),
-        np.broadcast_to(keep[1], n).copy(),
-        threshold,
+        population,
     )
 
 
-class Layer(NamedTuple):
+def kernel_population(population: Population[Any]) -> cuba_lif.Population:
+    """Return a population that the kernels run, typed as such.
+
+    Raises:
+        TypeError: there is no kernel for such neurons.
+    """
+    if not isinstance(population, cuba_lif.Population):
+        raise TypeError(f"only CUBA-LIF neurons have a kernel, got {type(population).__qualname__}")
+    return population
+
+
+def has_kernel(neurons: type[Any]) -> bool:
+    """Return whether the kernels run populations of a class."""
+    return issubclass(neurons, cuba_lif.Population)
+
+
+class KernelLayer(NamedTuple):
     """A layer as the kernels read it: matrices in blocks, neurons padded, all of one arithmetic.
 
     table, ring: int8 or floating weights; `ring` is empty where there is none.
@@ -107,37 +115,42 @@ def layer_of(
     table: Array,
     ring: Array,
     n_inputs: int,
-    keep_current: Array,
-    keep_voltage: Array,
-    threshold: int,
+    n_neurons: int,
+    population: Population[Any],
     arithmetic: Arithmetic,
     surrogate: Exponential | None = None,
-) -> Layer:
-    """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32."""
+) -> KernelLayer:
+    """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32.
+
+    Raises:
+        TypeError: there is no kernel for such neurons.
+    """
+    neurons = kernel_population(population)
+    keep_u, keep_v = neurons.keep
     states = np.float32 if arithmetic == "float32" else np.float64
     scale = STATE_SCALE if arithmetic == "integer" else 1
-    n = padded(len(keep_current))
+    n = padded(n_neurons)
 
-    def kept(factors: Array, kind: Any) -> Array:
+    def in_columns(factors: Floats, kind: Any) -> Floats:
         out = aligned(n, kind)
-        out[: len(factors)] = factors
+        out[:n_neurons] = factors
         return out
 
-    return Layer(
+    return KernelLayer(
         table,
         1 / GRID if table.dtype == np.int8 else 1.0,
         ring,
         1 / GRID if ring.dtype == np.int8 else 1.0,
         n_inputs,
         n,
-        kept(keep_current, states),
-        kept(keep_voltage, states),
-        kept(keep_current, precision(arithmetic)),
-        kept(keep_voltage, precision(arithmetic)),
-        threshold / WEIGHT_SCALE * scale,
+        in_columns(keep_u, states),
+        in_columns(keep_v, states),
+        in_columns(keep_u, precision(arithmetic)),
+        in_columns(keep_v, precision(arithmetic)),
+        neurons.threshold / WEIGHT_SCALE * scale,
         float(scale),
         arithmetic == "integer",
-        _NO_SURROGATE if surrogate is None else surrogate.exponents(),
+        _NO_SURROGATE if surrogate is None else surrogate.exponents(neurons.to_threshold),
     )
 
 
@@ -145,8 +158,12 @@ def layer_of(
 class Prepared:
     """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons."""
 
-    layer: Layer
+    layer: KernelLayer
     n_neurons: int
+
+    def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
+        """Run the layer from rest over a batch; arguments as in `forward`."""
+        return forward(rows, self, keep_voltage=keep_voltage, count=count)
 
 
 def prepare(weights: Weights, arithmetic: Arithmetic) -> Prepared:
@@ -154,7 +171,7 @@ def prepare(weights: Weights, arithmetic: Arithmetic) -> Prepared:
     return Prepared(laid_out(weights, arithmetic), weights.n_neurons)
 
 
-def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | None = None) -> Layer:
+def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | None = None) -> KernelLayer:
     """Return a layer as the kernels read it; weights on the 8-bit grid run as int8."""
 
     def matrix(w: Array) -> Array:
@@ -168,9 +185,8 @@ def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
         matrix(layer.feed_forward),
         matrix(padded_ring(layer.recurrent)),
         layer.feed_forward.shape[0],
-        layer.keep_current,
-        layer.keep_voltage,
-        layer.threshold,
+        layer.n_neurons,
+        layer.population,
         arithmetic,
         surrogate,
     )
@@ -178,7 +194,7 @@ def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
 
 @compiled()
 def run(
-    layer: Layer,
+    layer: KernelLayer,
     offsets: Array,
     index: Array,
     first_row: int,

@@ -12,7 +12,7 @@ import numpy as np
 
 from dse.engine import kernels
 from dse.engine.batch import Batch
-from dse.engine.layers import Layer, run
+from dse.engine.layers import KernelLayer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
 from dse.engine.loss import n_correct, spike_rate
 from dse.native.compiled import compiled
@@ -24,7 +24,7 @@ _NO_GAIN = np.zeros((0, 0), np.float32)
 
 @compiled()
 def _back(
-    layer: Layer,
+    layer: KernelLayer,
     n_samples: int,
     n_steps: int,
     by_column: Array,
@@ -182,7 +182,7 @@ class _Lesson:
     ring_back: the same of recurrent weights.
     """
 
-    running: Sequence[Layer]
+    running: Sequence[KernelLayer]
     n_neurons: Sequence[int]
     batch: Batch
     labels: Array
@@ -196,7 +196,7 @@ class _Lesson:
 
 
 def learn(
-    layers: Sequence[Layer],
+    layers: Sequence[KernelLayer],
     n_neurons: Sequence[int],
     batch: Batch,
     labels: Array,

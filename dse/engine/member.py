@@ -1,18 +1,20 @@
 """What an engine trains: networks at their start, one turn of training, and what it reports.
 
-An engine is a module whose `start(members, n_samples, n_steps)` returns a `Cohort`, ready for batches of at
-most `n_samples` samples of `n_steps` steps: dse.engine.cpu and dse.engine.gpu.
+An engine trains the networks of a cohort: dse.engine.cpu and dse.engine.gpu run kernels,
+dse.engine.autograd the definition of a neuron. Each module has a `start(members, n_samples, n_steps)` that
+returns an `Engine`, ready for batches of at most `n_samples` samples of `n_steps` steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from dse.engine.events import Rows
+from dse.neurons import Population
 from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array
+from dse.records import Arithmetic, Array, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -21,20 +23,17 @@ class TrainedLayer:
 
     feed_forward: (input, neuron) float32 master weights.
     recurrent: (neuron, neuron) float32, row = presynaptic, or None.
-    decay_current, decay_voltage: (neuron,) integer decays in [0, 4096].
-    threshold: integer mantissa; the real threshold is threshold / 64.
+    population: its neurons.
     surrogate: ds/dv.
     unit, recurrent_unit: (neuron,) float32, what a learning rate of 1 moves a weight into each neuron by.
     """
 
-    feed_forward: Array
-    recurrent: Array | None
-    decay_current: Array
-    decay_voltage: Array
-    threshold: int
+    feed_forward: Floats
+    recurrent: Floats | None
+    population: Population[Any]
     surrogate: Exponential
-    unit: Array
-    recurrent_unit: Array | None = None
+    unit: Floats
+    recurrent_unit: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Turn:
     """
 
     learning_rate: float
-    gains: tuple[Array | None, ...]
+    gains: tuple[Floats | None, ...]
 
 
 @dataclass(frozen=True)
@@ -93,10 +92,10 @@ class Masters:
     recurrent: tuple[Array | None, ...]
 
 
-class Cohort(Protocol):
+class Engine(Protocol):
     """Networks that train on the same batches; each one's result is the same alone and in any cohort."""
 
-    def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
+    def step(self, rows: Rows, labels: Ints, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` (by number) on a batch; the others do not move.
 
         Labels are output neurons: (sample,), or (sample, head) of members with several heads.

@@ -9,7 +9,8 @@ import numpy as np
 
 from dse.engine.batch import batch_of, chunk_samples
 from dse.engine.events import Rows, delayed, dense
-from dse.engine.layers import Prepared, Weights, check_inputs, forward, laid_out, precision
+from dse.engine.forward import Prepared, prepare
+from dse.engine.layers import Weights, check_inputs, laid_out, precision
 from dse.engine.layout import aligned, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.neurons.surrogate import Exponential
@@ -124,8 +125,9 @@ def answer(rows: Rows, layers: Sequence[Weights | Prepared], arithmetic: Arithme
     """Run a stack over a batch and count what it costs (arguments as in `layers.forward`)."""
     spikes, updates, fired = [rows.per_step()], [], []
     peak = 0.0
-    for layer in layers:
-        done = forward(rows, layer, arithmetic, count=True)
+    for given in layers:
+        layer = prepare(given, arithmetic) if isinstance(given, Weights) else given
+        done = layer.forward(rows, count=True)
         spikes.append(done.fired.per_step())
         updates.append(done.updates)
         fired.append(np.bincount(done.fired.index, minlength=layer.n_neurons))

@@ -8,8 +8,10 @@ With trunc = toward zero, decays d in 1/4096 and weights on a grid of 1/64, at s
     v_r[t] = 0 if s[t] else v[t]                   hard reset; u is not reset
 
 `integer` arithmetic holds u and v as integers in units of 1/4096 and leaks by
-sign(x) * ((|x| * (4096 - d)) >> 12); this is what the chip does. `ideal` arithmetic uses real
-numbers and leak(x, d) = x * (4096 - d) / 4096. A layer hands its spikes on one step later.
+sign(x) * ((|x| * (4096 - d)) >> 12); this is what the chip does. Real arithmetic leaks by
+leak(x, d) = x * (4096 - d) / 4096. A layer hands its spikes on one step later.
+
+Backward in time the reset is ignored and truncation passes straight through, as in SLAYER (`backward`).
 
 Source: lava-dl SLAYER CUBA neuron and dense block; Davies et al. 2018 (REFERENCES.md).
 """
@@ -17,48 +19,132 @@ Source: lava-dl SLAYER CUBA neuron and dense block; Davies et al. 2018 (REFERENC
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
-from dse.neurons.fixed_point import (
-    DECAY_SCALE,
-    STATE_LIMIT,
-    STATE_SCALE,
-    WEIGHT_SCALE,
-    quantise,
-    quantise_passes,
-)
-from dse.records import Array
-
-__all__ = ["DECAY_SCALE", "STATE_LIMIT", "STATE_SCALE", "WEIGHT_SCALE", "quantise", "quantise_passes"]
-
-Arithmetic = Literal["integer", "ideal"]
+from dse.neurons import LayerSpec, Neuron, Step
+from dse.neurons.calculus import Calculus, NumpyCalculus
+from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
+from dse.records import Arithmetic, Array, Bools, Floats, Ints
+from dse.registry import param, register
 
 
-@dataclass(frozen=True)
-class Params:
-    """Parameters of a population.
-
-    decay_current, decay_voltage: integer decays in [0, 4096], scalar or (neuron,).
-    threshold: integer mantissa; the real threshold is threshold / 64.
-    """
-
-    decay_current: Array
-    decay_voltage: Array
-    threshold: int
-
-
-@dataclass(frozen=True)
-class State:
-    """Current u and membrane potential after reset v, (..., neuron): float64 (ideal) or int64 (integer)."""
+class State(NamedTuple):
+    """Current u and membrane potential after reset v, (..., neuron); in integer arithmetic in 1/4096."""
 
     u: Array
     v: Array
 
 
-def params(current_decay: float, voltage_decay: float, threshold: float) -> Params:
-    """Round real parameters to the chip's grid: decays half to even, threshold down.
+@dataclass(frozen=True)
+class Population:
+    """Neurons of a layer.
+
+    decay_current, decay_voltage: integer decays per network step in [0, 4096], scalar or (neuron,).
+    threshold: integer mantissa; the real threshold is threshold / 64.
+    """
+
+    decay_current: Ints
+    decay_voltage: Ints
+    threshold: int
+
+    @property
+    def to_threshold(self) -> float:
+        """The threshold in weight units: neurons rest at 0."""
+        return self.threshold / WEIGHT_SCALE
+
+    @property
+    def keep(self) -> tuple[Floats, Floats]:
+        """Factors of u and of v from one step to the next, float64: (4096 - d) / 4096, exact."""
+        decays = (np.asarray(d, np.float64) for d in (self.decay_current, self.decay_voltage))
+        keep_u, keep_v = ((DECAY_SCALE - d) / DECAY_SCALE for d in decays)
+        return keep_u, keep_v
+
+    def initial_state(self, shape: tuple[int, ...], calculus: Calculus) -> State:
+        """Return the resting state: zeros."""
+        return State(calculus.zeros(shape), calculus.zeros(shape))
+
+    def step(self, state: State, drive: Array, calculus: Calculus) -> Step[State]:
+        """Advance by one time step (equations in the module's docstring)."""
+        xp, integer = calculus.xp, calculus.arithmetic == "integer"
+        z = calculus.truncated(drive * STATE_SCALE) if integer else drive
+        u = leak(state.u, self.decay_current, calculus) + z
+        v = leak(state.v, self.decay_voltage, calculus) + u
+        potential = v / STATE_SCALE if integer else v
+        spikes = calculus.fire(potential, self.to_threshold)
+        reset = calculus.constant(xp.where(spikes > 0, v, xp.zeros_like(v)))
+        return Step(State(u, v - reset), potential, spikes)
+
+
+def leak(x: Array, decay: Ints, calculus: Calculus) -> Array:
+    """Return x after one step of leak; integer states truncate toward zero."""
+    if calculus.arithmetic == "integer":
+        return calculus.truncated(x * (DECAY_SCALE - decay), DECAY_SCALE)
+    leaked: Array = x * ((DECAY_SCALE - decay) / DECAY_SCALE)
+    return leaked
+
+
+@register("neurons", "cuba_lif")
+@dataclass(frozen=True)
+class CubaLif(Neuron):
+    """Current-based leaky integrate-and-fire, as on Loihi (equations: dse.neurons.cuba_lif)."""
+
+    Populations = Population
+    arithmetics = ("integer", "float32", "ideal")
+    exports = ("fixed_point",)
+    on_chips = True
+    state_updates = 2
+
+    threshold: float = param(
+        1.25, low=1 / 64, unit="weight", doc="firing threshold; weights are limited to -4 to 3.97"
+    )
+    current_decay: tuple[float, ...] = param(
+        (0.25,),
+        low=0,
+        high=1,
+        doc="current decay per input step; one value, or two bounds between which neurons differ",
+    )
+    voltage_decay: tuple[float, ...] = param(
+        (0.03,),
+        low=0,
+        high=1,
+        doc="voltage decay per input step; one value, or two bounds between which neurons differ",
+    )
+    output_current_decay: float = param(0.25, low=0, high=1, doc="current decay of output neurons")
+    output_voltage_decay: float = param(0.03, low=0, high=1, doc="voltage decay of output neurons")
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        for name, bounds in (("current_decay", self.current_decay), ("voltage_decay", self.voltage_decay)):
+            if not 1 <= len(bounds) <= 2:
+                raise ValueError(f"{name} must be one decay or two bounds, got {len(bounds)} numbers")
+
+    def population(self, layer: LayerSpec, rng: np.random.Generator) -> Population:
+        """Return a layer's neurons; decays per input step are spread over its network steps."""
+        current = (self.output_current_decay,) if layer.is_output else self.current_decay
+        voltage = (self.output_voltage_decay,) if layer.is_output else self.voltage_decay
+        return Population(
+            decay_current=_decays(current, layer, rng),
+            decay_voltage=_decays(voltage, layer, rng),
+            threshold=round_threshold(self.threshold),
+        )
+
+
+def _decays(bounds: tuple[float, ...], layer: LayerSpec, rng: np.random.Generator) -> Ints:
+    """Return integer decays per network step; two bounds spread the time constants log-uniformly."""
+    keep = 1 - np.asarray(bounds, np.float64)
+    if len(bounds) == 1 or bounds[0] == bounds[1]:
+        spread = np.full(layer.n_neurons, keep[0])
+    else:
+        tau = -1 / np.log(np.clip(keep, 1e-9, 1 - 1e-6))
+        shortest, longest = np.log(np.sort(tau))
+        spread = np.exp(-1 / np.exp(rng.uniform(shortest, longest, layer.n_neurons)))
+    return round_decay(1 - spread ** (1 / layer.steps_per_sample))
+
+
+def rounded(current_decay: float, voltage_decay: float, threshold: float) -> Population:
+    """Return neurons with real parameters rounded to the grid: decays half to even, threshold down.
 
     Raises:
         ValueError: a decay lies outside [0, 1], or the threshold rounds to less than 1/64.
@@ -66,10 +152,10 @@ def params(current_decay: float, voltage_decay: float, threshold: float) -> Para
     for name, decay in (("current_decay", current_decay), ("voltage_decay", voltage_decay)):
         if not 0 <= decay <= 1:
             raise ValueError(f"{name} must be within [0, 1], got {decay}")
-    return Params(round_decay(current_decay), round_decay(voltage_decay), round_threshold(threshold))
+    return Population(round_decay(current_decay), round_decay(voltage_decay), round_threshold(threshold))
 
 
-def round_decay(decay: Array | float) -> Array:
+def round_decay(decay: Array | float) -> Ints:
     """Return the 12-bit integer decay, rounded half to even in float32 as SLAYER does."""
     return np.clip(np.round(np.float32(DECAY_SCALE) * np.asarray(decay, np.float32)), 0, DECAY_SCALE).astype(
         np.int32
@@ -88,63 +174,26 @@ def round_threshold(threshold: float) -> int:
     return mantissa
 
 
-def initial_state(shape: tuple[int, ...], arithmetic: Arithmetic) -> State:
-    """Return the resting state (all zeros) of the given shape, neurons last."""
-    kind = np.int64 if arithmetic == "integer" else np.float64
-    return State(np.zeros(shape, kind), np.zeros(shape, kind))
-
-
-def leak(x: Array, decay: Array) -> Array:
-    """Return x after one step of leak; truncates toward zero where x is an integer array."""
-    if x.dtype.kind != "i":
-        return np.asarray(x * ((DECAY_SCALE - decay) / DECAY_SCALE))
-    product = x * (DECAY_SCALE - decay).astype(np.int64)
-    return np.asarray(np.sign(product) * (np.abs(product) >> 12))
-
-
-def step(state: State, z: Array, population: Params) -> tuple[State, Array, Array]:
-    """Advance a population by one time step (equations in the module's docstring).
-
-    Args:
-        state: u and reset v at t - 1, each (..., neuron).
-        z: weighted input at t in weight units, (..., neuron).
-        population: decays and threshold.
-
-    Returns:
-        The state at t, the membrane potential before reset (same units as the state), and
-        the spikes s[t] as booleans.
-    """
-    if state.u.dtype.kind == "i":
-        drive = np.trunc(np.asarray(z, np.float64) * STATE_SCALE).astype(np.int64)
-        threshold: float = population.threshold * (STATE_SCALE // WEIGHT_SCALE)
-    else:
-        drive = np.asarray(z, np.float64)
-        threshold = population.threshold / WEIGHT_SCALE
-    u = leak(state.u, population.decay_current) + drive
-    v = leak(state.v, population.decay_voltage) + u
-    fired = v > threshold
-    return State(u, np.where(fired, np.zeros_like(v), v)), v, fired
-
-
-def run(z: Array, population: Params, arithmetic: Arithmetic) -> tuple[Array, Array, Array]:
+def run(z: Floats, population: Population, arithmetic: Arithmetic) -> tuple[Floats, Floats, Bools]:
     """Run a population over time from rest.
 
     Args:
         z: weighted input, (sample, step, neuron), weight units.
         population: decays and threshold.
-        arithmetic: 'integer' or 'ideal'.
+        arithmetic: of the states.
 
     Returns:
-        Current, membrane potential before reset (both float64 in weight units) and spikes (bool),
+        Current, membrane potential before reset (both float64 in weight units) and spikes,
         each (sample, step, neuron).
     """
-    state = initial_state((z.shape[0], z.shape[2]), arithmetic)
+    calculus = NumpyCalculus(arithmetic)
+    state = population.initial_state((z.shape[0], z.shape[2]), calculus)
     scale = STATE_SCALE if arithmetic == "integer" else 1
     current, voltage = np.zeros(z.shape), np.zeros(z.shape)
     spikes = np.zeros(z.shape, bool)
     for t in range(z.shape[1]):
-        state, v, spikes[:, t] = step(state, z[:, t], population)
-        current[:, t], voltage[:, t] = state.u / scale, v / scale
+        state, voltage[:, t], spikes[:, t] = population.step(state, z[:, t], calculus)
+        current[:, t] = state.u / scale
     return current, voltage, spikes
 
 
@@ -155,15 +204,14 @@ def shift(spikes: Array) -> Array:
     return out
 
 
-def backward(grad_spikes: Array, surrogate_gradient: Array, population: Params) -> Array:
+def backward(grad_spikes: Floats, surrogate_gradient: Floats, population: Population) -> Floats:
     """Return dL/dz of a population: leaky integration backward in time, the reset ignored.
 
         lv[t] = (1 - d_v) lv[t+1] + dL/ds[t] * ds/dv[t];   lu[t] = (1 - d_u) lu[t+1] + lv[t] = dL/dz[t]
 
     Truncation and rounding are straight-through. Arrays are (sample, step, neuron).
     """
-    keep_u = (DECAY_SCALE - population.decay_current) / DECAY_SCALE
-    keep_v = (DECAY_SCALE - population.decay_voltage) / DECAY_SCALE
+    keep_u, keep_v = population.keep
     lv = np.zeros(grad_spikes.shape[::2])
     lu = np.zeros_like(lv)
     out = np.zeros(grad_spikes.shape)

@@ -18,28 +18,68 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from dse.records import Array
+from dse.neurons import LayerSpec, Neuron, Step
+from dse.neurons.calculus import Calculus, NumpyCalculus
+from dse.records import Array, Bools, Floats
+from dse.registry import param, register
 
 LIMIT = 1e300
 """Where R_m I saturates."""
 
 
-@dataclass(frozen=True)
-class Params:
-    """Parameters of a population.
+class State(NamedTuple):
+    """Membrane potential after reset u, (..., neuron)."""
 
-    tau_m_ms: membrane time constant.
-    r_m: resistance, in units of u per unit of current.
-    u_rest, threshold: resting potential, where a spike resets to, and what u must exceed to spike.
+    u: Array
+
+
+@dataclass(frozen=True)
+class Population:
+    """Neurons of a layer, for one length of a step.
+
+    share: 1 - k of the equations.
+    r_m, u_rest, threshold: as in `Lif`.
     """
 
-    tau_m_ms: float
-    r_m: float = 1.0
-    u_rest: float = 0.0
-    threshold: float = 1.0
+    share: float
+    r_m: float
+    u_rest: float
+    threshold: float
+
+    @property
+    def to_threshold(self) -> float:
+        """From rest to the threshold."""
+        return self.threshold - self.u_rest
+
+    def initial_state(self, shape: tuple[int, ...], calculus: Calculus) -> State:
+        """Return neurons at rest."""
+        return State(calculus.zeros(shape) + self.u_rest)
+
+    def step(self, state: State, drive: Array, calculus: Calculus) -> Step[State]:
+        """Advance by one time step (equations in the module's docstring)."""
+        xp = calculus.xp
+        limit = min(LIMIT, float(xp.finfo(drive.dtype).max))
+        driven = xp.clip(self.r_m * drive, -limit, limit)
+        u = self.u_rest + (1 - self.share) * (state.u - self.u_rest) + self.share * driven
+        spikes = calculus.fire(u, self.threshold)
+        return Step(State(xp.where(spikes > 0, xp.zeros_like(u) + self.u_rest, u)), u, spikes)
+
+
+@register("neurons", "lif")
+@dataclass(frozen=True)
+class Lif(Neuron):
+    """Leaky integrate-and-fire with one time constant (equations: dse.neurons.lif)."""
+
+    Populations = Population
+
+    tau_m_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="membrane time constant")
+    r_m: float = param(1.0, unit="weight per current", doc="membrane resistance")
+    u_rest: float = param(0.0, unit="weight", doc="resting potential, to which a spike resets")
+    threshold: float = param(1.0, unit="weight", doc="firing threshold, above u_rest")
 
     def __post_init__(self) -> None:
         """Refuse what is no neuron."""
@@ -51,17 +91,13 @@ class Params:
         if not self.threshold > self.u_rest:
             raise ValueError(f"threshold must be above u_rest ({self.u_rest}), got {self.threshold}")
 
+    def population(self, layer: LayerSpec, rng: np.random.Generator) -> Population:
+        """Return a layer's neurons, all alike."""
+        return self.at(layer.step_ms)
 
-@dataclass(frozen=True)
-class State:
-    """Membrane potential after reset u, (..., neuron) float64."""
-
-    u: Array
-
-
-def initial_state(shape: tuple[int, ...], population: Params) -> State:
-    """Return the resting state of the given shape, neurons last."""
-    return State(np.full(shape, population.u_rest, np.float64))
+    def at(self, step_ms: float) -> Population:
+        """Return the neurons for steps of one length."""
+        return Population(leak(step_ms, self.tau_m_ms), self.r_m, self.u_rest, self.threshold)
 
 
 def leak(step_ms: float, tau_m_ms: float) -> float:
@@ -75,45 +111,28 @@ def leak(step_ms: float, tau_m_ms: float) -> float:
     return -math.expm1(-step_ms / tau_m_ms)
 
 
-def step(state: State, current: Array, population: Params, step_ms: float) -> tuple[State, Array, Array]:
-    """Advance a population by one time step (equations in the module's docstring).
-
-    Args:
-        state: reset u at t - 1, (..., neuron).
-        current: I at t, (..., neuron).
-        population: parameters.
-        step_ms: length of the step.
-
-    Returns:
-        The state at t, u before reset, and the spikes s[t] as booleans.
-
-    Raises:
-        ValueError: a current is not finite.
-    """
-    current = np.asarray(current, np.float64)
-    if not np.isfinite(current).all():
-        raise ValueError(f"current must be finite, got {current[~np.isfinite(current)][0]}")
-    with np.errstate(over="ignore"):  # saturates, as the docstring says
-        drive = np.clip(population.r_m * current, -LIMIT, LIMIT)
-    share = leak(step_ms, population.tau_m_ms)
-    u = population.u_rest + (1 - share) * (state.u - population.u_rest) + share * drive
-    fired = u > population.threshold
-    return State(np.where(fired, population.u_rest, u)), u, fired
-
-
-def run(current: Array, population: Params, step_ms: float) -> tuple[Array, Array]:
-    """Run a population over time from rest.
+def run(current: Floats, neuron: Lif, step_ms: float) -> tuple[Floats, Bools]:
+    """Run neurons over time from rest.
 
     Args:
         current: (sample, step, neuron).
-        population: parameters.
+        neuron: its parameters.
         step_ms: length of a step.
 
     Returns:
         Membrane potential before reset (float64) and spikes (bool), each (sample, step, neuron).
+
+    Raises:
+        ValueError: a current is not finite.
     """
-    state = initial_state((current.shape[0], current.shape[2]), population)
+    if not np.isfinite(current).all():
+        raise ValueError(f"current must be finite, got {current[~np.isfinite(current)][0]}")
+    calculus, population = NumpyCalculus("ideal"), neuron.at(step_ms)
+    state = population.initial_state((current.shape[0], current.shape[2]), calculus)
     potential, spikes = np.zeros(current.shape), np.zeros(current.shape, bool)
     for t in range(current.shape[1]):
-        state, potential[:, t], spikes[:, t] = step(state, current[:, t], population, step_ms)
+        with np.errstate(over="ignore"):  # saturates, as the docstring says
+            state, potential[:, t], spikes[:, t] = population.step(
+                state, np.asarray(current[:, t], np.float64), calculus
+            )
     return potential, spikes

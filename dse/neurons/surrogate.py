@@ -7,39 +7,46 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.neurons.cuba_lif import STATE_SCALE, WEIGHT_SCALE
-from dse.records import Array
+from dse.neurons.fixed_point import STATE_SCALE
+from dse.records import Floats
+
+OFFSET = 0.01 / STATE_SCALE
+"""How far above the threshold SLAYER's surrogate has its centre."""
 
 
 @dataclass(frozen=True)
 class Exponential:
-    """SLAYER's double exponential, ds/dv = height * exp(-|v - centre| / width), in weight units.
+    """SLAYER's double exponential, ds/dv = height * exp(-|v - threshold - OFFSET| / width), in weight units.
 
-    width = 100 * tau_grad * threshold and height = 0.1 * scale_grad / (2 * width); `tau_grad` is a
-    ratio of the threshold, not a time. The centre lies 0.01/4096 above the threshold. Below `cut` times its
-    height the surrogate is 0 (SLAYER: cut = 0).
+    width = 100 * tau_grad * (threshold - rest) and height = 0.1 * scale_grad / (2 * width); `tau_grad` is a
+    ratio, not a time. Below `cut` times its height the surrogate is 0 (SLAYER: cut = 0). Width and height are
+    numbers, or (neuron,).
 
     Source: lava-dl SLAYER, `slayer.spike.Spike` (REFERENCES.md).
     """
 
-    centre: float
-    width: float
-    height: float
+    width: Floats | float
+    height: Floats | float
     cut: float = 0.0
 
-    def exponents(self) -> tuple[float, float, float, float]:
-        """Return (centre, rate, height, lowest): height * 2**x, x = rate * |v - centre|; 0 for x < lowest."""
-        lowest = math.log2(self.cut) if self.cut else -math.inf
-        return self.centre, -math.log2(math.e) / self.width, self.height, lowest
+    def exponents(self, threshold: float) -> tuple[float, float, float, float]:
+        """Return (centre, rate, height, lowest) of one threshold for all neurons, as kernels read them.
 
-    def __call__(self, voltage: Array) -> Array:
-        """Return ds/dv at a membrane potential (before reset, weight units), any shape."""
-        share = np.exp(-np.abs(voltage - self.centre) / self.width)
+        The surrogate is height * 2**x with x = rate * |v - centre|, and 0 for x < lowest.
+        """
+        lowest = math.log2(self.cut) if self.cut else -math.inf
+        return threshold + OFFSET, -math.log2(math.e) / float(self.width), float(self.height), lowest
+
+    def __call__(self, distance: Floats) -> Floats:
+        """Return ds/dv at a distance v - threshold (v before reset, weight units), any shape."""
+        share = np.exp(-np.abs(distance - OFFSET) / self.width)
         return np.asarray(self.height * np.where(share > self.cut, share, np.zeros_like(share)))
 
 
-def exponential(threshold: int, tau_grad: float, scale_grad: float, cut: float = 0.0) -> Exponential:
-    """Return the surrogate of a threshold mantissa (threshold / 64 in weight units).
+def exponential(
+    to_threshold: Floats | float, tau_grad: float, scale_grad: float, cut: float = 0.0
+) -> Exponential:
+    """Return the surrogate of neurons, given how far their threshold lies above rest (weight units).
 
     Raises:
         ValueError: tau_grad or scale_grad is not positive, or cut is outside [0, 1).
@@ -48,6 +55,5 @@ def exponential(threshold: int, tau_grad: float, scale_grad: float, cut: float =
         raise ValueError(f"cut must be within [0, 1), got {cut}")
     if not (tau_grad > 0 and scale_grad > 0):
         raise ValueError(f"tau_grad and scale_grad must be > 0, got {tau_grad} and {scale_grad}")
-    real = threshold / WEIGHT_SCALE
-    width = 100 * tau_grad * real
-    return Exponential(real + 0.01 / STATE_SCALE, width, 0.1 * scale_grad / (2 * width), cut)
+    width = 100 * tau_grad * to_threshold
+    return Exponential(width, 0.1 * scale_grad / (2 * width), cut)

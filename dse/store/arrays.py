@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dse.records import Answers, Array, Ints, Network, Operations, Parameters, Response, Workload
+from dse.records import Answers, Array, Ints, Layer, Network, Operations, Parameters, Response, Workload
 from dse.store.files import StoreError
 
 if TYPE_CHECKING:
@@ -40,7 +40,11 @@ DAMAGED_ARCHIVE = (
 """Everything that reading a damaged .npz file may raise."""
 
 # Fields whose arrays lie elsewhere than under `<field>/`.
-_PREFIXES: Mapping[tuple[type, str], str] = {(Network, "layers"): "", (Parameters, "arrays"): "own/"}
+_PREFIXES: Mapping[tuple[type, str], str] = {
+    (Network, "layers"): "",
+    (Layer, "parameters"): "",
+    (Parameters, "arrays"): "own/",
+}
 _WORK = "work/"
 _SCALARS = (bool, int, float, str)
 _DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
@@ -108,7 +112,7 @@ def record_of(kind: type[Record], arrays: Mapping[str, Array], prefix: str = "")
         prefix: precedes every name.
 
     Raises:
-        StoreError: an array is missing.
+        StoreError: the array of a field without a default is missing.
         TypeError: a field of the class is of a type that cannot be stored.
     """
     optional = _optional(kind)
@@ -117,7 +121,12 @@ def record_of(kind: type[Record], arrays: Mapping[str, Array], prefix: str = "")
         under = prefix + _PREFIXES.get((kind, name), f"{name}/")
         element = _element(hint)
         if _is_mapping(hint):
-            values[name] = {key.removeprefix(under): x for key, x in arrays.items() if key.startswith(under)}
+            others = {prefix + other for other in _hints(kind)}
+            values[name] = {
+                key.removeprefix(under): x
+                for key, x in arrays.items()
+                if key.startswith(under) and key not in others
+            }
         elif dataclasses.is_dataclass(hint):
             absent = name in optional and not any(key.startswith(under) for key in arrays)
             values[name] = None if absent else record_of(typing.cast(type[Any], hint), arrays, under)
@@ -127,6 +136,8 @@ def record_of(kind: type[Record], arrays: Mapping[str, Array], prefix: str = "")
             values[name] = tuple(record_of(record, arrays, f"{under}{k}/") for k in range(n))
         elif name in optional and prefix + name not in arrays:
             values[name] = None
+        elif name in _defaults(kind) and prefix + name not in arrays:
+            values[name] = _defaults(kind)[name]
         else:
             array = _array(kind, arrays, prefix + name)
             if element is not None:
@@ -225,6 +236,12 @@ def _hints(kind: type) -> dict[str, Any]:
 def _optional(kind: type) -> frozenset[str]:
     """Return the names of the fields that may be None."""
     return frozenset(name for name, hint in _annotations(kind).items() if _present(hint) is not hint)
+
+
+@functools.cache
+def _defaults(kind: type) -> Mapping[str, Any]:
+    """Return the default of each field that has one."""
+    return {x.name: x.default for x in dataclasses.fields(kind) if x.default is not dataclasses.MISSING}
 
 
 def _present(hint: Any) -> Any:

@@ -17,7 +17,7 @@ from dse import dataset, seeds, store
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes
 from dse.measure.run import Measurement, measure
-from dse.models.training import Design
+from dse.models.training import FitRequest
 from dse.records import Answers, Array, Dataset, Operations, Outcome, Response, Workload
 from dse.search.cohorts import Demand
 from dse.study.workers import Failure
@@ -176,7 +176,7 @@ def _outcomes(job: Cohort, data: Dataset) -> Iterator[tuple[int, Outcome | Excep
     def shared(purpose: str, *index: int) -> np.random.Generator:
         return seeds.generator(first.seed, {}, purpose, first.repeat, *index)
 
-    designs = [Design(run.model, run.training, _own(run)) for run in job.runs]
+    designs = [FitRequest(run.model, run.training, _own(run)) for run in job.runs]
     found: Iterator[tuple[int, Outcome | Exception]] = type(first.model).fit_cohort(
         data, designs, shared, job.device, job.threads
     )

@@ -24,7 +24,7 @@ import numpy as np
 from dse import dataset, store
 from dse.measure.run import measure
 from dse.models.snn.quantise import BITS, rounded
-from dse.neurons.cuba_lif import STATE_LIMIT
+from dse.neurons.fixed_point import STATE_LIMIT
 from dse.records import Array, Dataset, Network, Outcome
 from dse.study import jobs
 from dse.study.workers import Failure

@@ -17,6 +17,7 @@ from benchmarks.mapped_cases import Case
 from dse.hardware.cost import cost, cost_of_steps
 from dse.hardware.profile import load
 from dse.records import Layer, Network, Workload
+from tests.layers import cuba_parameters
 
 PROFILE = load("loihi1_silicon")
 BARRIER_NS = 600.0
@@ -191,7 +192,7 @@ def test_pruned_weights_reach_fewer_and_bursts_have_silence() -> None:
 
 
 def test_one_scale_uses_its_full_range_for_the_largest_weight() -> None:
-    layer = Layer(np.array([[0.5, -3.0]], np.float32), None, np.zeros(1), np.zeros(1), 80)
+    layer = Layer(np.array([[0.5, -3.0]], np.float32), None, cuba_parameters(np.zeros(1), np.zeros(1), 80))
     second = replace(layer, weight=np.array([[0.75]], np.float32), recurrent=np.array([[1.6]], np.float32))
     network = Network((layer, second), 2, (0,), 1, "integer")
     found = one_scale(network, 2)

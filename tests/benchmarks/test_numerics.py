@@ -11,7 +11,7 @@ from benchmarks import hots, numerics
 from benchmarks.numerics import Match, Row, match
 from dse.engine.layers import forward, weights
 from dse.models.surfaces.time_surfaces import Memory, Stream, nearest
-from dse.neurons import lif
+from dse.neurons import cuba_lif, lif
 
 
 @pytest.fixture(autouse=True)
@@ -59,9 +59,11 @@ def test_exact_decays_are_those_of_lif_neurons() -> None:
     rows = numerics.drawn_rows(2, 60, 5, 0.2, np.random.default_rng(0))
     weight = np.random.default_rng(1).integers(-30, 60, (5, 4)).astype(np.float32) / 32
     decay = 0.0123
-    layer = numerics.exact_decays(weights(weight, None, np.int32(4096), np.int32(50), 80), 1.0, decay)
+    layer = numerics.exact_decays(
+        weights(weight, None, cuba_lif.Population(np.int32(4096), np.int32(50), 80)), 1.0, decay
+    )
     found = forward(rows, layer, "ideal", keep_voltage=True)
-    population = lif.Params(tau_m_ms=-1 / np.log1p(-decay), r_m=1 / decay, threshold=80 / 64)
+    population = lif.Lif(tau_m_ms=-1 / np.log1p(-decay), r_m=1 / decay, threshold=80 / 64)
     potential, spikes = lif.run(numerics.dense(rows) @ weight.astype(np.float64), population, 1.0)
     assert spikes.any()
     np.testing.assert_allclose(found.voltage, potential, atol=1e-9)
@@ -87,7 +89,7 @@ def test_rounded_decays_err_most_where_they_are_slow_and_float32_hardly() -> Non
 def test_slow_neurons_start_with_a_threshold_at_which_they_fire() -> None:
     rows = numerics.drawn_rows(4, 400, 50, 0.03, np.random.default_rng(0))
     layer = numerics.started(rows, 0.001, 0.001, 16)
-    assert layer.threshold > 80
+    assert layer.population.threshold > 80
     assert len(forward(rows, layer, "integer").fired.index) > 0.02 * 4 * 400 * 16
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, weights, write
-from dse.neurons.cuba_lif import quantise
+from dse.neurons.fixed_point import quantise
 from dse.records import Head, Layer, Network, Parameters
+from tests.layers import cuba_parameters
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def made() -> Bundle:
     decay = np.full(3, 1024, np.int32)
     ring = rng.normal(size=(3, 3)).astype(np.float32)
     weight = np.array([[-9.0, 9.0], [1 / 64, 3 / 64], [0.5, -1 / 3]], np.float32)
-    network = Network((Layer(weight, ring, decay, decay, 80),), 2, (0,), 1, "integer")
+    network = Network((Layer(weight, ring, cuba_parameters(decay, decay, 80)),), 2, (0,), 1, "integer")
     return Bundle(
         fitted=network,
         sections={"data": {"kind": "raster"}, "model": {"kind": "snn", "hidden": [3]}},

@@ -12,7 +12,7 @@ from dse.engine.adam import adam
 from dse.engine.layers import weights
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif
+from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
 from tests.engine.test_network import rows_of
@@ -22,10 +22,8 @@ def drawn(rng: np.random.Generator, n_in: int, n_out: int, ring: bool = False) -
     return TrainedLayer(
         rng.normal(0.05, 0.5, (n_in, n_out)).astype(np.float32),
         rng.normal(0, 0.3, (n_out, n_out)).astype(np.float32) if ring else None,
-        rng.integers(100, 3000, n_out),
-        rng.integers(50, 2000, n_out),
-        80,
-        exponential(80, 0.03, 3.0),
+        cuba_lif.Population(rng.integers(100, 3000, n_out), rng.integers(50, 2000, n_out), 80),
+        exponential(80 / 64, 0.03, 3.0),
         rng.uniform(0.5, 2, n_out).astype(np.float32),
         np.full(n_out, 0.7, np.float32) if ring else None,
     )
@@ -72,12 +70,11 @@ def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
     masters = [layer.feed_forward for layer in one.layers]
     moments = [(np.zeros_like(w), np.zeros_like(w)) for w in masters]
     rng, same = np.random.default_rng(2), np.random.default_rng(2)
-    rounding = cuba_lif.quantise if arithmetic == "integer" else np.asarray
+    rounding = fixed_point.quantise if arithmetic == "integer" else np.asarray
     for step in range(1, 4):
         report = cohort.step(rows_of(x), labels, {0: dropped(rng, 5)})[0]
         layers = [
-            weights(rounding(w), None, layer.decay_current, layer.decay_voltage, 80)
-            for w, layer in zip(masters, one.layers, strict=True)
+            weights(rounding(w), None, layer.population) for w, layer in zip(masters, one.layers, strict=True)
         ]
         found = gradients(
             rows_of(x),
@@ -92,7 +89,7 @@ def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
         assert (report.loss, report.correct, report.fired) == (found.loss, found.correct, found.fired)
         norm = 0.0
         for k, layer in enumerate(one.layers):
-            passes = cuba_lif.quantise_passes(masters[k]) if arithmetic == "integer" else 1
+            passes = fixed_point.quantise_passes(masters[k]) if arithmetic == "integer" else 1
             g = found.feed_forward[k] * passes
             norm += float((g.astype(np.float64) ** 2).sum())
             masters[k], *moments[k] = adam(masters[k], g, *moments[k], step, 0.01 * layer.unit)

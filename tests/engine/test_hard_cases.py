@@ -10,17 +10,18 @@ from hypothesis import strategies as st
 from dse.engine.events import dense
 from dse.engine.layers import Weights, forward, weights
 from dse.engine.network import answer, gradients
-from dse.neurons import cuba_lif
+from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
-from tests.engine.test_network import population_of, rows_of
+from dse.records import Arithmetic
+from tests.engine.test_network import rows_of
 
 LOWEST, HIGHEST = np.float32(-4), np.float32(254 / 64)
 
 
-def assert_defined(x: np.ndarray, layer: Weights, arithmetic: cuba_lif.Arithmetic) -> np.ndarray:
+def assert_defined(x: np.ndarray, layer: Weights, arithmetic: Arithmetic) -> np.ndarray:
     """Check potentials and spikes against dse.neurons; return the potentials in weight units."""
     z = x.astype(np.float64) @ layer.feed_forward.astype(np.float64)
-    _, voltage, spikes = cuba_lif.run(z, population_of(layer), arithmetic)
+    _, voltage, spikes = cuba_lif.run(z, layer.population, arithmetic)
     found = forward(rows_of(x), layer, arithmetic, keep_voltage=True)
     np.testing.assert_array_equal(dense(found.fired), spikes)
     np.testing.assert_array_equal(found.voltage, voltage.astype(found.voltage.dtype))
@@ -42,38 +43,44 @@ def test_any_layer_equals_its_definition(
 ) -> None:
     rng = np.random.default_rng(seed)
     x = (rng.random((2, n_steps, n_inputs)) < density).astype(np.uint8)
-    w = cuba_lif.quantise(rng.normal(0, scale, (n_inputs, n_neurons)))
+    w = fixed_point.quantise(rng.normal(0, scale, (n_inputs, n_neurons)))
     decays = (rng.integers(0, 4097, n_neurons) for _ in range(2))
-    assert_defined(x, weights(w, None, *decays, threshold), "integer")
+    assert_defined(x, weights(w, None, cuba_lif.Population(*decays, threshold)), "integer")
 
 
 @pytest.mark.parametrize("weight", [LOWEST, HIGHEST])
 @pytest.mark.parametrize("decay", [0, 1, 4095, 4096])
 def test_every_input_fires_every_step_into_clipped_weights(weight: np.float32, decay: int) -> None:
-    layer = weights(np.full((300, 3), weight), None, np.int32(decay), np.int32(decay), 80)
+    layer = weights(
+        np.full((300, 3), weight), None, cuba_lif.Population(np.int32(decay), np.int32(decay), 80)
+    )
     assert_defined(np.ones((1, 50, 300), np.uint8), layer, "integer")
 
 
 def test_states_beyond_24_bits_stay_exact_and_are_reported() -> None:
-    layer = weights(np.full((300, 2), HIGHEST), None, np.int32(0), np.int32(0), 2**17 - 1)
+    layer = weights(
+        np.full((300, 2), HIGHEST), None, cuba_lif.Population(np.int32(0), np.int32(0), 2**17 - 1)
+    )
     x = np.ones((1, 200, 300), np.uint8)
     voltage = assert_defined(x, layer, "integer")
-    assert np.abs(voltage).max() * 4096 > cuba_lif.STATE_LIMIT
-    assert answer(rows_of(x), [layer]).peak * 4096 > cuba_lif.STATE_LIMIT
+    assert np.abs(voltage).max() * 4096 > fixed_point.STATE_LIMIT
+    assert answer(rows_of(x), [layer]).peak * 4096 > fixed_point.STATE_LIMIT
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
-def test_twenty_thousand_steps_equal_the_definition(arithmetic: cuba_lif.Arithmetic) -> None:
+def test_twenty_thousand_steps_equal_the_definition(arithmetic: Arithmetic) -> None:
     rng = np.random.default_rng(3)
     x = (rng.random((2, 20_000, 5)) < 0.01).astype(np.uint8)
-    w = cuba_lif.quantise(rng.normal(0, 1, (5, 3)))
-    assert_defined(x, weights(w, None, np.int32(3), np.int32(1), 500), arithmetic)
+    w = fixed_point.quantise(rng.normal(0, 1, (5, 3)))
+    assert_defined(x, weights(w, None, cuba_lif.Population(np.int32(3), np.int32(1), 500)), arithmetic)
 
 
 def test_a_trace_ends_at_zero_before_it_becomes_denormal() -> None:
     x = np.zeros((1, 3000, 1), np.uint8)
     x[0, 0] = 1
-    layer = weights(np.full((1, 2), 1.0, np.float32), None, np.int32(400), np.int32(400), 1000)
+    layer = weights(
+        np.full((1, 2), 1.0, np.float32), None, cuba_lif.Population(np.int32(400), np.int32(400), 1000)
+    )
     single, double = (
         forward(rows_of(x), layer, arithmetic, keep_voltage=True).voltage[0, :, 0]
         for arithmetic in ("float32", "ideal")
@@ -96,14 +103,18 @@ def test_a_trace_ends_at_zero_before_it_becomes_denormal() -> None:
 def test_gradients_of_extreme_inputs_are_finite(x: np.ndarray, arithmetic: str) -> None:
     rng = np.random.default_rng(8)
     layers = [
-        weights(cuba_lif.quantise(rng.normal(0, 0.5, shape)), None, np.int32(1000), np.int32(100), 80)
+        weights(
+            fixed_point.quantise(rng.normal(0, 0.5, shape)),
+            None,
+            cuba_lif.Population(np.int32(1000), np.int32(100), 80),
+        )
         for shape in ((12, 70), (70, 4))
     ]
     labels = np.zeros(len(x), np.int64)
     found = gradients(
         rows_of(x),
         layers,
-        [exponential(80, 0.03, 3.0)] * 2,
+        [exponential(80 / 64, 0.03, 3.0)] * 2,
         labels,
         true_rate=0.8,
         false_rate=0.0,
@@ -120,7 +131,9 @@ def test_gradients_of_tiny_and_huge_real_weights_are_finite(scale: float) -> Non
     rng = np.random.default_rng(9)
     layers = [
         weights(
-            (scale * rng.normal(0, 0.5, shape)).astype(np.float32), None, np.int32(1000), np.int32(100), 80
+            (scale * rng.normal(0, 0.5, shape)).astype(np.float32),
+            None,
+            cuba_lif.Population(np.int32(1000), np.int32(100), 80),
         )
         for shape in ((12, 20), (20, 4))
     ]
@@ -129,7 +142,7 @@ def test_gradients_of_tiny_and_huge_real_weights_are_finite(scale: float) -> Non
     found = gradients(
         rows_of(x),
         layers,
-        [exponential(80, 0.03, 3.0)] * 2,
+        [exponential(80 / 64, 0.03, 3.0)] * 2,
         labels,
         true_rate=0.8,
         false_rate=0.0,

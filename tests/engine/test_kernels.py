@@ -14,6 +14,7 @@ from dse.engine.events import Rows
 from dse.engine.layers import forward, laid_out, run, weights
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import _sources
+from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
 from tests.engine.test_network import rows_of
 
@@ -77,29 +78,29 @@ def test_the_fast_exponential_is_the_surrogate(arithmetic: str, tau: float) -> N
     # One input, one spike: the potential that each neuron meets is its weight.
     drive = np.linspace(-3.9, 3.9, 240).astype(np.float32)
     drive = drive if arithmetic != "integer" else np.round(drive * 32) / np.float32(32)
-    layer = weights(drive[None], None, np.int32(4096), np.int32(4096), 80)
+    layer = weights(drive[None], None, cuba_lif.Population(np.int32(4096), np.int32(4096), 80))
     x = np.ones((1, 1, 1), np.uint8)
     v = forward(rows_of(x), layer, arithmetic, keep_voltage=True).voltage[0, 0]
-    surrogate = exponential(80, tau, 3.0)
+    surrogate = exponential(80 / 64, tau, 3.0)
     ready = laid_out(layer, arithmetic, surrogate)
     z = aligned(ready.n_columns, np.float64 if arithmetic == "ideal" else np.float32)
     fired, none = np.zeros(ready.n_columns // LANES, np.uint16), np.zeros(0, np.int32)
     rows = rows_of(x)
     run(ready, rows.offsets, rows.index, 0, 1, 1, kernels.SLOPE, z, fired, none, ready.keep_u[:16])
-    expected = surrogate(v.astype(np.float64))
+    expected = surrogate(v.astype(np.float64) - 80 / 64)
     lowest = 2.0**-1000 if arithmetic == "ideal" else 2.0**-100  # where the fast form ends
     bound = 1e-12 if arithmetic == "ideal" else 5e-6
     np.testing.assert_allclose(unpacked(z, 1, 240)[0], expected, rtol=bound, atol=2 * lowest)
 
 
 def test_below_its_cut_a_surrogate_is_zero() -> None:
-    whole, cut = exponential(80, 0.003, 3.0), exponential(80, 0.003, 3.0, cut=0.01)
+    whole, cut = exponential(80 / 64, 0.003, 3.0), exponential(80 / 64, 0.003, 3.0, cut=0.01)
     v = np.linspace(-4, 4, 200)
     expected = np.where(whole(v) > 0.01 * whole.height, whole(v), 0)
     np.testing.assert_array_equal(cut(v), expected)
     assert 0 < (cut(v) > 0).sum() < 200
     with pytest.raises(ValueError, match=r"cut must be within \[0, 1\)"):
-        exponential(80, 0.003, 3.0, cut=1.0)
+        exponential(80 / 64, 0.003, 3.0, cut=1.0)
 
 
 def updates(

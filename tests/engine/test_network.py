@@ -11,7 +11,8 @@ from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
 from dse.engine.layers import Weights, forward, weights
 from dse.engine.network import answer, gradients
-from dse.neurons import cuba_lif
+from dse.neurons import cuba_lif, fixed_point
+from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
 from tests.golden import Case, cases
@@ -20,13 +21,10 @@ from tests.golden import Case, cases
 @pytest.mark.parametrize("case", cases())
 def test_the_engine_is_golden(case: Case) -> None:
     given = case.settings["params"]
-    population = cuba_lif.params(given["current_decay"], given["voltage_decay"], given["threshold"])
+    population = cuba_lif.rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
     raw = [case.given(f"w{k}") for k in range(1, case.n_layers + 1)]
-    used = [cuba_lif.quantise(w) if case.mode == "quant" else w for w in raw]
-    layers = [
-        weights(w.T, None, population.decay_current, population.decay_voltage, population.threshold)
-        for w in used
-    ]
+    used = [fixed_point.quantise(w) if case.mode == "quant" else w for w in raw]
+    layers = [weights(w.T, None, population) for w in used]
     rows, shifts = rows_of(case.given("x")), case.settings["delay_shift"]
     inputs = rows
     for depth, layer in enumerate(layers, 1):
@@ -37,7 +35,7 @@ def test_the_engine_is_golden(case: Case) -> None:
         inputs = delayed(done.fired) if shifts else done.fired
     np.testing.assert_array_equal(dense(inputs), case.expected("out"))
 
-    surrogate = exponential(population.threshold, given["tau_grad"], given["scale_grad"])
+    surrogate = exponential(population.to_threshold, given["tau_grad"], given["scale_grad"])
     found = gradients(
         rows,
         layers,
@@ -51,7 +49,7 @@ def test_the_engine_is_golden(case: Case) -> None:
     )
     assert found.loss == pytest.approx(float(case.expected("loss")), rel=1e-6, abs=1e-12)
     for depth, by_weight in enumerate(found.feed_forward, 1):
-        passes = cuba_lif.quantise_passes(raw[depth - 1]) if case.mode == "quant" else 1
+        passes = fixed_point.quantise_passes(raw[depth - 1]) if case.mode == "quant" else 1
         golden = case.expected(f"grad_w{depth}")
         bound = 1e-5 * max(np.abs(golden).max(), 1e-30)
         np.testing.assert_allclose(by_weight.T * passes, golden, rtol=0, atol=bound)
@@ -61,22 +59,15 @@ def small_layers(rng: np.random.Generator, recurrent: bool = False) -> list[Weig
     """Return a 12-9-4 stack on the 8-bit grid with a decay of its own per neuron."""
     layers = []
     for n_in, n_out in ((12, 9), (9, 4)):
-        ring = cuba_lif.quantise(rng.normal(0, 0.4, (n_out, n_out))) if recurrent and n_out == 9 else None
+        ring = fixed_point.quantise(rng.normal(0, 0.4, (n_out, n_out))) if recurrent and n_out == 9 else None
         layers.append(
             weights(
-                cuba_lif.quantise(rng.normal(0.1, 0.5, (n_in, n_out))),
+                fixed_point.quantise(rng.normal(0.1, 0.5, (n_in, n_out))),
                 ring,
-                rng.integers(0, 4097, n_out),
-                rng.integers(0, 4097, n_out),
-                80,
+                cuba_lif.Population(rng.integers(0, 4097, n_out), rng.integers(0, 4097, n_out), 80),
             )
         )
     return layers
-
-
-def population_of(layer: Weights) -> cuba_lif.Params:
-    decays = [(4096 - 4096 * keep).astype(np.int32) for keep in (layer.keep_current, layer.keep_voltage)]
-    return cuba_lif.Params(decays[0], decays[1], layer.threshold)
 
 
 @pytest.mark.parametrize("integer", [True, False])
@@ -88,18 +79,19 @@ def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: b
     found = forward(
         rows_of(x), layer, arithmetic="integer" if integer else "ideal", keep_voltage=True, count=True
     )
-    state = cuba_lif.initial_state((3, 9), "integer" if integer else "ideal")
-    fired = np.zeros((3, 9), bool)
+    calculus = NumpyCalculus("integer" if integer else "ideal")
+    state = layer.population.initial_state((3, 9), calculus)
+    fired = np.zeros((3, 9))
     scale, peak = (4096 if integer else 1), 0.0
     for t in range(40):
         z = x[:, t] @ layer.feed_forward.astype(np.float64)
         if recurrent:
             z = z + fired @ layer.recurrent.astype(np.float64)
-        state, v, fired = cuba_lif.step(state, z, population_of(layer))
-        np.testing.assert_array_equal(found.voltage[:, t], (v / scale).astype(found.voltage.dtype))
+        state, v, fired = layer.population.step(state, z, calculus)
+        np.testing.assert_array_equal(found.voltage[:, t], v.astype(found.voltage.dtype))
         np.testing.assert_array_equal(dense(found.fired)[:, t], fired)
         np.testing.assert_array_equal(found.updates[:, t], ((v != 0) | (z != 0)).sum(axis=1))
-        peak = max(peak, np.abs(state.u).max() / scale, np.abs(v).max() / scale)
+        peak = max(peak, np.abs(state.u).max() / scale, np.abs(v).max())
     assert found.peak == peak
 
 
@@ -117,14 +109,14 @@ def test_a_sample_answers_the_same_alone_and_in_any_batch() -> None:
 @pytest.mark.parametrize("recurrent", [True, False])
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
 def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, recurrent: bool) -> None:
-    from benchmarks.torch_loop import gradients as by_autograd
+    from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(7)
     x = (rng.random((4, 25, 12)) < 0.25).astype(np.uint8)
     labels = np.array([0, 3, 1, 1])
     layers = small_layers(rng, recurrent)
     gains = [None, 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
-    surrogates = [exponential(80, 0.03, 3.0), exponential(80, 0.1, 3.0)]
+    surrogates = [exponential(80 / 64, 0.03, 3.0), exponential(80 / 64, 0.1, 3.0)]
     found = gradients(
         rows_of(x),
         layers,
@@ -135,14 +127,22 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
         arithmetic=arithmetic,
         gains=gains,
     )
-    loss, feed_forward, ring = by_autograd(
-        x, layers, surrogates, labels, 0.6, 0.05, arithmetic == "integer", gains
+    exact: Arithmetic = "integer" if arithmetic == "integer" else "ideal"
+    loss, feed_forward, rings = by_autograd(
+        rows_of(x),
+        layers,
+        surrogates,
+        labels,
+        true_rate=0.6,
+        false_rate=0.05,
+        arithmetic=exact,
+        gains=gains,
     )
     assert found.loss == pytest.approx(loss, rel=1e-6)
     for ours, theirs in zip(found.feed_forward, feed_forward, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * np.abs(theirs).max())
     if recurrent:
-        assert ring is not None
+        (ring,) = rings
         np.testing.assert_allclose(found.recurrent[0], ring, rtol=0, atol=1e-5 * np.abs(ring).max())
 
 
@@ -156,25 +156,25 @@ def test_inputs_that_do_not_fit_the_layer_are_refused() -> None:
 
 
 def test_gradients_of_a_deep_wide_stack_agree_with_automatic_differentiation() -> None:
-    from benchmarks.torch_loop import gradients as by_autograd
+    from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(10)
     x = (rng.random((5, 30, 40)) < 0.2).astype(np.uint8)
     sizes = (40, 90, 70, 18)
     layers = [
         weights(
-            cuba_lif.quantise(rng.normal(0.02, 0.3, shape)),
+            fixed_point.quantise(rng.normal(0.02, 0.3, shape)),
             None,
-            rng.integers(200, 2000, shape[1]),
-            rng.integers(50, 500, shape[1]),
-            120,
+            cuba_lif.Population(rng.integers(200, 2000, shape[1]), rng.integers(50, 500, shape[1]), 120),
         )
         for shape in pairwise(sizes)
     ]
     gains = [None, *(2 * (rng.random((5, n)) < 0.5).astype(np.float32) for n in sizes[1:3])]
-    labels, surrogates = rng.integers(0, 18, 5), [exponential(120, 0.03, 3.0)] * 3
+    labels, surrogates = rng.integers(0, 18, 5), [exponential(120 / 64, 0.03, 3.0)] * 3
     found = gradients(rows_of(x), layers, surrogates, labels, true_rate=0.6, false_rate=0.05, gains=gains)
-    loss, expected, _ = by_autograd(x, layers, surrogates, labels, 0.6, 0.05, True, gains)
+    loss, expected, _ = by_autograd(
+        rows_of(x), layers, surrogates, labels, true_rate=0.6, false_rate=0.05, gains=gains
+    )
     assert found.loss == pytest.approx(loss, rel=1e-6)
     assert all(rate > 0.01 for rate in found.fired)
     for ours, theirs in zip(found.feed_forward, expected, strict=True):
@@ -186,7 +186,7 @@ def test_chunks_of_samples_add_up() -> None:
     x = (rng.random((9, 1000, 12)) < 0.1).astype(np.uint8)  # four samples to a chunk
     layers, labels = small_layers(rng), rng.integers(0, 4, 9)
     settings = {"true_rate": 0.6, "false_rate": 0.05, "gains": [None, None]}
-    surrogates = [exponential(80, 0.03, 3.0)] * 2
+    surrogates = [exponential(80 / 64, 0.03, 3.0)] * 2
     whole = gradients(rows_of(x), layers, surrogates, labels, **settings)
     parts = [
         gradients(rows_of(x[i : i + 1]), layers, surrogates, labels[i : i + 1], **settings) for i in range(9)
@@ -198,15 +198,15 @@ def test_chunks_of_samples_add_up() -> None:
 
 
 def test_gradients_of_two_heads_agree_with_automatic_differentiation() -> None:
-    from benchmarks.torch_loop import gradients as by_autograd
+    from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(12)
     x = (rng.random((6, 25, 12)) < 0.25).astype(np.uint8)
     labels = np.stack([rng.integers(0, 3, 6), 3 + rng.integers(0, 1, 6)], axis=1)
-    layers, surrogates = small_layers(rng), [exponential(80, 0.03, 3.0)] * 2
+    layers, surrogates = small_layers(rng), [exponential(80 / 64, 0.03, 3.0)] * 2
     given = {"true_rate": 0.6, "false_rate": 0.05, "gains": [None, None]}
     found = gradients(rows_of(x), layers, surrogates, labels, heads=(3, 1), **given)
-    loss, expected, _ = by_autograd(x, layers, surrogates, labels, 0.6, 0.05, True, [None, None])
+    loss, expected, _ = by_autograd(rows_of(x), layers, surrogates, labels, **given)
     assert found.loss == pytest.approx(loss, rel=1e-6)
     for ours, theirs in zip(found.feed_forward, expected, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * np.abs(theirs).max())

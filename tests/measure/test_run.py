@@ -13,6 +13,7 @@ from dse.measure.objectives.information import itr_bits
 from dse.measure.on_chips import columns_on
 from dse.measure.run import measure, read_out
 from dse.records import Answers, Dataset, Head, Layer, Network, Outcome, Parameters, Response, Spikes
+from tests.layers import cuba_parameters
 from tests.saved_data import in_a_row
 
 LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
@@ -20,7 +21,7 @@ LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
 
 def _layer(n_out: int, n_in: int) -> Layer:
     decay = np.full(n_out, 1024, np.int32)
-    return Layer(np.ones((n_out, n_in), np.float32), None, decay, decay, 80)
+    return Layer(np.ones((n_out, n_in), np.float32), None, cuba_parameters(decay, decay, 80))
 
 
 @pytest.fixture

@@ -6,11 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.neurons import cuba_lif, lif
-from dse.neurons.lif import Params, State
+from dse.neurons.calculus import NumpyCalculus
+from dse.neurons.lif import Lif, State
 
 
 def test_a_constant_current_is_the_closed_form():
-    population = Params(tau_m_ms=30.0, r_m=2.0, u_rest=-65.0, threshold=1e9)
+    population = Lif(tau_m_ms=30.0, r_m=2.0, u_rest=-65.0, threshold=1e9)
     potential, spikes = lif.run(np.full((1, 50, 1), 7.0), population, 4.0)
     t_ms = 4.0 * np.arange(1, 51)
     expected = -65.0 + 14.0 * (1 - np.exp(-t_ms / 30.0))
@@ -20,27 +21,25 @@ def test_a_constant_current_is_the_closed_form():
 
 def test_the_step_is_the_solution_of_equation_1():
     """Against forward Euler of tau du/dt = u_rest - u + R I with steps of a microsecond."""
-    population = Params(tau_m_ms=5.0, r_m=3.0, u_rest=1.0, threshold=100.0)
+    population = Lif(tau_m_ms=5.0, r_m=3.0, u_rest=1.0, threshold=100.0)
     u = 0.5
     for _ in range(2000):
         u += 1e-3 / 5.0 * (1.0 - u + 3.0 * 2.0)
-    _, found, _ = lif.step(State(np.array(0.5)), np.array(2.0), population, 2.0)
+    _, found, _ = population.at(2.0).step(State(np.array(0.5)), np.array(2.0), NumpyCalculus())
     assert found == pytest.approx(u, rel=1e-4)
 
 
 def test_two_half_steps_are_one_step():
-    population, state = Params(9.0, 1.5, 0.25, 50.0), State(np.array([3.0, -8.0]))
-    whole, _, _ = lif.step(state, np.array([4.0, 1.0]), population, 1.0)
-    half, _, _ = lif.step(state, np.array([4.0, 1.0]), population, 0.5)
-    half, _, _ = lif.step(half, np.array([4.0, 1.0]), population, 0.5)
+    population, state = Lif(9.0, 1.5, 0.25, 50.0), State(np.array([3.0, -8.0]))
+    whole, _, _ = population.at(1.0).step(state, np.array([4.0, 1.0]), NumpyCalculus())
+    half, _, _ = population.at(0.5).step(state, np.array([4.0, 1.0]), NumpyCalculus())
+    half, _, _ = population.at(0.5).step(half, np.array([4.0, 1.0]), NumpyCalculus())
     np.testing.assert_allclose(half.u, whole.u, rtol=1e-14)
     assert state.u.tolist() == [3.0, -8.0], "a state is never changed"
 
 
 def test_spikes_above_the_threshold_and_resets_to_rest():
-    population = Params(
-        tau_m_ms=1 / math.log(2), r_m=2.0, u_rest=-1.0, threshold=1.0
-    )  # k = 1/2, (1 - k) R = 1
+    population = Lif(tau_m_ms=1 / math.log(2), r_m=2.0, u_rest=-1.0, threshold=1.0)  # k = 1/2, (1 - k) R = 1
     potential, spikes = lif.run(np.array([2.0, 2.0, 0.5, 0.0])[None, :, None], population, 1.0)
     # u = 1 does not fire; from 1: 0 + 2 = 2 fires; from rest -1: -0.5; then -0.75.
     np.testing.assert_allclose(potential[0, :, 0], [1.0, 2.0, -0.5, -0.75], rtol=1e-15)
@@ -55,10 +54,10 @@ def test_spikes_above_the_threshold_and_resets_to_rest():
 def test_it_is_a_cuba_lif_neuron_without_current_memory(keep, z, threshold):
     current = np.array(z)[None, :, None]
     decay = np.array([4096 - keep], np.int32)
-    chip = cuba_lif.Params(np.array([4096], np.int32), decay, threshold)
+    chip = cuba_lif.Population(np.array([4096], np.int32), decay, threshold)
     _, voltage, spikes = cuba_lif.run(current, chip, "ideal")
     tau_m_ms = -1.0 / math.log(keep / 4096) if keep else 1e-3
-    own = Params(tau_m_ms, 1 / lif.leak(1.0, tau_m_ms), 0.0, threshold / 64)
+    own = Lif(tau_m_ms, 1 / lif.leak(1.0, tau_m_ms), 0.0, threshold / 64)
     potential, found = lif.run(current, own, 1.0)
     close = np.abs(voltage - threshold / 64) < 1e-9  # rounding may decide these, and all that follows
     until = int(close[0, :, 0].argmax()) if close.any() else len(z)
@@ -68,28 +67,28 @@ def test_it_is_a_cuba_lif_neuron_without_current_memory(keep, z, threshold):
 
 @pytest.mark.parametrize("tau_m_ms", [5e-324, 1e-320, 1e-9])
 def test_without_memory_the_potential_is_the_drive(tau_m_ms):
-    potential, _ = lif.run(np.array([3.0, 0.0, -2.0])[None, :, None], Params(tau_m_ms, 2.0, 0.0, 50.0), 1.0)
+    potential, _ = lif.run(np.array([3.0, 0.0, -2.0])[None, :, None], Lif(tau_m_ms, 2.0, 0.0, 50.0), 1.0)
     assert potential[0, :, 0].tolist() == [6.0, 0.0, -4.0]
 
 
 def test_an_endless_memory_adds_up():
-    potential, _ = lif.run(np.ones((1, 1000, 1)), Params(1e12, 1e12, 0.0, 1e9), 1.0)
+    potential, _ = lif.run(np.ones((1, 1000, 1)), Lif(1e12, 1e12, 0.0, 1e9), 1.0)
     np.testing.assert_allclose(potential[0, :, 0], np.arange(1.0, 1001.0), rtol=1e-8)
 
 
 def test_a_huge_current_saturates_and_is_forgotten():
     huge = np.array([1e308, -1e308, 1.7e308, 1e308])[None, :, None]
-    potential, spikes = lif.run(huge, Params(1e-3, 1e300, 0.0, 1.0), 1.0)
+    potential, spikes = lif.run(huge, Lif(1e-3, 1e300, 0.0, 1.0), 1.0)
     assert potential[0, :, 0].tolist() == [1e300, -1e300, 1e300, 1e300]
     assert spikes[0, :, 0].tolist() == [True, False, True, True]
-    slow, _ = lif.run(np.full((1, 100, 1), -1e308), Params(50.0, 1e300, 0.0, 1.0), 1.0)
+    slow, _ = lif.run(np.full((1, 100, 1), -1e308), Lif(50.0, 1e300, 0.0, 1.0), 1.0)
     assert np.isfinite(slow).all() and (np.diff(slow[0, :, 0]) < 0).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_current_that_is_no_number_is_refused(bad):
     with pytest.raises(ValueError, match=f"current must be finite, got {bad}"):
-        lif.run(np.array([1.0, bad])[None, :, None], Params(1.0), 1.0)
+        lif.run(np.array([1.0, bad])[None, :, None], Lif(1.0), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -104,6 +103,6 @@ def test_a_current_that_is_no_number_is_refused(bad):
 )
 def test_parameters_that_make_no_neuron(keys, message):
     with pytest.raises(ValueError, match=message):
-        Params(**keys)
+        Lif(**keys)
     with pytest.raises(ValueError, match="must be > 0"):
         lif.leak(0.0, 1.0)

@@ -12,6 +12,7 @@ import pytest
 
 from dse import store
 from dse.records import Answers, Array, Floats, Layer, Network, Operations, Parameters, Response, Workload
+from tests.layers import cuba_parameters
 
 
 def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:
@@ -26,9 +27,9 @@ def test_a_network_survives_the_disk(tmp_path: Path) -> None:
         Layer(
             weight=rng.normal(size=(n, m)).astype(np.float32),
             recurrent=ring,
-            decay_current=rng.integers(0, 4096, n, dtype=np.int32),
-            decay_voltage=rng.integers(0, 4096, n, dtype=np.int32),
-            threshold=80,
+            parameters=cuba_parameters(
+                rng.integers(0, 4096, n, dtype=np.int32), rng.integers(0, 4096, n, dtype=np.int32), 80
+            ),
         )
         for m, n, ring in ((6, 5, np.eye(5, dtype=np.float32)), (5, 3, None))
     )
@@ -43,8 +44,11 @@ def test_a_network_survives_the_disk(tmp_path: Path) -> None:
     )
     for got, put in zip(found.layers, layers, strict=True):
         assert (got.recurrent is None) == (put.recurrent is None)
-        for name in ("weight", "decay_current", "decay_voltage", "threshold"):
-            assert np.array_equal(getattr(got, name), getattr(put, name))
+        assert got.neuron == put.neuron == "cuba_lif"
+        assert np.array_equal(got.weight, put.weight)
+        assert set(got.parameters) == {"decay_current", "decay_voltage", "threshold"}
+        for name, values in put.parameters.items():
+            assert np.array_equal(got.parameters[name], values)
     assert np.array_equal(found.layers[0].recurrent, np.eye(5))
     with pytest.raises(store.StoreError, match="needs the array '1/weight'"):
         store.record_of(Network, {k: v for k, v in store.record_arrays(network).items() if k != "1/weight"})
@@ -84,7 +88,9 @@ def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
     assert isinstance(found, Parameters)
     assert found.n_channels == 7 and set(found.arrays) == set(own)
     assert all(np.array_equal(found.arrays[name], x) for name, x in own.items())
-    layer = Layer(np.eye(2, dtype=np.float32), None, np.ones(2, np.int32), np.ones(2, np.int32), 80)
+    layer = Layer(
+        np.eye(2, dtype=np.float32), None, cuba_parameters(np.ones(2, np.int32), np.ones(2, np.int32), 80)
+    )
     network = Network((layer,), 2, (0,), 1, "integer")
     assert isinstance(store.fitted_of(store.record_arrays(network)), Network)
     with pytest.raises(store.StoreError, match="needs the array 'n_channels'"):

@@ -14,14 +14,14 @@ from dse.config.device import missing
 from dse.engine.member import Member
 
 if TYPE_CHECKING:
-    from dse.engine.gpu.cohort import WideCohort
+    from dse.engine.gpu.wide import WideEngine
 
 
 class DeviceUnavailable(RuntimeError):
     """The GPU engine cannot run here; the message names what is missing."""
 
 
-def start(members: Sequence[Member], n_samples: int, n_steps: int) -> WideCohort:
+def start(members: Sequence[Member], n_samples: int, n_steps: int) -> WideEngine:
     """Return a cohort on the CUDA device, for batches of at most `n_samples` samples of `n_steps` steps.
 
     Under Triton's interpreter (TRITON_INTERPRET=1 when triton is first imported) it runs on the CPU,
@@ -33,6 +33,6 @@ def start(members: Sequence[Member], n_samples: int, n_steps: int) -> WideCohort
     """
     if lack := missing("cuda"):
         raise DeviceUnavailable(f"device 'cuda' {lack}")
-    from dse.engine.gpu.cohort import WideCohort, device
+    from dse.engine.gpu.wide import WideEngine, device
 
-    return WideCohort(members, n_samples, n_steps, device())
+    return WideEngine(members, n_samples, n_steps, device())

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.engine.layers import kernel_population
 from dse.engine.member import Member
-from dse.neurons.cuba_lif import DECAY_SCALE
-from dse.records import Array
+from dse.neurons.fixed_point import DECAY_SCALE
+from dse.records import Array, Ints
 
 WIDTH = 64
 """Columns per tile: a tensor-core product's natural width."""
@@ -51,7 +52,7 @@ class Stage:
     is_output: (tile,) the tile belongs to its owner's last layer.
     ahead_first, ahead_count: (tile,) int32 the owner's tiles in the next stage; 0 where there are none.
     feed_forward, recurrent: the panels of either kind of weights.
-    keep_current, keep_voltage: (tile, WIDTH) int32 4096 - decay.
+    keep_u, keep_v: (tile, WIDTH) int32 4096 - decay, of the current and of the potential.
     threshold: (tile,) int32 mantissa.
     surrogate: (4, tile) float64 of Exponential.exponents.
     unit, recurrent_unit: (tile, WIDTH) float32.
@@ -65,8 +66,8 @@ class Stage:
     ahead_count: Array
     feed_forward: Panels
     recurrent: Panels
-    keep_current: Array
-    keep_voltage: Array
+    keep_u: Ints
+    keep_v: Ints
     threshold: Array
     surrogate: Array
     unit: Array
@@ -131,6 +132,7 @@ def _stage(
     """Return one stage, given every member's first tile and number of tiles in it and beside it."""
     owner = np.repeat(np.arange(len(members), dtype=np.int32), here[1])
     layers = [m.layers[depth] for m in members if depth < len(m.layers)]
+    populations = [kernel_population(x.population) for x in layers]
     tiles = here[1][here[1] > 0]
     has_ring = np.asarray([depth < len(m.layers) and m.layers[depth].recurrent is not None for m in members])
 
@@ -139,6 +141,7 @@ def _stage(
         rows = [columns(np.broadcast_to(v, n).astype(kind)) for v, n in zip(values, sizes, strict=True)]
         return np.concatenate([row[:, 0] for row in rows])
 
+    surrogates = [x.surrogate.exponents(p.to_threshold) for x, p in zip(layers, populations, strict=True)]
     ring_units = [x.unit if x.recurrent_unit is None else x.recurrent_unit for x in layers]
     return Stage(
         owner,
@@ -149,10 +152,10 @@ def _stage(
         ahead[1][owner],
         _panels(before[0][owner], before[1][owner]),
         _panels(here[0][owner], np.where(has_ring, here[1], 0)[owner]),
-        per_neuron([DECAY_SCALE - x.decay_current for x in layers], np.int32),
-        per_neuron([DECAY_SCALE - x.decay_voltage for x in layers], np.int32),
-        np.repeat(np.asarray([x.threshold for x in layers], np.int32), tiles),
-        np.repeat(np.asarray([x.surrogate.exponents() for x in layers]), tiles, axis=0).T.copy(),
+        per_neuron([DECAY_SCALE - p.decay_current for p in populations], np.int32),
+        per_neuron([DECAY_SCALE - p.decay_voltage for p in populations], np.int32),
+        np.repeat(np.asarray([p.threshold for p in populations], np.int32), tiles),
+        np.repeat(np.asarray(surrogates), tiles, axis=0).T.copy(),
         per_neuron([x.unit for x in layers], np.float32),
         per_neuron(ring_units, np.float32),
     )

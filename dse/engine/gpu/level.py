@@ -72,7 +72,7 @@ class Level:
         self.ones = torch.ones(stage.n_tiles, device=device)
         self._first, self._count = on_device(stage.first, device), on_device(stage.count, device)
         self._ahead = on_device(stage.ahead_first, device), on_device(stage.ahead_count, device)
-        self._keep = on_device(stage.keep_current, device), on_device(stage.keep_voltage, device)
+        self._keep = on_device(stage.keep_u, device), on_device(stage.keep_v, device)
         self._threshold = on_device(stage.threshold, device)
         self._surrogate = on_device(stage.surrogate, device)
         owners = [members[i] for i in stage.owner]

@@ -15,7 +15,7 @@ import triton
 import triton.language as tl
 
 from dse.engine.gpu import layout
-from dse.neurons import cuba_lif
+from dse.neurons import fixed_point
 from dse.records import Arithmetic
 
 INTERPRETED: bool = triton.knobs.runtime.interpret
@@ -28,7 +28,7 @@ UNFUSED = {"enable_fp_fusion": False}
 """A kernel's option: it rounds after every multiplication, on the device as in the interpreter."""
 
 WIDTH = tl.constexpr(layout.WIDTH)
-GRID = tl.constexpr(cuba_lif.WEIGHT_SCALE // 2)
+GRID = tl.constexpr(fixed_point.WEIGHT_SCALE // 2)
 LOWEST = tl.constexpr(-128)
 HIGHEST = tl.constexpr(127)
 """8-bit weights are whole numbers from LOWEST to HIGHEST over GRID."""

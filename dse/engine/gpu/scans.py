@@ -10,13 +10,13 @@ import triton
 import triton.language as tl
 
 from dse.engine.gpu.numbers import WIDTH, store_parts
-from dse.neurons import cuba_lif
+from dse.neurons import fixed_point
 
 SAMPLES = tl.constexpr(4)
 """Samples per program."""
-_STATE_SCALE = tl.constexpr(cuba_lif.STATE_SCALE)
-_DECAY_SCALE = tl.constexpr(cuba_lif.DECAY_SCALE)
-_WEIGHT_SCALE = tl.constexpr(cuba_lif.WEIGHT_SCALE)
+_STATE_SCALE = tl.constexpr(fixed_point.STATE_SCALE)
+_DECAY_SCALE = tl.constexpr(fixed_point.DECAY_SCALE)
+_WEIGHT_SCALE = tl.constexpr(fixed_point.WEIGHT_SCALE)
 
 
 @triton.jit(do_not_specialize=["first_step", "end_step"])
@@ -30,8 +30,8 @@ def scan(
     n_sent: tl.tensor,
     tiles: tl.tensor,
     kept: tl.tensor,
-    keep_current: tl.tensor,
-    keep_voltage: tl.tensor,
+    keep_u_ptr: tl.tensor,
+    keep_v_ptr: tl.tensor,
     threshold: tl.tensor,
     surrogate: tl.tensor,
     n_tiles: tl.tensor,
@@ -43,7 +43,7 @@ def scan(
     MASKED: tl.constexpr,
     STEPWISE: tl.constexpr,
 ) -> None:
-    """Run neurons over some steps; z becomes the surrogate gradient (dse.neurons.cuba_lif.step).
+    """Run neurons over some steps; z becomes the surrogate gradient (dse.neurons.fixed_point.step).
 
     Spikes are stored one step later, as the next layer (`passed`) and the layer itself (`raw`) see them.
 
@@ -57,8 +57,8 @@ def scan(
         n_sent: those before the last step, likewise.
         tiles: tile numbers, one per program on axis 0; blocks of samples on axis 1.
         kept: (tile, sample, WIDTH) uint8, 0 where dropout silences a neuron; read where MASKED.
-        keep_current: (tile, WIDTH) int32 4096 - decay.
-        keep_voltage: likewise.
+        keep_u_ptr: (tile, WIDTH) int32 4096 - decay.
+        keep_v_ptr: likewise.
         threshold: (tile,) int32 mantissa.
         surrogate: (4, n_tiles) float64 of Exponential.exponents.
         n_tiles: tiles of the arrays.
@@ -78,8 +78,8 @@ def scan(
     real = z.dtype.element_ty
     of_sample = (tile * n_samples + sample)[:, None] * WIDTH + column[None, :]
     of_column = tile * WIDTH + column[None, :]
-    keep_u = tl.load(keep_current + of_column)
-    keep_v = tl.load(keep_voltage + of_column)
+    keep_u = tl.load(keep_u_ptr + of_column)
+    keep_v = tl.load(keep_v_ptr + of_column)
     mantissa = tl.load(threshold + tile)
     if INTEGER:
         keep_u = keep_u.to(tl.int64)
@@ -157,8 +157,8 @@ def scan_back(
     tiles: tl.tensor,
     kept: tl.tensor,
     factor: tl.tensor,
-    keep_current: tl.tensor,
-    keep_voltage: tl.tensor,
+    keep_u_ptr: tl.tensor,
+    keep_v_ptr: tl.tensor,
     n_samples: tl.tensor,
     n_steps: tl.tensor,
     first_step: tl.tensor,
@@ -169,7 +169,7 @@ def scan_back(
     MASKED: tl.constexpr,
     STEPWISE: tl.constexpr,
 ) -> None:
-    """Set dL/dz of some steps, backward in time, the reset ignored (dse.neurons.cuba_lif.backward).
+    """Set dL/dz of some steps, backward in time, the reset ignored (dse.neurons.fixed_point.backward).
 
     Args:
         slope: (tile, sample * step, WIDTH) surrogate gradient.
@@ -182,8 +182,8 @@ def scan_back(
         tiles: tile numbers, one per program on axis 0; blocks of samples on axis 1.
         kept: (tile, sample, WIDTH) uint8, 0 where dropout silences a neuron; read where MASKED.
         factor: (tile,) float32 gain of spikes that are kept, read where MASKED.
-        keep_current: (tile, WIDTH) int32 4096 - decay.
-        keep_voltage: likewise.
+        keep_u_ptr: (tile, WIDTH) int32 4096 - decay.
+        keep_v_ptr: likewise.
         n_samples: samples of the arrays.
         n_steps: steps of the arrays.
         first_step: the last step to run; 0 unless STEPWISE.
@@ -202,8 +202,8 @@ def scan_back(
     real = slope.dtype.element_ty
     of_sample = (tile * n_samples + sample)[:, None] * WIDTH + column[None, :]
     of_column = tile * WIDTH + column[None, :]
-    keep_u = tl.load(keep_current + of_column).to(real) * (1 / _DECAY_SCALE)
-    keep_v = tl.load(keep_voltage + of_column).to(real) * (1 / _DECAY_SCALE)
+    keep_u = tl.load(keep_u_ptr + of_column).to(real) * (1 / _DECAY_SCALE)
+    keep_v = tl.load(keep_v_ptr + of_column).to(real) * (1 / _DECAY_SCALE)
     lv = tl.zeros((SAMPLES, WIDTH), real)
     lu = lv
     if STEPWISE:

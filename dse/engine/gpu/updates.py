@@ -22,7 +22,7 @@ def _block(tiles: tl.tensor, n_sources: tl.tensor, offset: tl.tensor) -> tl.tens
 
 @triton.jit
 def _passing(gradient: tl.tensor, master: tl.tensor, INTEGER: tl.constexpr) -> tl.tensor:
-    """Return the gradient by the master weights: 0 where rounding clips them (cuba_lif.quantise_passes)."""
+    """Return the gradient by the master weights: 0 where they are clipped (fixed_point.quantise_passes)."""
     if INTEGER:
         mantissa = mantissa_of(master)
         return tl.where((mantissa >= LOWEST) & (mantissa <= HIGHEST), gradient, 0.0)
@@ -50,7 +50,7 @@ def deploy(
         n_sources: (tile,) source tiles of a panel.
         offset: (tile,) where a panel begins.
         size: weights of all panels.
-        INTEGER: round to 8 bits (cuba_lif.quantise).
+        INTEGER: round to 8 bits (fixed_point.quantise).
         N_PARTS: parts of the weights.
     """
     _, at, exists = _block(tiles, n_sources, offset)

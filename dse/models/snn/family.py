@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dse.engine.batch import chunk_samples
 from dse.engine.layout import padded
 from dse.models.snn import respond, train
 from dse.models.snn.settings import Stack
-from dse.models.training import Design, Generators, Training, TrainingDiverged
+from dse.models.training import FitRequest, Generators, Training, TrainingDiverged
 from dse.records import Array, Dataset, Network, Outcome, Response
 from dse.registry import register
 
@@ -30,7 +30,7 @@ class SNN(Stack):
             TrainingDiverged: loss, gradient or weights became NaN, infinite or hopelessly large.
             ValueError: there is no training sample.
         """
-        ((_, outcome),) = train.train(dataset, [Design(self, training, rngs)], rngs)
+        ((_, outcome),) = train.train(dataset, [FitRequest(self, training, rngs)], rngs)
         if isinstance(outcome, TrainingDiverged):
             raise outcome
         return outcome
@@ -42,17 +42,13 @@ class SNN(Stack):
     @staticmethod
     def fit_cohort(
         dataset: Dataset,
-        designs: Sequence[Design],
+        designs: Sequence[FitRequest[Stack]],
         shared: Generators,
         device: str = "cpu",
         threads: int = 1,
     ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
         """Train designs on the same batches; see `dse.models.snn.train.train`."""
         return train.train(dataset, designs, shared, device, threads)
-
-    def shares(self, training: Training) -> tuple[Hashable, ...]:
-        """Return what designs must have in common to train on the same batches."""
-        return self.input_delays, self.steps_per_sample, training.batch_size
 
     def n_weights(self, n_channels: int, n_classes: int) -> int:
         """Return W_t before pruning: between layers (delayed copies included) and within recurrent ones."""

@@ -1,102 +1,84 @@
-"""Where training begins: time constants and weights of a stack that is neither silent nor saturated."""
+"""Where training begins: neurons and weights of a stack that is neither silent nor saturated."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
-from dse.engine import layers as engine
+from dse.engine import layers
 from dse.engine.events import Rows, delayed
-from dse.neurons import cuba_lif
-from dse.records import Array, Layer
-
-if TYPE_CHECKING:
-    from dse.models.snn.family import SNN
+from dse.engine.forward import Forward, prepare
+from dse.models.snn.settings import Stack
+from dse.neurons import LayerSpec, Population
+from dse.neurons.calculus import NumpyCalculus
+from dse.neurons.fixed_point import quantise
+from dse.records import Arithmetic, Floats
 
 _GAIN_RANGE = 16.0
+_IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
 
 
-@dataclass(frozen=True)
-class Population:
-    """Fixed parameters of a layer.
-
-    decay_current, decay_voltage: (neuron,) int32 decays per network step.
-    threshold: integer mantissa.
-    norm: (neuron,) root of the summed squared potential after one unit input spike.
-    """
-
-    decay_current: Array
-    decay_voltage: Array
-    threshold: int
-    norm: Array
-
-
-def _decays(bounds: tuple[float, ...], n: int, steps_per_sample: int, rng: np.random.Generator) -> Array:
-    """Return integer decays per network step; two bounds spread the time constants log-uniformly."""
-    keep = 1 - np.asarray(bounds, np.float64)
-    if len(bounds) == 1 or bounds[0] == bounds[1]:
-        kept = np.full(n, keep[0])
-    else:
-        tau = -1 / np.log(np.clip(keep, 1e-9, 1 - 1e-6))
-        shortest, longest = np.log(np.sort(tau))
-        kept = np.exp(-1 / np.exp(rng.uniform(shortest, longest, n)))
-    return cuba_lif.round_decay(1 - kept ** (1 / steps_per_sample))
-
-
-def _response_norm(decay_current: Array, decay_voltage: Array, n_steps: int) -> Array:
-    """Return the root of the summed squared potential after one unit input spike, (neuron,)."""
-    keep_u, keep_v = 1 - decay_current / 4096, 1 - decay_voltage / 4096
-    u, v, total = np.ones(len(keep_u)), np.zeros(len(keep_u)), np.zeros(len(keep_u))
-    for _ in range(n_steps):
-        v = keep_v * v + u
-        u = keep_u * u
-        total += v**2
-    return np.asarray(np.sqrt(total))
-
-
-def populations_of(model: SNN, n_outputs: int, n_steps: int, rng: np.random.Generator) -> list[Population]:
-    """Return the layers' fixed parameters, input side first.
+def populations_of(
+    model: Stack, n_outputs: int, step_ms: float, rng: np.random.Generator
+) -> list[Population[Any]]:
+    """Return the layers' neurons, input side first.
 
     Args:
-        model: settings; decays are per input step and are spread over its network steps here.
+        model: settings.
         n_outputs: output neurons.
-        n_steps: network steps of a window.
-        rng: draws the time constants.
+        step_ms: duration of an input step.
+        rng: draws what differs between neurons.
     """
-    found = []
-    for depth, n in enumerate((*model.hidden, n_outputs)):
-        is_output = depth == len(model.hidden)
-        current = (model.output_current_decay,) if is_output else model.current_decay
-        voltage = (model.output_voltage_decay,) if is_output else model.voltage_decay
-        u = _decays(current, n, model.steps_per_sample, rng)
-        v = _decays(voltage, n, model.steps_per_sample, rng)
-        threshold = cuba_lif.round_threshold(model.threshold)
-        found.append(Population(u, v, threshold, _response_norm(u, v, n_steps)))
-    return found
-
-
-def deployed(
-    feed_forward: Sequence[Array],
-    recurrent: Sequence[Array | None],
-    populations: Sequence[Population | Layer],
-    arithmetic: str,
-) -> list[engine.Weights]:
-    """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic."""
-    rounding = cuba_lif.quantise if arithmetic == "integer" else np.asarray
     return [
-        engine.weights(
-            rounding(w), None if r is None else rounding(r), p.decay_current, p.decay_voltage, p.threshold
+        model.neuron.population(
+            LayerSpec(
+                n_neurons=n,
+                is_output=depth == len(model.hidden),
+                steps_per_sample=model.steps_per_sample,
+                step_ms=step_ms / model.steps_per_sample,
+            ),
+            rng,
         )
-        for w, r, p in zip(feed_forward, recurrent, populations, strict=True)
+        for depth, n in enumerate((*model.hidden, n_outputs))
     ]
 
 
-def _reach_rate(rate: Callable[[float], float], wanted: float, start: float) -> tuple[float, float]:
-    """Return the gain, and its rate, that comes closest to a wanted spike rate from below.
+def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> Floats:
+    """Return the root of the summed squared potential after one unit input spike, (neuron,).
+
+    The response is that to an impulse so small that no neuron fires, against the potential without any.
+    """
+    calculus = NumpyCalculus("ideal")
+    state = population.initial_state((2, n_neurons), calculus)
+    drive, total = np.zeros((2, n_neurons)), np.zeros(n_neurons)
+    drive[1] = _IMPULSE
+    for _ in range(n_steps):
+        state, potential, _ = population.step(state, drive, calculus)
+        total += ((potential[1] - potential[0]) / _IMPULSE) ** 2
+        drive = np.zeros_like(drive)
+    return np.asarray(np.sqrt(total))
+
+
+def deployed(
+    feed_forward: Sequence[Floats],
+    recurrent: Sequence[Floats | None],
+    populations: Sequence[Population[Any]],
+    arithmetic: Arithmetic,
+) -> list[layers.Weights]:
+    """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic."""
+    rounding = quantise if arithmetic == "integer" else np.asarray
+    return [
+        layers.weights(rounding(w), None if r is None else rounding(r), population)
+        for w, r, population in zip(feed_forward, recurrent, populations, strict=True)
+    ]
+
+
+def _reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
+    """Return the gain, and its rate, that comes closest to a target spike rate from below.
 
     The gain doubles from start / 16 until the rate is reached and the last step is then halved, so that
     the smallest gain is found where several reach it. It ends at 16 * start at the latest: a rate that
@@ -105,31 +87,36 @@ def _reach_rate(rate: Callable[[float], float], wanted: float, start: float) -> 
     tried: list[tuple[float, float, float]] = []
 
     def measure(gain: float) -> float:
-        found = rate(gain)
-        tried.append((abs(found - wanted), gain, found))
-        return found
+        reached = rate(gain)
+        tried.append((abs(reached - target), gain, reached))
+        return reached
 
     low = high = start / _GAIN_RANGE
-    while measure(high) < wanted and high < start * _GAIN_RANGE:
+    while measure(high) < target and high < start * _GAIN_RANGE:
         low, high = high, 2 * high
     for _ in range(6):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if measure(middle) < wanted else (low, middle)
+        low, high = (middle, high) if measure(middle) < target else (low, middle)
     _, gain, reached = min(tried)
     return gain, reached
 
 
 @dataclass(frozen=True)
 class Start:
-    """Master weights, (input, neuron), and per layer the spike rate that was wanted and the one reached."""
+    """Master weights, (input, neuron), and per layer the target spike rate and the one reached."""
 
-    feed_forward: list[Array]
-    recurrent: list[Array | None]
+    feed_forward: list[Floats]
+    recurrent: list[Floats | None]
     rates: list[tuple[float, float]]
 
 
 def initialise(
-    rows: Rows, model: SNN, populations: Sequence[Population], rng: np.random.Generator, n_heads: int = 1
+    rows: Rows,
+    model: Stack,
+    populations: Sequence[Population[Any]],
+    n_outputs: int,
+    rng: np.random.Generator,
+    n_heads: int = 1,
 ) -> Start:
     """Draw weights and scale each layer, as deployed, until it fires at a given rate on a probe batch.
 
@@ -143,49 +130,49 @@ def initialise(
         rows: probe batch of input spikes.
         model: settings.
         populations: from `populations_of`.
+        n_outputs: output neurons.
         rng: draws the weights.
         n_heads: of the output, each with one neuron that is to fire.
     """
-    feed_forward: list[Array] = []
-    recurrent: list[Array | None] = []
+    feed_forward: list[Floats] = []
+    recurrent: list[Floats | None] = []
     rates = []
-    for depth, population in enumerate(populations):
-        n = len(population.norm)
+    for depth, (n, population) in enumerate(zip((*model.hidden, n_outputs), populations, strict=True)):
         cells = max(1, rows.n_samples * rows.n_steps)
-        unit = population.threshold / cuba_lif.WEIGHT_SCALE / population.norm
+        unit = population.to_threshold / response_norm(population, n, rows.n_steps)
         spread = math.sqrt(3 / max(1.0, rows.index.size / cells))
         drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
-        fixed: Array | float = 0.0
+        fixed: Floats | float = 0.0
         ring = None
-        wanted = model.initial_rate
+        target = model.initial_rate
         if depth == len(model.hidden):
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - share @ drawn)
             drawn = np.broadcast_to(unit, drawn.shape)
-            wanted = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
+            target = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
         elif model.recurrent:
             drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
             ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)
 
-        def layer(
+        def forward(
             gain: float,
-            drawn: Array = drawn,
-            fixed: Array | float = fixed,
-            ring: Array | None = ring,
-            population: Population = population,
-        ) -> engine.Weights:
-            return deployed(
-                [(gain * drawn + fixed).astype(np.float32)], [ring], [population], model.arithmetic
-            )[0]
+            rows: Rows = rows,
+            drawn: Floats = drawn,
+            fixed: Floats | float = fixed,
+            ring: Floats | None = ring,
+            population: Population[Any] = population,
+        ) -> Forward:
+            matrix = (gain * drawn + fixed).astype(np.float32)
+            (weights,) = deployed([matrix], [ring], [population], model.arithmetic)
+            return prepare(weights, model.arithmetic).forward(rows)
 
-        def rate(gain: float, rows: Rows = rows, layer: Callable[[float], engine.Weights] = layer) -> float:
-            weights = layer(gain)
-            fired = engine.forward(rows, weights, model.arithmetic).fired
-            return fired.index.size / max(1, rows.n_samples * rows.n_steps * weights.n_neurons)
+        def rate(gain: float, forward: Callable[[float], Forward] = forward) -> float:
+            fired = forward(gain).fired
+            return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = _reach_rate(rate, wanted, spread)
+        gain, reached = _reach_rate(rate, target, spread)
         feed_forward.append((gain * drawn + fixed).astype(np.float32))
         recurrent.append(ring)
-        rates.append((wanted, reached))
-        rows = delayed(engine.forward(rows, layer(gain), model.arithmetic).fired)
+        rates.append((target, reached))
+        rows = delayed(forward(gain).fired)
     return Start(feed_forward, recurrent, rates)

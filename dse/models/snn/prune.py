@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from dse.engine.member import Masters
-from dse.neurons import cuba_lif
+from dse.neurons.fixed_point import quantise
 from dse.records import Arithmetic, Array
 
 
@@ -35,5 +35,5 @@ def remaining(weights: Array, kept: Array, arithmetic: Arithmetic) -> Array:
     """Return weights as they are stored after pruning: 0 where removed, or where 8 bits round them to 0."""
     stored = np.where(kept, weights, np.float32(0))
     if arithmetic == "integer":
-        stored[cuba_lif.quantise(stored) == 0] = 0
+        stored[quantise(stored) == 0] = 0
     return stored

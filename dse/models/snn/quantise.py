@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dse.models.snn.prune import largest
-from dse.neurons.cuba_lif import WEIGHT_SCALE
+from dse.neurons.fixed_point import WEIGHT_SCALE
 from dse.records import Array, Layer, Network
 
 BITS = 8

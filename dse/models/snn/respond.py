@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from dse.engine.events import gather
-from dse.engine.layers import prepare
+from dse.engine.forward import prepare
 from dse.engine.network import Answer, answer
 from dse.models.snn.initialise import deployed
-from dse.neurons import cuba_lif
+from dse.neurons import population_of
+from dse.neurons.fixed_point import STATE_SCALE
 from dse.records import Array, Dataset, Network, Response
 
 _BATCH = 128
@@ -34,7 +35,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
         for weights in deployed(
             [x.weight.T for x in network.layers],
             [None if x.recurrent is None else x.recurrent.T for x in network.layers],
-            network.layers,
+            [population_of(x.neuron, x.parameters) for x in network.layers],
             network.arithmetic,
         )
     ]
@@ -58,7 +59,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
         np.concatenate([a.spikes for a in answers]),
         np.concatenate([a.updates for a in answers]),
         dataset.spikes.step_ms / network.steps_per_sample,
-        round(max(a.peak for a in answers) * cuba_lif.STATE_SCALE),
+        round(max(a.peak for a in answers) * STATE_SCALE),
         None if network.n_weights == network.n_weights_dense else synapses(network, fired),
     )
     return response, fired

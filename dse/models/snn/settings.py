@@ -1,17 +1,23 @@
-"""What the families of CUBA-LIF stacks have in common: their settings."""
+"""What the families of stacks of neurons have in common: the settings of a network, whatever its neurons."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from dse.records import Arithmetic
+from dse.engine.layers import has_kernel
+from dse.models.training import Training
+from dse.neurons import Neuron, name_of
+from dse.neurons.cuba_lif import CubaLif
+from dse.neurons.surrogate import Exponential, exponential
+from dse.records import Arithmetic, Floats
 from dse.registry import param
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Settings of a stack of CUBA-LIF layers (equations: dse.neurons.cuba_lif)."""
+    """Settings of a stack of layers; its neurons have settings of their own."""
 
     hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer, 1 to 3 layers")
     true_rate: float = param(0.8, low=0, high=1, doc="target spike rate of the label's output neuron")
@@ -80,11 +86,11 @@ class Stack:
         """Check what one key alone cannot say."""
         if not 1 <= len(self.hidden) <= 3:
             raise ValueError(f"hidden must have 1 to 3 layers, got {len(self.hidden)}")
-        for name in ("current_decay", "voltage_decay"):
-            if not 1 <= len(getattr(self, name)) <= 2:
-                raise ValueError(
-                    f"{name} must be one decay or two bounds, got {len(getattr(self, name))} numbers"
-                )
+        if self.arithmetic not in self.neuron.arithmetics:
+            raise ValueError(
+                f"arithmetic must be {' or '.join(self.neuron.arithmetics)} for neuron "
+                f"{name_of(self.neuron)}, got {self.arithmetic}"
+            )
         if not self.input_delays or len(set(self.input_delays)) != len(self.input_delays):
             raise ValueError(
                 f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
@@ -92,7 +98,32 @@ class Stack:
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 
+    @property
+    def neuron(self) -> Neuron:
+        """Kind of the neurons."""
+        return CubaLif(
+            threshold=self.threshold,
+            current_decay=self.current_decay,
+            voltage_decay=self.voltage_decay,
+            output_current_decay=self.output_current_decay,
+            output_voltage_decay=self.output_voltage_decay,
+        )
+
+    @property
+    def has_kernel(self) -> bool:
+        """Whether kernels train it; if not, automatic differentiation of its neurons' definition does."""
+        return has_kernel(self.neuron.Populations)
+
     def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of every weight matrix, recurrent ones included."""
         sizes = (n_channels * len(self.input_delays), *self.hidden, n_outputs)
         return [*pairwise(sizes), *((h, h) for h in self.hidden if self.recurrent)]
+
+    def surrogate(self, to_threshold: Floats | float, *, is_output: bool) -> Exponential:
+        """Return ds/dv of a layer whose threshold lies so far above rest."""
+        tau_grad = self.output_tau_grad if is_output else self.tau_grad
+        return exponential(to_threshold, tau_grad, self.scale_grad, self.surrogate_cut)
+
+    def shares(self, training: Training) -> tuple[Hashable, ...]:
+        """Return what designs must have in common to train on the same batches."""
+        return self.has_kernel, self.input_delays, self.steps_per_sample, training.batch_size

@@ -27,13 +27,14 @@ from dse.engine.events import gather
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import respond
 from dse.models.training import Generators, Training
-from dse.neurons import cuba_lif, lif
+from dse.neurons import cuba_lif, lif, parameters_of
+from dse.neurons.fixed_point import DECAY_SCALE, STATE_LIMIT, STATE_SCALE, WEIGHT_SCALE
 from dse.records import Arithmetic, Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param, register
 
-_LARGEST_WEIGHT = 254 / cuba_lif.WEIGHT_SCALE
+_LARGEST_WEIGHT = 254 / WEIGHT_SCALE
 # In weights: half of what a 24-bit state holds, so that the input of a step fits above it.
-_LARGEST_THRESHOLD = cuba_lif.STATE_LIMIT / cuba_lif.STATE_SCALE / 2
+_LARGEST_THRESHOLD = STATE_LIMIT / STATE_SCALE / 2
 
 
 @register("models", "threshold_lif")
@@ -90,7 +91,7 @@ class ThresholdLIF:
         health: dict[str, float | bool] = {
             "answered": float(spoke.mean()),
             "peak_state": validation.peak_state,
-            "overflows_24_bit": validation.peak_state > cuba_lif.STATE_LIMIT,
+            "overflows_24_bit": validation.peak_state > STATE_LIMIT,
         }
         if times.size:
             health |= {
@@ -123,16 +124,14 @@ class ThresholdLIF:
             scale = min(
                 _LARGEST_WEIGHT / max(np.abs(weight).max(), 1e-9), _LARGEST_THRESHOLD / self.threshold
             )
-            weight, threshold = weight * scale, max(self.threshold * scale, 1 / cuba_lif.WEIGHT_SCALE)
-        layer = Layer(
-            weight.astype(np.float32),
-            None,
-            np.full(n_outputs, cuba_lif.DECAY_SCALE, np.int32),
-            np.full(
-                n_outputs, cuba_lif.round_decay(lif.leak(dataset.spikes.step_ms, self.tau_m_ms)), np.int32
-            ),
-            cuba_lif.round_threshold(threshold),
+            weight, threshold = weight * scale, max(self.threshold * scale, 1 / WEIGHT_SCALE)
+        decay = cuba_lif.round_decay(lif.leak(dataset.spikes.step_ms, self.tau_m_ms))
+        population = cuba_lif.Population(
+            decay_current=np.full(n_outputs, DECAY_SCALE, np.int32),
+            decay_voltage=np.full(n_outputs, decay, np.int32),
+            threshold=cuba_lif.round_threshold(threshold),
         )
+        layer = Layer(weight.astype(np.float32), None, parameters_of(population), "cuba_lif")
         return Network((layer,), n_channels, (0,), 1, self.arithmetic)
 
 

@@ -8,12 +8,13 @@ from dse.measure.objectives import Points
 from dse.measure.objectives.spikes import SpikingActivity
 from dse.measure.objectives.synaptic_operations import SynapticOperations
 from dse.records import Layer, Network, Workload
+from tests.layers import cuba_parameters
 
 
 def layer(n, n_in, recurrent=False):
     own = np.ones((n, n), dtype=np.float32) if recurrent else None
     decay = np.zeros(n, dtype=np.int32)
-    return Layer(np.ones((n, n_in), dtype=np.float32), own, decay, decay, 80)
+    return Layer(np.ones((n, n_in), dtype=np.float32), own, cuba_parameters(decay, decay, 80))
 
 
 def test_weights_count_delays_and_recurrence():

@@ -12,8 +12,8 @@ from dse.models.snn.family import SNN
 from dse.models.snn.prune import largest, remaining
 from dse.models.snn.respond import fan_outs, respond_and_count
 from dse.models.snn.train import train
-from dse.models.training import Design, Training
-from dse.neurons import cuba_lif
+from dse.models.training import FitRequest, Training
+from dse.neurons import fixed_point
 from dse.records import Outcome, Spikes
 from tests.models.snn.test_family import accuracy, fit, rngs, toy
 
@@ -48,7 +48,7 @@ def test_every_matrix_loses_its_share_through_all_updates_and_the_mean(
         removed = int((w == 0).sum())
         assert removed >= int(0.8 * w.size)
         if arithmetic == "integer":
-            assert (cuba_lif.quantise(w[w != 0]) != 0).all()
+            assert (fixed_point.quantise(w[w != 0]) != 0).all()
         else:
             assert removed == int(0.8 * w.size)
     assert outcome.network.n_weights == sum(np.count_nonzero(w) for w in matrices)
@@ -76,9 +76,9 @@ def test_until_it_is_pruned_a_network_trains_as_if_it_never_were() -> None:
 def test_pruned_designs_and_others_share_a_cohort_and_change_nothing_for_each_other() -> None:
     data = toy()
     models = [SNN(hidden=(20,)), SNN(hidden=(30,), pruned=0.6, prune_epoch=0.0)]
-    together = dict(train(data, [Design(m, SHORT, rngs(k)) for k, m in enumerate(models)], rngs(9)))
+    together = dict(train(data, [FitRequest(m, SHORT, rngs(k)) for k, m in enumerate(models)], rngs(9)))
     for number, model in enumerate(models):
-        ((_, alone),) = train(data, [Design(model, SHORT, rngs(number))], rngs(9))
+        ((_, alone),) = train(data, [FitRequest(model, SHORT, rngs(number))], rngs(9))
         beside = together[number]
         assert isinstance(alone, Outcome) and isinstance(beside, Outcome)
         for a, b in zip(alone.network.layers, beside.network.layers, strict=True):

@@ -15,8 +15,9 @@ from dse.measure.objectives.memory_bytes import memory_bytes
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import exponent, exponents, rounded
 from dse.models.snn.respond import respond
-from dse.neurons.cuba_lif import quantise
+from dse.neurons.fixed_point import quantise
 from dse.records import Array, Layer, Network
+from tests.layers import cuba_parameters
 from tests.models.snn.test_family import fit, rngs, toy
 from tests.models.snn.test_prune import SHORT
 
@@ -32,7 +33,9 @@ def network(*weights: Any, recurrent: Any = None, arithmetic: Any = "integer") -
         matrix = np.array(w, np.float32)
         n = matrix.shape[0]
         ring = np.array(recurrent, np.float32) if recurrent is not None and number == len(weights) else None
-        layers.append(Layer(matrix, ring, np.full(n, 1024, np.int32), np.full(n, 128, np.int32), 80))
+        layers.append(
+            Layer(matrix, ring, cuba_parameters(np.full(n, 1024, np.int32), np.full(n, 128, np.int32), 80))
+        )
     return Network(tuple(layers), layers[0].weight.shape[1], (0,), 1, arithmetic)
 
 

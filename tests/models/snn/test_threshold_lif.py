@@ -67,10 +67,10 @@ def test_the_network_is_the_lif_equation(weights, tau_m_ms):
     data = dataset(raster, target, 3, range(15), range(15, 30))
     network = ThresholdLIF(weights, tau_m_ms, threshold=2.7, arithmetic="ideal").network(data)
     layer = network.layers[0]
-    keep = (4096 - int(layer.decay_voltage[0])) / 4096
+    keep = (4096 - int(layer.parameters["decay_voltage"][0])) / 4096
     assert keep == pytest.approx(math.exp(-10 / tau_m_ms), abs=1 / 8192)
     own_tau = -10 / math.log(keep) if 0 < keep < 1 else 1e-3 if keep == 0 else 1e13
-    population = lif.Params(own_tau, 1 / lif.leak(10.0, own_tau), 0.0, layer.threshold / 64 + 1e-9)
+    population = lif.Lif(own_tau, 1 / lif.leak(10.0, own_tau), 0.0, layer.parameters["threshold"] / 64 + 1e-9)
     samples = np.arange(30)
     current = raster.astype(np.float64) @ layer.weight.astype(np.float64).T
     _, spikes = lif.run(current, population, 10.0)

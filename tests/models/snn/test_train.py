@@ -14,8 +14,8 @@ import pytest
 from dse import seeds
 from dse.models.snn.family import SNN
 from dse.models.snn.train import train
-from dse.models.training import Design, Training, TrainingDiverged
-from dse.neurons import cuba_lif
+from dse.models.training import FitRequest, Training, TrainingDiverged
+from dse.neurons import fixed_point
 from dse.records import Dataset, Outcome, Spikes
 from tests.models.snn.test_family import toy
 
@@ -28,11 +28,11 @@ SHARED = own(-1)
 
 
 def together(data: Dataset, designs: list[tuple[SNN, Training]]) -> dict[int, Outcome | TrainingDiverged]:
-    return dict(train(data, [Design(m, t, own(k)) for k, (m, t) in enumerate(designs)], SHARED))
+    return dict(train(data, [FitRequest(m, t, own(k)) for k, (m, t) in enumerate(designs)], SHARED))
 
 
 def alone(data: Dataset, design: tuple[SNN, Training], number: int) -> Outcome | TrainingDiverged:
-    ((_, outcome),) = train(data, [Design(*design, own(number))], SHARED)
+    ((_, outcome),) = train(data, [FitRequest(*design, own(number))], SHARED)
     return outcome
 
 
@@ -72,7 +72,7 @@ def test_a_result_is_bitwise_the_same_alone_and_in_any_cohort() -> None:
     whole = together(data, MIXED)
     for number, design in enumerate(MIXED):
         assert_same(settled(whole[number]), settled(alone(data, design, number)))
-    pair = dict(train(data, [Design(*MIXED[4], own(4)), Design(*MIXED[1], own(1))], SHARED))
+    pair = dict(train(data, [FitRequest(*MIXED[4], own(4)), FitRequest(*MIXED[1], own(1))], SHARED))
     assert_same(settled(pair[0]), settled(whole[4]))
     assert_same(settled(pair[1]), settled(whole[1]))
 
@@ -89,7 +89,7 @@ def test_a_design_that_diverges_ends_and_leaves_its_neighbours_untouched(arithme
 
 
 def test_designs_are_yielded_as_they_finish() -> None:
-    order = [k for k, _ in train(toy(), [Design(*MIXED[k], own(k)) for k in (0, 2)], SHARED)]
+    order = [k for k, _ in train(toy(), [FitRequest(*MIXED[k], own(k)) for k in (0, 2)], SHARED)]
     assert order == [1, 0]  # the second has two epochs, the first four
 
 
@@ -186,5 +186,5 @@ def test_clipped_weights_are_counted() -> None:
     outcome = settled(
         alone(toy(), (SNN(hidden=(8,)), base(step_unit="weight", learning_rate=1.0, epochs=2)), 0)
     )
-    expected = sum(int((~cuba_lif.quantise_passes(x.weight)).sum()) for x in outcome.network.layers)
+    expected = sum(int((~fixed_point.quantise_passes(x.weight)).sum()) for x in outcome.network.layers)
     assert outcome.health["clipped_weights"] == expected > 0

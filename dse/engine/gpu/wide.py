@@ -63,8 +63,8 @@ def slabs(members: Sequence[Member], n_rows: int) -> list[list[int]]:
     return [slab for of_kind in found.values() for slab in of_kind]
 
 
-class WideCohort:
-    """Networks that train side by side on the device; see dse.engine.member.Cohort."""
+class WideEngine:
+    """Networks that train side by side on the device; see dse.engine.member.Engine."""
 
     def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int, on: torch.device) -> None:
         inputs = sorted({m.layers[0].feed_forward.shape[0] for m in members})

@@ -1,0 +1,410 @@
+"""The torch engine: networks trained by automatic differentiation through the definition of their neurons.
+
+It trains what has no kernel, on any device, and is the independent witness of the kernels: it shares the
+equations with them and nothing of their code. Spikes stay sparse: the first layer gathers weight rows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, TypeVar
+
+import array_api_compat.torch
+import numpy as np
+import torch
+from torch import Tensor
+
+from dse.engine.adam import adam
+from dse.engine.events import Rows
+from dse.engine.layers import Weights, check_inputs
+from dse.engine.loss import n_correct
+from dse.engine.member import Masters, Member, Report, Turn
+from dse.neurons import Population
+from dse.neurons.fixed_point import WEIGHT_SCALE
+from dse.neurons.surrogate import OFFSET, Exponential
+from dse.records import Arithmetic, Array, Floats, Ints
+
+CHUNK_ROWS = 2**14
+"""Most rows (sample and step) that are differentiated at a time."""
+
+_CPU = torch.device("cpu")
+P = TypeVar("P", bound=Population[Any])
+
+
+class Fire(torch.autograd.Function):
+    """Step function forward, surrogate backward."""
+
+    @staticmethod
+    def forward(ctx: Any, distance: Tensor, surrogate: Exponential) -> Tensor:
+        """Return 1 where the distance from the threshold is positive, else 0."""
+        ctx.save_for_backward(distance)
+        ctx.surrogate = surrogate
+        return (distance > 0).to(distance.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, *grad: Tensor) -> Any:
+        """Return the gradient times the surrogate of ds/dv."""
+        (distance,) = ctx.saved_tensors
+        width, height = (
+            torch.as_tensor(x, dtype=distance.dtype, device=distance.device)
+            for x in (ctx.surrogate.width, ctx.surrogate.height)
+        )
+        share = ((distance - OFFSET).abs() / -width).exp()
+        return grad[0] * height * torch.where(share > ctx.surrogate.cut, share, 0.0), None
+
+
+@dataclass(frozen=True)
+class TorchCalculus:
+    """torch with automatic differentiation (dse.neurons.calculus.Calculus).
+
+    Integer states are whole numbers in float64, exact up to 2**53; truncation is straight-through.
+    """
+
+    arithmetic: Arithmetic
+    surrogate: Exponential
+    device: torch.device = _CPU
+
+    @property
+    def xp(self) -> ModuleType:
+        namespace: ModuleType = array_api_compat.torch
+        return namespace
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Type of the states."""
+        return torch.float32 if self.arithmetic == "float32" else torch.float64
+
+    def zeros(self, shape: tuple[int, ...]) -> Any:
+        """Return zeros of the states' type."""
+        return torch.zeros(shape, dtype=self.dtype, device=self.device)
+
+    def fire(self, potential: Any, threshold: Any) -> Any:
+        """Return 1 where the potential lies strictly above the threshold, else 0."""
+        return Fire.apply(potential - threshold, self.surrogate)  # type: ignore[no-untyped-call]
+
+    def constant(self, x: Any) -> Any:
+        """Return the same numbers without their history."""
+        return x.detach()
+
+    def truncated(self, x: Any, unit: int = 1) -> Any:
+        """Return x / unit, truncated toward zero; the gradient passes straight through."""
+        quotient = x / unit
+        return quotient + (torch.trunc(quotient) - quotient).detach()
+
+
+def on_torch(population: P, calculus: TorchCalculus) -> P:
+    """Return a population whose arrays are tensors."""
+
+    def tensor(x: Array) -> Tensor:
+        kind = calculus.dtype if x.dtype.kind == "f" else None
+        return torch.as_tensor(x, dtype=kind, device=calculus.device)
+
+    changes = {
+        field.name: tensor(np.asarray(value))
+        for field in dataclasses.fields(population)  # type: ignore[arg-type]
+        if isinstance(value := getattr(population, field.name), np.ndarray | np.generic)
+    }
+    return dataclasses.replace(population, **changes)  # type: ignore[type-var]
+
+
+def layer_spikes(
+    drive: Tensor, population: Population[Any], calculus: TorchCalculus, ring: Tensor | None = None
+) -> Tensor:
+    """Return a layer's spikes before they are handed on one step later, (step, sample, neuron).
+
+    Args:
+        drive: weighted input spikes, (step, sample, neuron).
+        population: the layer's neurons, of tensors (`on_torch`).
+        calculus: how to calculate.
+        ring: recurrent weights (neuron, neuron), row = presynaptic.
+    """
+    state = population.initial_state(tuple(drive.shape[1:]), calculus)
+    spikes: Any = torch.zeros_like(drive[0])
+    of_steps = []
+    for z in drive.unbind(0):
+        step_drive: Any = z if ring is None else z + spikes @ ring
+        state, _, spikes = population.step(state, step_drive, calculus)
+        of_steps.append(spikes)
+    return torch.stack(of_steps)
+
+
+def later(spikes: Tensor) -> Tensor:
+    """Return spikes (step, ...) one step later; the last step's are lost."""
+    return torch.cat([torch.zeros_like(spikes[:1]), spikes[:-1]])
+
+
+def spike_rate(output: Tensor, labels: Tensor, true_rate: float, false_rate: float) -> Tensor:
+    """Return SLAYER's SpikeRate loss of output spikes (step, sample, class), summed over the batch."""
+    rate = output.mean(0)
+    target = torch.full_like(rate, false_rate)
+    target[torch.arange(len(labels))[:, None], labels.reshape(len(labels), -1)] = true_rate
+    return ((rate - target) ** 2).sum()
+
+
+def first_drive(rows: Rows, samples: slice, weight: Tensor) -> Tensor:
+    """Return the weighted input spikes of some samples, (step, sample, neuron), from rows of the weights."""
+    low, high = samples.start * rows.n_steps, samples.stop * rows.n_steps
+    offsets = rows.offsets[low : high + 1]
+    index = torch.as_tensor(rows.index[offsets[0] : offsets[-1]], device=weight.device).long()
+    starts = torch.as_tensor(offsets - offsets[0], device=weight.device).long()
+    summed = torch.nn.functional.embedding_bag(index, weight, starts, mode="sum", include_last_offset=True)
+    return summed.reshape(samples.stop - samples.start, rows.n_steps, -1).transpose(0, 1)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Loss of some samples, their output spike counts (sample, class), and spikes fired per layer."""
+
+    loss: Tensor
+    counts: Array
+    fired: tuple[float, ...]
+
+
+def run(
+    rows: Rows,
+    samples: slice,
+    labels: Ints,
+    matrices: Sequence[tuple[Tensor, Tensor | None]],
+    populations: Sequence[Population[Any]],
+    calculi: Sequence[TorchCalculus],
+    gains: Sequence[Floats | None],
+    rates: tuple[float, float],
+    shift: bool = True,
+) -> Pass:
+    """Run some samples through a stack.
+
+    Args:
+        rows: input spikes of the batch.
+        samples: of the batch.
+        labels: output neurons of all labels of the batch, (sample,) or (sample, head).
+        matrices: weights as they run and recurrent weights of each layer, rows presynaptic.
+        populations: of each layer, of tensors.
+        calculi: of each layer.
+        gains: per layer, (sample of the batch, input) factors of its input spikes, or None.
+        rates: of the label's output and of the others.
+        shift: whether layers hand their spikes on one step later.
+    """
+    y, fired = None, []
+    for depth, ((weight, ring), population, calculus, gain) in enumerate(
+        zip(matrices, populations, calculi, gains, strict=True)
+    ):
+        if y is None:
+            drive = first_drive(rows, samples, weight)
+        else:
+            if gain is not None:
+                y = y * torch.as_tensor(gain[samples], dtype=y.dtype, device=y.device)
+            drive = y @ weight
+        assert depth or gain is None, "input spikes are counted, never scaled"
+        spikes = layer_spikes(drive, population, calculus, ring)
+        fired.append(float(spikes.detach().sum()))
+        y = later(spikes) if shift else spikes
+    assert y is not None
+    target = torch.as_tensor(np.asarray(labels[samples], np.int64), device=y.device)
+    counts = np.rint(y.detach().sum(0).cpu().numpy()).astype(np.int64)
+    return Pass(spike_rate(y, target, *rates), counts, tuple(fired))
+
+
+def gradients(
+    rows: Rows,
+    layers: Sequence[Weights],
+    surrogates: Sequence[Exponential],
+    labels: Ints,
+    *,
+    true_rate: float,
+    false_rate: float,
+    arithmetic: Arithmetic = "integer",
+    gains: Sequence[Floats | None],
+    shift: bool = True,
+) -> tuple[float, list[Floats], list[Floats]]:
+    """Return the SpikeRate loss of a batch, dL/dW of each layer and dL/dR of each recurrent one, by autograd.
+
+    Arguments are those of `dse.engine.network.gradients`, whose witness this is. It calculates in float64
+    unless the arithmetic is float32.
+    """
+    calculi = [TorchCalculus(arithmetic, surrogate) for surrogate in surrogates]
+
+    def parameter(x: Floats, calculus: TorchCalculus) -> Tensor:
+        return torch.as_tensor(x, dtype=calculus.dtype).requires_grad_()
+
+    matrices = [
+        (parameter(w.feed_forward, c), parameter(w.recurrent, c) if w.recurrent.size else None)
+        for w, c in zip(layers, calculi, strict=True)
+    ]
+    populations = [on_torch(w.population, c) for w, c in zip(layers, calculi, strict=True)]
+    samples = slice(0, rows.n_samples)
+    done = run(rows, samples, labels, matrices, populations, calculi, gains, (true_rate, false_rate), shift)
+    done.loss.backward()  # type: ignore[no-untyped-call]
+
+    def gradient(x: Tensor) -> Floats:
+        return np.zeros(x.shape) if x.grad is None else x.grad.numpy()
+
+    rings = [ring for _, ring in matrices if ring is not None]
+    return float(done.loss.detach()), [gradient(w) for w, _ in matrices], [gradient(r) for r in rings]
+
+
+def _quantised(weight: Tensor) -> Tensor:
+    """Return weights rounded to 8 bits; the gradient passes straight through inside the clip."""
+    grid = 2 / WEIGHT_SCALE
+    rounded = torch.round(weight.detach() / grid) * grid
+    low, high = -256 / WEIGHT_SCALE, 254 / WEIGHT_SCALE
+    passes = ((rounded >= low) & (rounded <= high)).to(weight.dtype)
+    return rounded.clip(low, high) + (weight - weight.detach()) * passes
+
+
+@dataclass
+class _Matrix:
+    """Master weights, Adam's moments, what a rate of 1 moves a weight by, and which weights are left."""
+
+    weights: Tensor
+    unit: Tensor
+    first: Tensor
+    second: Tensor
+    kept: Tensor | None = None
+
+    @classmethod
+    def of(cls, weights: Floats, unit: Floats, device: torch.device) -> _Matrix:
+        start = torch.tensor(weights, dtype=torch.float32, device=device)
+        zeros = torch.zeros_like(start)
+        return cls(start, torch.tensor(unit, dtype=torch.float32, device=device), zeros, zeros.clone())
+
+    def prune(self, kept: Array) -> None:
+        mask = torch.as_tensor(kept, device=self.weights.device)
+        self.kept = mask if self.kept is None else self.kept & mask
+        for values in (self.weights, self.first, self.second):
+            values *= self.kept
+
+    def update(self, gradient: Tensor, rate: float, step: int) -> None:
+        self.weights, self.first, self.second = adam(
+            self.weights, gradient, self.first, self.second, step, rate * self.unit
+        )
+
+
+class _Network:
+    """A member in training."""
+
+    def __init__(self, member: Member, device: torch.device) -> None:
+        self._heads, self._rates = member.heads, (member.true_rate, member.false_rate)
+        self._clip_norm, self._arithmetic = member.clip_norm, member.arithmetic
+        self._calculi = [TorchCalculus(member.arithmetic, x.surrogate, device) for x in member.layers]
+        self._populations = [
+            on_torch(x.population, calculus) for x, calculus in zip(member.layers, self._calculi, strict=True)
+        ]
+        self._sizes = [x.feed_forward.shape[1] for x in member.layers]
+        self._matrices = [_Matrix.of(x.feed_forward, x.unit, device) for x in member.layers]
+        self._rings = [
+            None
+            if x.recurrent is None
+            else _Matrix.of(x.recurrent, x.unit if x.recurrent_unit is None else x.recurrent_unit, device)
+            for x in member.layers
+        ]
+        self._steps = 0
+
+    def _as_run(self, matrix: _Matrix) -> Tensor:
+        running = _quantised(matrix.weights) if self._arithmetic == "integer" else matrix.weights
+        return running.to(self._calculi[0].dtype)
+
+    def step(self, rows: Rows, labels: Ints, turn: Turn) -> Report:
+        """Train on a batch."""
+        self._steps += 1
+        trained = [*self._matrices, *(ring for ring in self._rings if ring is not None)]
+        for matrix in trained:
+            matrix.weights = matrix.weights.detach().requires_grad_()
+        totals = [torch.zeros_like(m.weights) for m in trained]
+        loss, counts, fired = 0.0, [], np.zeros(len(self._sizes))
+        size = max(1, CHUNK_ROWS // max(1, rows.n_steps))
+        for first in range(0, rows.n_samples, size):
+            samples = slice(first, min(first + size, rows.n_samples))
+            matrices = [
+                (self._as_run(m), None if r is None else self._as_run(r))
+                for m, r in zip(self._matrices, self._rings, strict=True)
+            ]
+            done = run(
+                rows, samples, labels, matrices, self._populations, self._calculi, turn.gains, self._rates
+            )
+            loss += float(done.loss.detach())
+            counts.append(done.counts)
+            fired += done.fired
+            parts = torch.autograd.grad(done.loss, [m.weights for m in trained], allow_unused=True)
+            for total, part in zip(totals, parts, strict=True):
+                if part is not None:
+                    total += part
+        for matrix, gradient in zip(trained, totals, strict=True):
+            matrix.weights = matrix.weights.detach()
+            if matrix.kept is not None:
+                gradient *= matrix.kept
+        norm = math.sqrt(sum(float((g.double() ** 2).sum()) for g in totals))
+        clip = 1.0
+        if self._clip_norm is not None and norm > 0:
+            clip = min(1.0, self._clip_norm / norm)
+        for matrix, gradient in zip(trained, totals, strict=True):
+            matrix.update(clip * gradient, turn.learning_rate, self._steps)
+        cells = max(1, rows.n_samples * rows.n_steps)
+        return Report(
+            loss,
+            n_correct(np.concatenate(counts), labels, self._heads),
+            tuple(float(f) / (cells * n) for f, n in zip(fired, self._sizes, strict=True)),
+            norm,
+        )
+
+    def prune(self, kept: Masters) -> None:
+        """Set weights to 0 for good."""
+        for matrix, mask in zip(self._matrices, kept.feed_forward, strict=True):
+            matrix.prune(mask)
+        for ring, mask_or_none in zip(self._rings, kept.recurrent, strict=True):
+            if ring is not None and mask_or_none is not None:
+                ring.prune(mask_or_none)
+
+    def masters(self) -> Masters:
+        """Return a copy of the master weights."""
+
+        def copied(matrix: _Matrix) -> Floats:
+            return matrix.weights.detach().cpu().numpy().copy()
+
+        return Masters(
+            tuple(copied(m) for m in self._matrices),
+            tuple(None if r is None else copied(r) for r in self._rings),
+        )
+
+
+class AutogradEngine:
+    """Networks that are trained one after another on each batch they share; see dse.engine.member.Engine."""
+
+    def __init__(self, members: Sequence[Member], device: torch.device) -> None:
+        self._networks = [_Network(member, device) for member in members]
+        self._n_inputs = [member.layers[0].feed_forward.shape[0] for member in members]
+
+    def step(self, rows: Rows, labels: Ints, turns: Mapping[int, Turn]) -> dict[int, Report]:
+        """Train the members named in `turns` on a batch; the others do not move."""
+        with _one_thread():
+            for number in turns:
+                check_inputs(rows, self._n_inputs[number])
+            return {number: self._networks[number].step(rows, labels, turn) for number, turn in turns.items()}
+
+    def prune(self, member: int, kept: Masters) -> None:
+        """Set the weights of a member that are not kept to 0, for good."""
+        self._networks[member].prune(kept)
+
+    def masters(self, member: int) -> Masters:
+        """Return a copy of a member's master weights."""
+        return self._networks[member].masters()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch calculate in one thread: the order of its sums depends on how many there are."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def start(members: Sequence[Member], device: str = "cpu") -> AutogradEngine:
+    """Return an engine on a torch device."""
+    return AutogradEngine(members, torch.device(device))

@@ -1,0 +1,38 @@
+"""Which engine trains a cohort: kernels where its neurons have one, automatic differentiation where not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dse.engine import cpu
+from dse.engine.layers import has_kernel
+from dse.engine.member import Engine, Member
+from dse.native.extras import require_torch
+
+
+def start(
+    members: Sequence[Member], n_samples: int, n_steps: int, device: str = "cpu", threads: int = 1
+) -> Engine:
+    """Return an engine that trains some members, all or none of whose neurons have a kernel.
+
+    Args:
+        members: networks at their start.
+        n_samples: most samples of a batch.
+        n_steps: steps of a sample.
+        device: 'cpu' or 'cuda'.
+        threads: of the CPU, over the samples of a batch; a definition runs in one.
+
+    Raises:
+        MissingExtra: the neurons have no kernel, and torch is not installed.
+    """
+    neurons = {type(layer.population) for member in members for layer in member.layers}
+    if not all(has_kernel(kind) for kind in neurons):
+        require_torch("training neurons without a kernel")
+        from dse.engine import autograd
+
+        return autograd.start(members, device)
+    if device == "cuda":
+        from dse.engine import gpu
+
+        return gpu.start(members, n_samples, n_steps)
+    return cpu.start(members, n_samples, n_steps, threads)

@@ -1,0 +1,184 @@
+"""A design in training: what its engine trains, and what is known of it after each batch and each epoch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dse.engine.events import Rows
+from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
+from dse.models.snn.initialise import initialise, populations_of
+from dse.models.snn.settings import Stack
+from dse.models.training import FitRequest, Training
+from dse.neurons.fixed_point import WEIGHT_SCALE
+from dse.records import Array, Floats
+
+SATURATED = 0.95
+"""Share of the steps in which a neuron fires that counts as always."""
+# Beyond this, initial weights are forgotten and one spike overrules all others: no rate schedule comes back.
+_LOST_GROWTH = 100.0
+
+
+@dataclass
+class Trainee:
+    """A design in training.
+
+    number: its place in the cohort.
+    rates: per layer, the target spike rate at the start and the one reached.
+    silenced: draws which neurons drop out.
+    history: curves by name, a number per epoch.
+    mean: sum of the weights over the last epochs, over their number.
+    seconds: spent on it so far.
+    loss, correct, fired, largest_norm: of the epoch so far; `fired` is per layer, times the samples.
+    stopped: why it ended before the last epoch; diverged: why it has no result. Empty: neither.
+    kept: weights that pruning left; None: no weight was pruned.
+    """
+
+    number: int
+    model: Stack
+    training: Training
+    member: Member
+    rates: list[tuple[float, float]]
+    silenced: np.random.Generator
+    history: dict[str, list[float]]
+    mean: list[Array | None] = field(default_factory=list)
+    seconds: float = 0.0
+    loss: float = 0.0
+    correct: int = 0
+    fired: Floats = field(default_factory=lambda: np.zeros(0))
+    largest_norm: float = 0.0
+    clipped_batches: int = 0
+    quiet_epochs: int = 0
+    stopped: str = ""
+    diverged: str = ""
+    learning_rate: float = 0.0
+    kept: Masters | None = None
+
+    @classmethod
+    def start(
+        cls, number: int, design: FitRequest[Stack], probe: Rows, step_ms: float, heads: tuple[int, ...]
+    ) -> Trainee:
+        """Draw a design's neurons and weights.
+
+        Args:
+            number: its place in the cohort.
+            design: settings and random generators.
+            probe: input spikes on which initial rates are reached.
+            step_ms: duration of an input step.
+            heads: classes of each head.
+        """
+        model, training, rngs = design
+        populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
+        began = initialise(probe, model, populations, sum(heads), rngs("initialisation"), len(heads))
+        layers = [
+            TrainedLayer(
+                feed_forward=weights,
+                recurrent=ring,
+                population=population,
+                surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
+                unit=_units(weights, training.step_unit),
+                recurrent_unit=None if ring is None else _units(ring, training.step_unit),
+            )
+            for depth, (population, weights, ring) in enumerate(
+                zip(populations, began.feed_forward, began.recurrent, strict=True)
+            )
+        ]
+        member = Member(
+            layers=tuple(layers),
+            true_rate=model.true_rate,
+            false_rate=model.false_rate,
+            arithmetic=model.arithmetic,
+            clip_norm=training.clip_norm,
+            heads=heads if len(heads) > 1 else (),
+        )
+        curves: dict[str, list[float]] = {
+            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")
+        }
+        return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
+
+    @property
+    def finished(self) -> bool:
+        return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
+
+    def turn(self, epoch: float, n_samples: int) -> Turn:
+        """Return the learning rate and the dropout of the next batch: whole hidden neurons per sample."""
+        self.learning_rate = self.training.rate(epoch)
+        share = self.training.dropout
+        gains: list[Floats | None] = [None]
+        for size in self.model.hidden:
+            kept = self.silenced.random((n_samples, size)) >= share if share else None
+            gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))
+        return Turn(self.learning_rate, tuple(gains))
+
+    def absorb(self, report: Report, n_samples: int, epoch: int) -> None:
+        """Add a batch's report to the epoch."""
+        norm = report.gradient_norm
+        if not (math.isfinite(report.loss) and math.isfinite(norm)):
+            self.diverged = f"loss or gradient is not finite in epoch {epoch + 1}"
+            return
+        self.loss += report.loss
+        self.correct += report.correct
+        self.fired = n_samples * np.array(report.fired) + (self.fired if self.fired.size else 0.0)
+        self.largest_norm = max(self.largest_norm, norm)
+        limit = self.training.clip_norm
+        self.clipped_batches += limit is not None and norm > limit
+
+    def end_epoch(self, masters: Masters, epoch: int, n_samples: int) -> None:
+        """Close an epoch: note its curves, add to the mean of the last epochs, look for dead ends."""
+        weights = [*masters.feed_forward, *masters.recurrent]
+        self.diverged = self._lost(weights, epoch)
+        first = self.training.epochs - self.training.average_epochs
+        self.history["loss"].append(self.loss / n_samples)
+        self.history["accuracy_train"].append(self.correct / n_samples)
+        self.history["learning_rate"].append(self.learning_rate)
+        self.history["gradient_norm"].append(self.largest_norm)
+        rates = self.fired / n_samples
+        self.quiet_epochs = self.quiet_epochs + 1 if _is_stuck(rates) else 0
+        if self.training.silent_epochs and self.quiet_epochs >= self.training.silent_epochs:
+            layer = int(np.flatnonzero((rates == 0) | (rates >= SATURATED))[0]) + 1
+            how = "silent" if rates[layer - 1] == 0 else "saturated"
+            self.stopped = f"layer {layer} was {how} for {self.quiet_epochs} epochs"
+            self.mean = []  # the mean of the last epochs would mix in what was before
+        if epoch >= first or self.stopped:
+            n_summed = 1 if self.stopped else min(self.training.average_epochs, self.training.epochs)
+            before = self.mean or [None if w is None else np.zeros(w.shape) for w in weights]
+            self.mean = [
+                None if w is None or b is None else b + w / n_summed
+                for b, w in zip(before, weights, strict=True)
+            ]
+        self.loss, self.correct, self.fired, self.largest_norm = 0.0, 0, np.zeros(0), 0.0
+
+    def _lost(self, weights: Sequence[Array | None], epoch: int) -> str:
+        """Return why training cannot go on from these weights, or nothing."""
+        layers = self.member.layers
+        at_start = [*(x.feed_forward for x in layers), *(x.recurrent for x in layers)]
+        for number, (w, before) in enumerate(zip(weights, at_start, strict=True)):
+            if w is None or before is None:
+                continue
+            growth = _rms(w) / max(_rms(before), 2 / WEIGHT_SCALE)
+            if not math.isfinite(growth):
+                return f"a weight is not finite after epoch {epoch + 1}"
+            if growth > _LOST_GROWTH:
+                layer = number % len(layers) + 1
+                return f"the weights of layer {layer} have grown {growth:.0e} times after epoch {epoch + 1}"
+        return ""
+
+
+def _units(weights: Floats, unit: str) -> Floats:
+    """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight."""
+    if unit == "weight":
+        return np.ones(weights.shape[1], np.float32)
+    return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
+
+
+def _rms(weights: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt((weights.astype(np.float64) ** 2).mean())) if weights.size else 0.0
+
+
+def _is_stuck(rates: Floats) -> bool:
+    """Return whether a layer fired in no step, or in nearly all."""
+    return bool(((rates == 0) | (rates >= SATURATED)).any())
