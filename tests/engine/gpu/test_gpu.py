@@ -183,9 +183,10 @@ def test_products_of_spikes_and_rounded_weights_are_exact() -> None:
     w = rng.normal(0, 2, (130, 70)).astype(np.float32)
     w[:8, 0] = [1 / 64, 3 / 64, -1 / 64, 254 / 64, 255 / 64, -256 / 64, -258 / 64, -1e30]  # ties and clips
     x = rng.random((1, 150, 130)) < 0.5
-    layer = replace(MEMBERS[0].layers[0], feed_forward=w, unit=np.ones(70, np.float32))
     decay = np.zeros(70, np.int32)
-    stage = stages([Member((replace(layer, decay_current=decay, decay_voltage=decay),), 1, 0)])[0]
+    population = cuba_lif.Population(decay, decay, 80)
+    layer = replace(MEMBERS[0].layers[0], feed_forward=w, unit=np.ones(70, np.float32), population=population)
+    stage = stages([Member((layer,), 1, 0)])[0]
     device = wide.device()
     spikes = wide.dense(rows_of(x), 0, 1, device)
     np.testing.assert_array_equal(matrix(spikes.float().cpu().numpy(), 150, 130), x[0])
@@ -262,7 +263,7 @@ def test_integer_states_and_spikes_equal_the_definition_at_every_step() -> None:
             put(np.arange(n * WIDTH) % 2, torch.uint8),
             *(put(4096 - d, torch.int32) for d in decays),
             put([80], torch.int32),
-            put(np.array(surrogate.exponents())[:, None], torch.float64),
+            put(np.array(surrogate.exponents(80 / 64))[:, None], torch.float64),
             1,
             n,
             n_steps,
