@@ -21,7 +21,7 @@ from dse.dataset.sections import component, section
 from dse.engine.events import dense, gather
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.train import PROBE_SAMPLES, train
-from dse.models.training import Design, Generators, Training
+from dse.models.training import FitRequest, Generators, Training
 from dse.neurons.surrogate import exponential
 from dse.recordings import RecordingError
 from dse.records import Dataset, Outcome
@@ -91,14 +91,14 @@ def shared(space: SearchSpace) -> Generators:
     return _generators(space, {})
 
 
-def designs(space: SearchSpace) -> list[Design]:
+def designs(space: SearchSpace) -> list[FitRequest]:
     """Return the grid's designs with the generators that they have in a study's first repeat."""
     found = []
     for number in range(N_DESIGNS):
         values = design_at(space, number)
         sections = space.resolve(values)
         model = component("models", sections["model"])
-        found.append(Design(model, section(Training, sections["training"]), _generators(space, values)))
+        found.append(FitRequest(model, section(Training, sections["training"]), _generators(space, values)))
     return found
 
 

@@ -17,7 +17,7 @@ import yaml
 
 from dse import registry
 from dse.config import SearchSpace, load_space
-from dse.models.training import Design, Generators, TrainingDiverged
+from dse.models.training import FitRequest, Generators, TrainingDiverged
 from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
 from dse.store import StoreError
@@ -108,7 +108,7 @@ class Together(Fake):
     @staticmethod
     def fit_cohort(
         dataset: Dataset,
-        designs: Sequence[Design],
+        designs: Sequence[FitRequest],
         shared: Generators,
         device: str = "cpu",
         threads: int = 1,
