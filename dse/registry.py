@@ -203,6 +203,27 @@ def load_plugin(name: str, base: Path | None = None) -> Plugin:
     return _load(Plugin(name, str(path)), module, lambda: _run_file(path, code, module))
 
 
+def loaded_plugins() -> dict[str, str]:
+    """Return module -> source of the loaded plugins, in the order of loading, for `load_the_same`."""
+    return {module: plugin.source for module, plugin in _plugins.items()}
+
+
+def load_the_same(plugins: Mapping[str, str]) -> None:
+    """Load the plugins that another process has loaded, so that objects of their classes can be unpickled.
+
+    Args:
+        plugins: of `loaded_plugins`.
+
+    Raises:
+        PluginError: as of `load_plugin`, or a file has changed since.
+    """
+    for module, source in plugins.items():
+        if module not in _plugins:
+            load_plugin(source)
+            if module not in _plugins:
+                raise PluginError(f"plugin '{source}' has changed since it was loaded; start again")
+
+
 def _load(plugin: Plugin, module: str, import_module: Callable[[], object]) -> Plugin:
     """Import a plugin's module, or leave the registry as it was."""
     if module in _plugins:

@@ -1,13 +1,15 @@
 """A function over jobs, in worker processes: one job at a time and one thread each.
 
-A job may yield its result in parts, which arrive as they come: what a job had finished before it was
-stopped is not lost.
+A job may yield its result in parts, which arrive as they come: the parts that it had finished before it was
+stopped are kept.
 
-A worker that dies (killed for memory, segmentation fault) costs the job it was running and nothing
+A worker that dies (killed for memory, segmentation fault) costs the job that it was running and nothing
 else: it is replaced, and the job's result is a `Failure` that names the signal. A shared pool such as
-joblib's cannot promise that: one dead worker ends every job in flight and nobody knows whose fault it
-was. Workers stand in a process group of their own, so Ctrl-C reaches the parent alone, and they end
-with the parent however it ends, because the pipe between them closes. POSIX only.
+joblib's cannot promise that: one dead worker ends every job in flight and does not tell which job killed
+it. Workers are in a process group of their own, so Ctrl-C reaches the parent alone, and they end with the
+parent however it ends, because the pipe between them closes. POSIX only.
+
+A job may hold components of plugins: a worker loads the plugins that its parent has loaded.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dse import registry
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Part = TypeVar("Part")
@@ -49,7 +53,7 @@ THREADS = {
 
 WORKER_DIED = "WorkerDied"
 _GRACE_S = 0.2
-# Where Linux says how much memory a container may take, in its newer and its older way.
+# Where Linux states the memory limit of a container: cgroup v2, then v1.
 _CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
@@ -121,7 +125,7 @@ class Workers:
         self._idle.clear()
 
     def _free(self) -> _Worker:
-        """Return an idle worker, or a new one; a worker that died while idle is no job's fault."""
+        """Return an idle worker, or a new one; no job is blamed for a worker that died while idle."""
         while self._idle:
             worker = self._idle.pop()
             if worker.process.poll() is None:
@@ -171,7 +175,7 @@ class Workers:
                             self._idle.append(worker)
                     if not is_last or part is not None:
                         yield job, part
-        finally:  # the caller stopped listening: what still runs is of no use
+        finally:  # the caller stopped listening: the jobs that still run are of no use
             for worker, _ in busy.values():
                 worker.kill()
 
@@ -195,7 +199,7 @@ class _Worker:
         process = subprocess.Popen(
             [sys.executable, "-c", command],
             stdin=subprocess.DEVNULL,
-            stdout=2,  # stdout carries results; whatever a library prints in a worker is no result
+            stdout=2,  # stdout is for results: what a library prints in a worker goes to stderr
             env={**os.environ, **THREADS, "PYTHONPATH": path},
             pass_fds=[theirs.fileno()],
             process_group=0,
@@ -208,7 +212,7 @@ class _Worker:
         return not self.connection.closed
 
     def send(self, message: Any) -> None:
-        data = pickle.dumps(message)
+        data = pickle.dumps((registry.loaded_plugins(), pickle.dumps(message)))
         with contextlib.suppress(BrokenPipeError):  # it died just now: receive() reports it
             self.connection.send_bytes(data)
 
@@ -253,7 +257,9 @@ def _answers(message: bytes) -> Iterator[bytes]:
     """Yield the parts of a job, then why it ended: None, or a failure."""
     end = None
     try:
-        function, job = pickle.loads(message)
+        plugins, content = pickle.loads(message)
+        registry.load_the_same(plugins)  # before the job is unpickled: it may hold their components
+        function, job = pickle.loads(content)
         for part in function(job):
             yield pickle.dumps((False, part))
     except Exception as error:

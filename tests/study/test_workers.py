@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from dse import registry
 from dse.study import workers as execution
 from dse.study.workers import THREADS, Failure, Workers, memory_budget
 from tests.waiting import PATIENCE_S, until
@@ -199,3 +200,29 @@ def _gone(pid: int) -> bool:
         return True
     status = Path(f"/proc/{pid}/stat")  # an orphan that nobody has reaped yet is a zombie
     return status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z"
+
+
+def kind_of(job: object) -> tuple[str, int]:
+    return type(job).__name__, job.order  # type: ignore[attr-defined]
+
+
+def test_a_worker_loads_the_plugins_that_its_job_needs(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from dataclasses import dataclass\n"
+        "from dse.registry import register\n"
+        "@register('encoders', 'of_a_worker')\n"
+        "@dataclass(frozen=True)\n"
+        "class OfAWorker:\n"
+        "    order: int = 2\n"
+    )
+    registry.load_plugin(str(path))
+    component = registry.known("encoders")["of_a_worker"]
+    with Workers(1) as workers:
+        assert list(workers.map(kind_of, [component(order=7)])) == [(component(order=7), ("OfAWorker", 7))]
+        path.write_text(path.read_text() + "# changed\n")
+        [(_, result)] = workers.map(kind_of, [component(order=8)])
+        assert result == ("OfAWorker", 8), "a worker that has loaded it does not look again"
+    with Workers(1) as workers:
+        [(_, failure)] = workers.map(kind_of, [component(order=9)])
+        assert isinstance(failure, Failure) and "has changed since it was loaded" in failure.message
