@@ -206,7 +206,12 @@ def kind_of(job: object) -> tuple[str, int]:
     return type(job).__name__, job.order  # type: ignore[attr-defined]
 
 
-def test_a_worker_loads_the_plugins_that_its_job_needs(tmp_path: Path) -> None:
+def test_a_worker_loads_the_plugins_that_its_job_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoders = registry.known("encoders")
+    monkeypatch.setattr(registry, "_plugins", {})
+    monkeypatch.setattr(registry, "_components", {**registry._components, "encoders": encoders})
     path = tmp_path / "mine.py"
     path.write_text(
         "from dataclasses import dataclass\n"
