@@ -1,4 +1,4 @@
-"""Whose a study folder is: the search space that it was started with, and no other."""
+"""A study folder belongs to one search space: the one that it was started with."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from dse.recordings import PLACES
 from dse.study import environment
 from dse.study.results import plain_space
 
-# What lies there counts, and is compared run by run (dse.study.runs).
+# Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
 def claim(space: SearchSpace, folder: Path) -> None:
-    """Write the search space and where it runs, or go on with the same one.
+    """Write the search space and the environment to the folder, or check that it is the same search space.
 
-    Where recordings lie, how the work is spread, more trials, other precisions of trained networks, and
-    hardware after the first change no result: they are no other search space. Another device rounds
-    otherwise. Until a run has finished, nothing depends on the one before.
+    Some keys change no result and may differ: the folder of the recordings, the number of processes, more
+    trials, other precisions of trained networks, and hardware after the first. The device may not: another
+    one rounds differently. Until a run has finished, any search space may replace the one before.
 
     Raises:
         ConfigError: the folder was started with another search space; one fault per key.

@@ -1,4 +1,4 @@
-"""Where and with what a study ran: versions and machine, kept beside its results."""
+"""The environment of a study, stored beside its results: machine, interpreter and versions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PACKAGES = ("dse", "numpy", "numba", "torch", "optuna", "pandas", "pyarrow", "sc
 
 
 def describe() -> dict[str, Any]:
-    """Return the interpreter, the machine and the installed versions of what computes results."""
+    """Return the interpreter, the machine and the versions of the packages that compute results."""
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),

@@ -1,4 +1,4 @@
-"""Asking for designs, training them, telling the sampler; then repeating the front, and rounding it."""
+"""Run a study: ask for designs, train them, tell the sampler; then repeat the front and round its weights."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _REFRESH_SHARE = 0.05
 def run(
     space: SearchSpace, results: str | Path = "results", *, jobs: int | None = None, progress: bool = True
 ) -> Study:
-    """Train what is missing of a study and return it; an interrupted study goes on where it stopped.
+    """Train the missing runs of a study and return it; an interrupted study continues where it stopped.
 
     Args:
         space: what to explore.
@@ -44,7 +44,7 @@ def run(
 
     Raises:
         ConfigError: the folder holds a study of another search space, or of other recordings; or the
-            device is not there.
+            device is missing.
         RecordingError: the recordings do not fit the search space.
         StoreError: the folder is in use or cannot be written; nothing finished is lost.
         KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
@@ -71,7 +71,7 @@ def run(
                 _repeat_front(space, ledger, runs, results_tables, report)
                 _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
-            runs.recall(ledger.entries)  # a run may have finished without having been heard of
+            runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
             results_tables.write()
             raise
         results_tables.write()
@@ -79,7 +79,7 @@ def run(
 
 
 class _Tables:
-    """The tables of a study, written now and then so that a long one can be looked at while it runs."""
+    """The tables of a study, written now and then so that they can be read while a long study runs."""
 
     def __init__(self, space: SearchSpace, folder: Path, runs: Runs, profiles: Sequence[Profile]) -> None:
         self._space = space
@@ -89,7 +89,7 @@ class _Tables:
         self._due = time.monotonic() + _REFRESH_S
 
     def refresh(self) -> None:
-        """Write the tables if that was long ago, measured by what writing them takes."""
+        """Write the tables unless they are recent; writing takes at most `_REFRESH_SHARE` of the time."""
         began = time.monotonic()
         if began >= self._due:
             self.write()
@@ -101,7 +101,7 @@ class _Tables:
         return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
 
     def write(self) -> None:
-        """Write both tables, and the figures of the hardware that points are priced on."""
+        """Write both tables, and the hardware profiles that costs are computed from."""
         pricing.keep(self._profiles, self._folder)
         trials = tables.trials_table(self._space, self._runs.trials())
         for name, frame in (("trials", trials), ("points", self.points())):
@@ -112,7 +112,7 @@ class _Tables:
 def _search(
     space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
 ) -> None:
-    """Ask, train and tell batch by batch; batches that the ledger holds are not asked for again."""
+    """Ask, train and tell batch by batch; batches in the ledger are not asked for again."""
     settings = space.search
     sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
         space, [direction for _, direction in space.objectives]
@@ -141,35 +141,37 @@ def _search(
         for entry in entries:
             if not entry.told:
                 ledger.tell(entry.trial, _values(space, runs.of(entry.trial)[: settings.repeats]))
-        told = [e for e in ledger.entries if e.batch == number]
-        sampler.tell([e.design for e in told], [e.values for e in told])
+        ended = [e for e in ledger.entries if e.batch == number]
+        sampler.tell([e.design for e in ended], [e.values for e in ended])
         number += 1
 
 
 def _repeat_front(
     space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
 ) -> None:
-    """Train designs of each family's fronts again until all have their repeats; each may move a front."""
-    wanted = space.search.repeats_on_front
-    while wanted > space.search.repeats:
+    """Train the designs on each family's fronts until all have their repeats; each run may move a front."""
+    repeats = space.search.repeats_on_front
+    while repeats > space.search.repeats:
         in_turn = fronts(results_tables.points(), space.objectives)
         front = {trial for _, rows in in_turn for trial in rows["trial"]}
-        short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < wanted]
+        short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < repeats]
         if not short:
             return
-        report.expect(sum(wanted - len(runs.of(e.trial)) for e in short))
-        runs.complete(short, wanted, results_tables.refresh)
+        report.expect(sum(repeats - len(runs.of(e.trial)) for e in short))
+        runs.complete(short, repeats, results_tables.refresh)
 
 
 def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:
     """Evaluate designs on each family's fronts, and near them, at the precisions of the search space."""
-    wanted = space.precision
-    if wanted is None or not wanted.settings:
+    precisions = space.precision
+    if precisions is None or not precisions.settings:
         return
     chosen: set[int] = set()
     for table, front in fronts(results_tables.points(), space.objectives):
-        chosen |= precision.near(table, front, space.objectives, wanted.within)
-    runs.evaluate([e for e in ledger.entries if e.trial in chosen], wanted.settings, results_tables.refresh)
+        chosen |= precision.near(table, front, space.objectives, precisions.within)
+    runs.evaluate(
+        [e for e in ledger.entries if e.trial in chosen], precisions.settings, results_tables.refresh
+    )
 
 
 def _n_trials(space: SearchSpace) -> int:

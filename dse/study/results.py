@@ -1,4 +1,4 @@
-"""What a study's folder holds, as tables and answers."""
+"""A finished study, or one that runs, as tables and answers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Study:
-    """What a study's folder holds."""
+    """The results in a study's folder."""
 
     folder: Path
 
@@ -115,7 +115,7 @@ class Study:
 
     @property
     def warnings(self) -> list[str]:
-        """What is suspicious about the study's recordings, such as labels that are given away."""
+        """Warnings about the study's recordings, such as levels that reveal the label."""
         path = self.folder / store.WARNINGS
         return list(store.read_json(path)) if path.exists() else []
 
@@ -159,10 +159,10 @@ def plain_space(path: Path) -> dict[str, Any]:
         StoreError: it is missing or damaged.
     """
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        space = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
         raise store.StoreError(f"{path}: cannot be read: {error}") from error
-    return dict(found)
+    return dict(space)
 
 
 def _table(path: Path) -> pandas.DataFrame:

@@ -2,8 +2,8 @@
 
 Several runs (repeats) of a design are one row: numbers are means over its repeats. `accuracy_se` is the
 Wilson standard error of the one run where there is one, and the standard error of the mean over seeds
-(sample standard deviation / sqrt(repeats)) where there are several. A trial one of whose runs failed is a
-failed trial: leaving the bad seed out would flatter the design.
+(sample standard deviation / sqrt(repeats)) where there are several. A trial with a failed run is a failed
+trial: leaving that seed out would flatter the design.
 """
 
 from __future__ import annotations
@@ -112,13 +112,13 @@ def summary(records: Sequence[Record], profile: str | None) -> dict[str, Any]:
         profile: hardware profile, or None for the columns that need none.
     """
     rows = [r["columns"] | (r["hardware"][profile] if profile else {}) for r in records]
-    found: dict[str, Any] = {}
-    for name in dict.fromkeys(name for row in rows for name in row):  # what one run lacks, no mean has
+    columns: dict[str, Any] = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
         values = [row.get(name) for row in rows]
-        found[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
+        columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
     if len(rows) > 1:
-        found["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
-    return found
+        columns["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
+    return columns
 
 
 def _mean(values: Sequence[Any]) -> Any:
