@@ -7,6 +7,7 @@ PYTHON ?= $(shell for name in python3.11 python3.12 python3.13 python3; do \
 	&& echo $$name && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
+PYTEST := $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 # Stamps, each written last, so that a broken set-up is tried again.
@@ -18,17 +19,22 @@ GPU := $(VENV)/.gpu
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: quickstart test test-gpu setup lint format clean
+.PHONY: quickstart test test-gpu setup lint types kernels format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
 
-test: lint
+# Types are checked while one process compiles the kernels that the tests then share. Test files with studies and
+# pages come first (tests/conftest.py), and wait much: there are more processes than cores.
+test: $(TESTS)
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/engine/gpu
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	@$(MAKE) --no-print-directory -j 2 types kernels
+	$(PYTEST) --ignore tests/engine/gpu
 
 test-gpu: $(GPU)
-	$(BIN)/python -m pytest -n 2 --dist loadfile tests/engine/gpu
+	$(PYTEST) tests/engine/gpu
 
 setup: $(TESTS)
 
@@ -36,6 +42,12 @@ lint: $(TESTS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+types: $(TESTS)
+	$(BIN)/mypy
+
+kernels: $(TESTS)
+	$(BIN)/python -m pytest -q tests/engine/test_cpu.py tests/engine/test_kernels.py
 
 format: $(TESTS)
 	$(BIN)/ruff check --fix .

@@ -26,12 +26,21 @@ BROWSER_FLAGS = (
     "--no-first-run",
 )
 
+SLOW_FIRST = ("study", "dashboard", "cli")
+"""Folders of tests/ whose files take longest: begun last, one would be waited for alone."""
+
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
 # A shell's background job ignores Ctrl-C, and so would every program that the tests start and stop.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that take longest first; within a folder the order stays."""
+    place = {name: number for number, name in enumerate(SLOW_FIRST)}
+    items.sort(key=lambda item: place.get(item.path.parent.name, len(place)))
 
 
 @pytest.fixture(scope="session", autouse=True)
