@@ -181,10 +181,10 @@ class Receptors(Encoder):
 
     def _smooth(self, signals: Signals, i: int, first: int, length: int) -> Array:
         """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
-        found = smoothed(signals, i, first, length, self.smoothing_ms)
-        if not np.isfinite(found).all():
+        values = smoothed(signals, i, first, length, self.smoothing_ms)
+        if not np.isfinite(values).all():
             raise ValueError(f"recording {i} must hold finite numbers, got NaN or infinite ones")
-        return found
+        return values
 
 
 def parameters(sa: bool) -> Array:
@@ -206,8 +206,8 @@ def spike_counts(current: Array, params: Params, step_ms: float, solver_steps: i
     Returns:
         (step, receptor) int64.
     """
-    held = np.repeat(current, solver_steps, axis=0)
-    spikes = izhikevich.simulate(held, params, step_ms / solver_steps, method)
+    repeated = np.repeat(current, solver_steps, axis=0)
+    spikes = izhikevich.simulate(repeated, params, step_ms / solver_steps, method)
     return np.asarray(spikes.reshape(len(current), solver_steps, -1).sum(axis=1))
 
 

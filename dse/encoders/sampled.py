@@ -16,9 +16,9 @@ def copied(inputs: Array, copies: int) -> Array:
         inputs: (n_in, 3) x, y and plane of the sampled channels.
         copies: spike trains of each channel.
     """
-    found = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
-    found[:, 2] = found[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
-    return found
+    positions = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
+    positions[:, 2] = positions[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
+    return positions
 
 
 def smoothed(signals: Signals, i: int, first: int, length: int, smoothing_ms: float) -> Array:

@@ -121,17 +121,17 @@ class Threshold(Encoder):
                 labels=tuple(int(x) for x in target),
                 recordings=_hash(signals),
             )
-        found = np.stack(
+        measured = np.stack(
             [
                 np.concatenate(statistics(self._piece(signals, int(i), int(first[i]), n_steps), past=False))
                 for i in train
             ]
         )  # (recording, mean or std, channel)
-        if self.statistic == "mean" and (np.abs(found[:, 0]) <= _NO_MEAN * found[:, 1]).all():
+        if self.statistic == "mean" and (np.abs(measured[:, 0]) <= _NO_MEAN * measured[:, 1]).all():
             raise ValueError(
                 "encoder.statistic must be std if the mean of every channel is removed, got mean"
             )
-        values, codes = found[:, ("mean", "std").index(self.statistic)], target[train]
+        values, codes = measured[:, ("mean", "std").index(self.statistic)], target[train]
         classes = np.unique(codes)
         return dataclasses.replace(
             self,
@@ -232,6 +232,6 @@ def statistics(values: Array, past: bool) -> tuple[Array, Array]:
 
 
 def _hash(signals: Signals) -> str:
-    found = hashlib.sha256(np.ascontiguousarray(signals.offsets).data)
-    found.update(np.ascontiguousarray(signals.values).data)
-    return found.hexdigest()
+    digest = hashlib.sha256(np.ascontiguousarray(signals.offsets).data)
+    digest.update(np.ascontiguousarray(signals.values).data)
+    return digest.hexdigest()

@@ -120,9 +120,9 @@ def without_quiet(counts: Array, channels: Array, pooling: Pooling) -> tuple[Arr
         return counts, channels
     spikes = np.bincount(channels, minlength=pooling.n_channels)
     loud = spikes * 1e6 >= pooling.rate_floor_hz * (len(counts) * pooling.bin_us)
-    kept = loud[channels]
-    until = np.concatenate([[0], np.cumsum(kept)])[np.cumsum(counts)]
-    return np.diff(until, prepend=0).astype(np.int64), channels[kept]
+    is_loud = loud[channels]
+    until = np.concatenate([[0], np.cumsum(is_loud)])[np.cumsum(counts)]
+    return np.diff(until, prepend=0).astype(np.int64), channels[is_loud]
 
 
 def _within(t_us: Array, begin_us: int, stop_us: int) -> tuple[int, int]:
@@ -134,9 +134,9 @@ def _within(t_us: Array, begin_us: int, stop_us: int) -> tuple[int, int]:
 
 def _grown(channels: Array, filled: int, capacity: int) -> Array:
     """Return what is filled, with room."""
-    found = np.empty(capacity, dtype=np.int32)
-    found[:filled] = channels[:filled]
-    return found
+    larger = np.empty(capacity, dtype=np.int32)
+    larger[:filled] = channels[:filled]
+    return larger
 
 
 @compiled()

@@ -139,8 +139,8 @@ class EventFiles:
                 known = column_names(table)
         except RecordingError:
             pass
-        kept = {column: name for column, name in self.columns.items() if name in known}
-        return dataclasses.replace(self, columns=kept, labels=self.labels if kept else None)
+        columns = {column: name for column, name in self.columns.items() if name in known}
+        return dataclasses.replace(self, columns=columns, labels=self.labels if columns else None)
 
     def content(self, base: Path) -> str:
         """Return a hash of the files' paths below the folder, of what is in them, and of the label table.
@@ -149,8 +149,8 @@ class EventFiles:
             RecordingError: folder or table are not found, or a file cannot be read.
         """
         folder, table, names = self._files(base)
-        found = content_of(folder, names)
-        return found if table is None else f"{found} {content(table)}"
+        of_files = content_of(folder, names)
+        return of_files if table is None else f"{of_files} {content(table)}"
 
     def channel_positions(self, base: Path) -> None:
         """Return None: an event's position is its address."""
@@ -161,24 +161,24 @@ class EventFiles:
         Raises:
             RecordingError: anything wrong with names, label table and headers.
         """
-        found = self._examined(base)
-        for fault in found.faults:
+        examined = self._examined(base)
+        for fault in examined.faults:
             raise RecordingError(fault)
-        left_out = dict(found.left_out)
+        left_out = dict(examined.left_out)
         if self.repair:
-            for name, form in found.formats.items():
-                if (why := unusable(found.folder, name, form, found.frame)) is not None:
-                    left_out[name] = why
-        kept = [i for i, name in enumerate(found.labelled.names) if name not in left_out]
-        if not kept:
+            for name, file_format in examined.formats.items():
+                if (reason := unusable(examined.folder, name, file_format, examined.frame)) is not None:
+                    left_out[name] = reason
+        usable = [i for i, name in enumerate(examined.labelled.names) if name not in left_out]
+        if not usable:
             raise RecordingError(f"{self.folder}: no file can be used; the first: {min(left_out.values())}")
-        names = [found.labelled.names[i] for i in kept]
+        names = [examined.labelled.names[i] for i in usable]
         return FolderEvents(
-            *found.frame,
-            columns={column: values[kept] for column, values in found.labelled.columns.items()},
-            folder=found.folder,
+            *examined.frame,
+            columns={column: values[usable] for column, values in examined.labelled.columns.items()},
+            folder=examined.folder,
             names=tuple(names),
-            formats=tuple(found.formats[name] for name in names),
+            formats=tuple(examined.formats[name] for name in names),
             repair=self.repair,
             left_out=tuple(left_out.values()),
         )
@@ -227,24 +227,24 @@ class EventFiles:
         formats: dict[str, Format] = {}
         frames: dict[str, tuple[int, int] | None] = {}
         left_out: dict[str, str] = {}
-        given = None if self.format == AUTO else self._set_up(named(self.format))
-        kinds: dict[type, Format] = {}  # one object for each kind, not for each file
+        of_key = None if self.format == AUTO else self._set_up(named(self.format))
+        one_of_each: dict[type, Format] = {}  # one object for each kind, not for each file
         for name in names:
             try:
-                form = given or self._set_up(detect(folder / name))
-                form = kinds.setdefault(type(form), form)
-                frames[name] = form.frame(folder / name)
-                formats[name] = form
+                file_format = of_key or self._set_up(detect(folder / name))
+                file_format = one_of_each.setdefault(type(file_format), file_format)
+                frames[name] = file_format.frame(folder / name)
+                formats[name] = file_format
             except RecordingError as error:
                 left_out[name] = f"{by_path(error, name)}; {LEFT_OUT}"
         return formats, frames, left_out
 
-    def _set_up(self, form: Any) -> Format:
+    def _set_up(self, file_format: Any) -> Format:
         """Return a format with those keys of this component that it has."""
-        own = {key.name for key in dataclasses.fields(form)}
-        keys = {key: getattr(self, key) for key in ("arrays", "time_unit") if key in own}
-        found: Format = dataclasses.replace(form, **keys)
-        return found
+        settings = {key.name for key in dataclasses.fields(file_format)}
+        keys = {key: getattr(self, key) for key in ("arrays", "time_unit") if key in settings}
+        set_up: Format = dataclasses.replace(file_format, **keys)
+        return set_up
 
     def _frame(self, frames: Mapping[str, tuple[int, int] | None], faults: list[str]) -> tuple[int, int]:
         """Return the frame of all files; where they contradict each other or the keys, that is a fault."""
@@ -253,19 +253,19 @@ class EventFiles:
             if frame is not None:
                 stated.setdefault(frame, name)
         if self.width is not None and self.height is not None:
-            given = (self.width, self.height)
-            others = [(name, frame) for frame, name in stated.items() if frame != given]
+            of_keys = (self.width, self.height)
+            others = [(name, frame) for frame, name in stated.items() if frame != of_keys]
             faults += [
-                f"{name}: data.width and data.height must be {_by(frame)} as the file says, got {_by(given)}"
+                f"{name}: data.width and data.height must be {_by(frame)} as in the file, got {_by(of_keys)}"
                 for name, frame in others[:_MOST_NAMED]
             ]
-            return given
+            return of_keys
         silent = next((name for name, frame in frames.items() if frame is None), None)
         if silent is not None:
             faults.append(f"data.width and data.height must be given: {silent} does not say its frame")
         elif len(stated) > 1:
-            told = " and ".join(f"{_by(frame)} in {name}" for frame, name in list(stated.items())[:2])
-            faults.append(f"{self.folder}: all files must have one frame, got {told}")
+            got = " and ".join(f"{_by(frame)} in {name}" for frame, name in list(stated.items())[:2])
+            faults.append(f"{self.folder}: all files must have one frame, got {got}")
         return next(iter(stated), (0, 0))
 
 

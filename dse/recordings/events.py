@@ -135,12 +135,12 @@ def event_faults(
         ((y < 0) | (y >= height), f"row y must be in [0, {height - 1}]", y),
         ((polarity < 0) | (polarity > 1), "polarity must be 0 or 1", polarity),
     ]
-    found = []
-    for bad, rule, values in tests:
-        if bad.any():
-            event = int(bad.argmax())
+    faults = []
+    for is_bad, rule, values in tests:
+        if is_bad.any():
+            event = int(is_bad.argmax())
             recording = int(np.searchsorted(offsets, event, side="right")) - 1
-            found.append(
+            faults.append(
                 f"{rule}, got {values[event]} at event {event - offsets[recording]} of recording {recording}"
             )
-    return found
+    return faults

@@ -100,11 +100,11 @@ def labels_of_folders(names: Sequence[str], columns: Mapping[str, str]) -> Label
             ],
         )
     above = [name.split("/")[-2::-1] for name in names]
-    found = {
+    labels = {
         column: np.array([folders[known.index(name)] for folders in above])
         for column, name in columns.items()
     }
-    return Labelled(list(names), found)
+    return Labelled(list(names), labels)
 
 
 def folder_columns(names: Sequence[str]) -> list[str]:
@@ -114,5 +114,5 @@ def folder_columns(names: Sequence[str]) -> list[str]:
 
 
 def _without(names: Sequence[str], known: Collection[str]) -> list[str]:
-    there = set(known)
-    return [name for name in dict.fromkeys(names) if name not in there]
+    excluded = set(known)
+    return [name for name in dict.fromkeys(names) if name not in excluded]

@@ -24,8 +24,8 @@ def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> P
             return place
     looked = ", ".join(str(place.parent) for place in places)
     hint = f" (DSE_DATA names another folder, --set data.{kind}={kind.upper()} another {kind})"
-    told = "" if Path(name).is_absolute() else hint
-    raise RecordingError(f"data {kind} '{name}' not found; looked in {looked}{told}")
+    advice = "" if Path(name).is_absolute() else hint
+    raise RecordingError(f"data {kind} '{name}' not found; looked in {looked}{advice}")
 
 
 def content(path: Path) -> str:

@@ -60,9 +60,9 @@ class FolderEvents:
 
     def notes(self) -> list[str]:
         """Return what was repaired in what was read so far: a sentence for each file and kind of fault."""
-        found = [*self.left_out, *(note for i in sorted(self._repaired) for note in self._repaired[i])]
-        more = len(found) - _MOST_NOTES
-        return found if more <= 0 else [*found[:_MOST_NOTES], f"{self.folder.name}: {more} more repairs"]
+        notes = [*self.left_out, *(note for i in sorted(self._repaired) for note in self._repaired[i])]
+        more = len(notes) - _MOST_NOTES
+        return notes if more <= 0 else [*notes[:_MOST_NOTES], f"{self.folder.name}: {more} more repairs"]
 
 
 def unusable(folder: Path, name: str, form: Format, frame: tuple[int, int]) -> str | None:

@@ -38,13 +38,13 @@ def content_of(folder: Path, names: Iterable[str]) -> str:
     Raises:
         RecordingError: a file cannot be read.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in names:
         try:
-            found.update(os.fsencode(name) + f"\0{content(folder / name)}\n".encode())
+            digest.update(os.fsencode(name) + f"\0{content(folder / name)}\n".encode())
         except RecordingError as error:
             raise RecordingError(by_path(error, name)) from None
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def by_path(error: RecordingError, name: str) -> str:
@@ -56,8 +56,8 @@ def by_path(error: RecordingError, name: str) -> str:
 
 def some(names: Sequence[str]) -> str:
     """Return the first names in quotes, and how many more there are."""
-    told = ", ".join(f"'{name}'" for name in names[:_MOST_NAMED])
-    return told if len(names) <= _MOST_NAMED else f"{told} and {len(names) - _MOST_NAMED} more"
+    listed = ", ".join(f"'{name}'" for name in names[:_MOST_NAMED])
+    return listed if len(names) <= _MOST_NAMED else f"{listed} and {len(names) - _MOST_NAMED} more"
 
 
 def _below(folder: Path, above: str, within: tuple[tuple[int, int], ...]) -> Iterator[str]:

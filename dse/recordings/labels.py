@@ -48,7 +48,7 @@ def label_columns(
     """
     for fault in shape_faults({name: x.shape for name, x in arrays.items()}, columns, class_names, n, where):
         raise RecordingError(fault)
-    found = {}
+    labels = {}
     for column, source in columns.items():
         values = arrays[source]
         if values.dtype.kind not in "biufUS":
@@ -59,8 +59,8 @@ def label_columns(
             )
         if column in class_names:
             values = _named(values, arrays[class_names[column]], f"{where}: column '{column}'")
-        found[column] = values.astype(str) if values.dtype.kind == "S" else values
-    return found
+        labels[column] = values.astype(str) if values.dtype.kind == "S" else values
+    return labels
 
 
 def shape_faults(

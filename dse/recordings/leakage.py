@@ -59,18 +59,18 @@ def warnings(
             "send_on_delta sends changes only, window.remove_mean takes it away; never feed absolute levels",
         ),
     ]
-    found = []
-    for what, features, advice in shortcuts:
+    sentences = []
+    for shortcut, features, advice in shortcuts:
         if features is None or np.ptp(features[train], axis=0).max() == 0:
             continue
         guess = nearest_neighbours(features[train], codes[train], features[validation])
         accuracy = float((guess == codes[validation]).mean())
         if accuracy >= (1 + largest) / 2 and accuracy > largest + noise:
-            found.append(
-                f"{what} alone predicts {name} with accuracy {accuracy:.3f} on validation "
+            sentences.append(
+                f"{shortcut} alone predicts {name} with accuracy {accuracy:.3f} on validation "
                 f"(largest class {largest:.3f}): {advice}"
             )
-    return found
+    return sentences
 
 
 def nearest_neighbours(train: Array, codes: Array, query: Array) -> Array:

@@ -26,17 +26,17 @@ def headers(path: Path) -> dict[str, tuple[int, ...]]:
     Raises:
         RecordingError: the file is empty, cut short, or no .npz file.
     """
-    found = {}
+    shapes = {}
     try:
         with zipfile.ZipFile(path) as archive:
             for member in archive.namelist():
                 with archive.open(member) as stream:
                     first = npy.read_magic(stream) == (1, 0)
                     read = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
-                    found[member.removesuffix(".npy")] = read(stream)[0]
+                    shapes[member.removesuffix(".npy")] = read(stream)[0]
     except DAMAGED_ARCHIVE as error:
         raise _unreadable(path, error) from None
-    return found
+    return shapes
 
 
 def load(path: Path, names: Iterable[str]) -> dict[str, Array]:
@@ -81,9 +81,9 @@ def faults(
         shapes = headers(path)
     except RecordingError as error:
         return [str(error)]
-    found = [missing(path, name, shapes) for name in dict.fromkeys(names) if name not in shapes]
+    absent = [missing(path, name, shapes) for name in dict.fromkeys(names) if name not in shapes]
     n = count(shapes)
-    return found if n is None else found + shape_faults(shapes, columns, class_names, n, path.name)
+    return absent if n is None else absent + shape_faults(shapes, columns, class_names, n, path.name)
 
 
 def columns_found(
@@ -91,8 +91,11 @@ def columns_found(
 ) -> dict[str, Any]:
     """Return `columns` and `class_names` without the columns that the file does not hold."""
     shapes = headers(locate(file, base))
-    kept = {column: source for column, source in columns.items() if source in shapes}
-    return {"columns": kept, "class_names": {c: source for c, source in class_names.items() if c in kept}}
+    present = {column: source for column, source in columns.items() if source in shapes}
+    return {
+        "columns": present,
+        "class_names": {c: source for c, source in class_names.items() if c in present},
+    }
 
 
 def missing(path: Path, name: str, known: Mapping[str, object]) -> str:

@@ -86,9 +86,9 @@ class RasterFile:
 
     def check(self, base: Path) -> list[str]:
         """Return what the file's headers show to be wrong."""
-        found = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
-        if self.positions is None or found:
-            return found
+        faults = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        if self.positions is None or faults:
+            return faults
         taxel, _ = self._channels(npz.headers(locate(self.file, base)))
         return position_faults(self.positions, int(taxel.max()) + 1) if taxel.size else []
 

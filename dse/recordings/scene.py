@@ -61,14 +61,14 @@ class Trials:
         scene = self.scene
         cells = np.array([scene.cell(k) for k in range(scene.n_trials)], dtype=np.int64)
         texture, motion, force, repetition = cells.T
-        found = (
+        values = (
             np.array([x.name for x in scene.textures])[texture],
             np.array([x.label for x in scene.motions])[motion],
             np.array([x.peak_mm_s for x in scene.motions])[motion],
             np.array(scene.forces_n)[force],
             repetition,
         )
-        return dict(zip(COLUMNS, found, strict=True))
+        return dict(zip(COLUMNS, values, strict=True))
 
     def pins(self) -> tuple[int, int, int, int]:
         """Return x, y, width and height of the pixels that see pins.
@@ -162,8 +162,8 @@ class SceneTrials:
         if faults := self.check(base):
             raise RecordingError("\n".join(faults))
         scene = _scene(self.scene, base)
-        given = {"trials": self.trials, "duration_ms": self.duration_ms, "seed": self.seed}
-        changes: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+        overrides = {"trials": self.trials, "duration_ms": self.duration_ms, "seed": self.seed}
+        changes: dict[str, Any] = {key: value for key, value in overrides.items() if value is not None}
         if self.textures is not None:
             by_name = {texture.name: texture for texture in scene.textures}
             changes["textures"] = tuple(by_name[name] for name in self.textures)

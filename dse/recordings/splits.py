@@ -58,32 +58,32 @@ def _masks(
         yield from _folded(columns, codes, classes, settings.k_fold)
     elif settings.leave_out is not None:
         out = settings.leave_out
-        held = _chosen(columns, {out.column: out.value}, "leave_out")
-        yield from (~held, held, np.zeros_like(held))
+        left_out = _chosen(columns, {out.column: out.value}, "leave_out")
+        yield from (~left_out, left_out, np.zeros_like(left_out))
     else:
         for name in ("train", "validation", "test"):
             yield _chosen(columns, getattr(settings, name), name)
 
 
-def _chosen(columns: Mapping[str, Array], wanted: Mapping[str, Any] | None, name: str) -> Array:
+def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Any] | None, name: str) -> Array:
     n = len(next(iter(columns.values()), ()))
-    mask = np.full(n, bool(wanted))
-    for column, values in (wanted or {}).items():
+    mask = np.full(n, bool(conditions))
+    for column, values in (conditions or {}).items():
         if column not in columns:
             raise RecordingError(
                 f"split.{name}: no column '{column}' among data.columns; {known_names(column, columns)}"
             )
         labels = columns[column]
         known = np.unique(labels).tolist()
-        hit = np.zeros(n, dtype=bool)
+        matches = np.zeros(n, dtype=bool)
         for value in values if isinstance(values, list | tuple) else (values,):
             value = str(value) if labels.dtype.kind == "U" else value
             if value not in known:
                 raise RecordingError(
                     f"split.{name}: column '{column}' holds no {value!r}; it holds {_some(known)}"
                 )
-            hit |= labels == value
-        mask &= hit
+            matches |= labels == value
+        mask &= matches
     return mask
 
 
@@ -96,14 +96,14 @@ def _drawn(
 ) -> Array:
     """Return 0 (train), 1 (validation) or 2 (test) for every recording."""
     shares = [1 - settings.validation - settings.test, settings.validation, settings.test]
-    wanted = f"validation {settings.validation:g} and test {settings.test:g}"
+    sizes = f"validation {settings.validation:g} and test {settings.test:g}"
     if settings.group is not None:
         where = "split.stratified"
         if shares[0] <= 0:
-            raise RecordingError(f"{where} must leave recordings to train, got {wanted}")
+            raise RecordingError(f"{where} must leave recordings to train, got {sizes}")
         groups = _groups(columns, settings.group, where)
         shares = [share for share in shares if share > 0]
-        _check_enough(codes, groups, classes, len(shares), where, settings.group, wanted)
+        _check_enough(codes, groups, classes, len(shares), where, settings.group, sizes)
         return dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "split"))
     part = np.zeros(len(codes), dtype=np.int64)
     for code in np.unique(codes):
@@ -115,7 +115,7 @@ def _drawn(
         if not n_validation or (settings.test and not n_test) or n_validation + n_test >= len(members):
             raise RecordingError(
                 f"split.stratified: class '{classes[code]}' has {len(members)} recordings, too few for "
-                f"{wanted}"
+                f"{sizes}"
             )
         part[members[:n_validation]] = 1
         part[members[n_validation : n_validation + n_test]] = 2
@@ -136,12 +136,12 @@ def _folded(
             value = columns[str(settings.group)][groups == torn[0]][0]
             raise RecordingError(f"{where}: group '{value}' is in the test set and in the folds")
     elif settings.test is not None:
-        wanted = f"test {settings.test:g}"
-        _check_enough(codes, groups, classes, 2, where, settings.group, wanted)
+        sizes = f"test {settings.test:g}"
+        _check_enough(codes, groups, classes, 2, where, settings.group, sizes)
         shares = [1 - settings.test, settings.test]
         test = dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "test")) == 1
         for code in np.setdiff1d(codes, codes[test]):
-            raise RecordingError(f"{where}: class '{classes[code]}' is too small for {wanted}")
+            raise RecordingError(f"{where}: class '{classes[code]}' is too small for {sizes}")
     rest = np.flatnonzero(~test)
     _check_enough(codes[rest], groups[rest], classes, k, where, settings.group, f"k = {k}")
     part = np.full(len(codes), -1, dtype=np.int64)
@@ -172,14 +172,14 @@ def _check_enough(
     n_parts: int,
     where: str,
     column: str | None,
-    wanted: str,
+    sizes: str,
 ) -> None:
     """Refuse to divide a class that has not a group (or recording) for every part."""
     what = "recordings" if column is None else f"groups of column '{column}'"
     for code in np.unique(codes):
         n = len(np.unique(groups[codes == code]))
         if n < n_parts:
-            raise RecordingError(f"{where}: class '{classes[code]}' has {n} {what}, too few for {wanted}")
+            raise RecordingError(f"{where}: class '{classes[code]}' has {n} {what}, too few for {sizes}")
 
 
 def dealt(codes: Array, groups: Array, shares: Sequence[float], rng: np.random.Generator) -> Array:
@@ -202,15 +202,15 @@ def dealt(codes: Array, groups: Array, shares: Sequence[float], rng: np.random.G
     np.add.at(members, (group, label), 1)
     sizes = members.sum(axis=1)
     fractions = members / members.sum(axis=0)
-    wanted = np.asarray(shares, dtype=np.float64)
-    filled = np.zeros((len(wanted), members.shape[1]))
-    load = np.zeros(len(wanted))
+    quota = np.asarray(shares, dtype=np.float64)
+    filled = np.zeros((len(quota), members.shape[1]))
+    load = np.zeros(len(quota))
     part = np.zeros(len(members), dtype=np.int64)
     order = rng.permutation(len(members))
     for number in order[np.argsort(-sizes[order], kind="stable")]:
         # Rounded: parts that are equal but for the last bits of a sum are equal.
-        surplus = np.round((filled - wanted[:, None]) @ fractions[number], 12)
-        best = int(np.lexsort((load / wanted, surplus))[0])
+        surplus = np.round((filled - quota[:, None]) @ fractions[number], 12)
+        best = int(np.lexsort((load / quota, surplus))[0])
         part[number] = best
         filled[best] += fractions[number]
         load[best] += sizes[number]
@@ -245,14 +245,14 @@ def leak(
     number = columns[ORIGINAL] * (columns[NUMBER].max(initial=0) + reach + 1) + columns[NUMBER]
     parts = {"train": train, "validation": validation, "test": test}
     for one, other in itertools.combinations(parts, 2):
-        known, asked = np.sort(number[parts[one]]), number[parts[other]]
-        at = np.searchsorted(known, asked - reach)
-        near = np.append(known, np.iinfo(np.int64).max)[at] <= asked + reach
+        known, queried = np.sort(number[parts[one]]), number[parts[other]]
+        at = np.searchsorted(known, queried - reach)
+        near = np.append(known, np.iinfo(np.int64).max)[at] <= queried + reach
         if reach and near.any():
             drawn = next((name for name in ("stratified", "k_fold") if getattr(settings, name)), "")
             remedy = f"split.{drawn}.group: {ORIGINAL}" if drawn else f"a split by column '{ORIGINAL}'"
             return (
                 f"windows that share steps of one recording are in {one} and in {other} ({near.sum()} of the "
-                f"{len(asked)} in {other}), where they are answered from memory; {remedy} keeps them together"
+                f"{len(queried)} in {other}), which can be answered from memory; {remedy} keeps them together"
             )
     return ""

@@ -68,16 +68,16 @@ class Table:
 
     def check(self, base: Path) -> list[str]:
         """Return what the heads of the tables show to be wrong."""
-        found = []
+        faults = []
         needed = (self.recording, *([] if self.time_ms is None else [self.time_ms]), *self.channels)
         for file, names in ((self.file, needed), (self.labels, (self.recording, *self.columns.values()))):
             try:
                 if file is not None:
                     path = locate(file, base)
-                    found += _missing(path, names, column_names(path))
+                    faults += _missing(path, names, column_names(path))
             except RecordingError as error:
-                found.append(str(error))
-        return found
+                faults.append(str(error))
+        return faults
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its label table, if there is one, holds."""

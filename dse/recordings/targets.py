@@ -56,12 +56,12 @@ def heads(columns: Mapping[str, Array], settings: Any, codes: Array) -> tuple[He
         raise RecordingError(f"task.joint needs columns that differ in task.target, got '{twice}' twice")
     used = np.flatnonzero(codes >= 0)
     _, first = np.unique(codes[used], return_index=True)
-    found = []
+    parts = []
     for name, part in zip(names, _parts(settings), strict=True):
-        own, classes = target(columns, part)
-        present, of_class = np.unique(own[used[first]], return_inverse=True)
-        found.append(Head(name, tuple(classes[i] for i in present), of_class.astype(np.int64)))
-    return tuple(found)
+        codes_of_part, classes = target(columns, part)
+        present, of_class = np.unique(codes_of_part[used[first]], return_inverse=True)
+        parts.append(Head(name, tuple(classes[i] for i in present), of_class.astype(np.int64)))
+    return tuple(parts)
 
 
 def target_columns(settings: Any) -> tuple[str, ...]:

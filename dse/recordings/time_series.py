@@ -59,9 +59,9 @@ class TimeSeries:
 
     def check(self, base: Path) -> list[str]:
         """Return what the file's headers show to be wrong."""
-        found = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
-        if self.positions is None or found:
-            return found
+        faults = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        if self.positions is None or faults:
+            return faults
         return position_faults(self.positions, self._n_channels(npz.headers(locate(self.file, base))))
 
     def with_columns_found(self, base: Path) -> Self:

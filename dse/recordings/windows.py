@@ -64,13 +64,13 @@ def place(
 
 def signal_onset(signals: Signals, threshold: float) -> Array:
     """Return (n,) the first step where any channel differs from its first sample by `threshold`, or -1."""
-    found = np.full(signals.n_recordings, -1, dtype=np.int64)
+    onset = np.full(signals.n_recordings, -1, dtype=np.int64)
     for i in range(signals.n_recordings):
         values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
         moved = (np.abs(values - values[0]) >= threshold).any(axis=1)
         if moved.any():
-            found[i] = moved.argmax()
-    return found
+            onset[i] = moved.argmax()
+    return onset
 
 
 def mean_levels(signals: Signals, start: Array, n_steps: int) -> Array:

@@ -176,7 +176,7 @@ def test_all_faults_at_once(cloths):
         "'speed' is empty for file 'wool/a.tact'",
         "a row for every file, got none for 'silk/b.tact', 'silk/notes.txt'",
         "silk/notes.txt: is of no known format",
-        "silk/a.tact: data.width and data.height must be 80 x 1 as the file says, got 9 x 1",
+        "silk/a.tact: data.width and data.height must be 80 x 1 as in the file, got 9 x 1",
     ):
         assert len([fault for fault in faults if part in fault]) == 1, part
     assert len(faults) == 6 and all("\n" not in fault for fault in faults)

@@ -112,8 +112,8 @@ def named(name: str) -> Format:
     formats = known("recordings.formats")
     if name not in formats:
         raise RecordingError(f"format must be one of {', '.join(formats)}, got '{name}'")
-    found: Format = formats[name]()
-    return found
+    form: Format = formats[name]()
+    return form
 
 
 def detect(path: Path) -> Format:

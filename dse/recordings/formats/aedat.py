@@ -38,5 +38,5 @@ def read_version(file: BinaryIO, name: str, version: str) -> None:
     """
     must, line = f"#!AER-DAT{version}", file.readline(32)
     if line.rstrip(b"\r\n") != must.encode() or not line.endswith(b"\n"):
-        found = f"begins with {line.rstrip()!r}" if line else "is empty"
-        raise RecordingError(f"{name}: the file must begin with the line '{must}' at byte 0, it {found}")
+        got = f"begins with {line.rstrip()!r}" if line else "is empty"
+        raise RecordingError(f"{name}: the file must begin with the line '{must}' at byte 0, it {got}")

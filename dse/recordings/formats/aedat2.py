@@ -75,20 +75,20 @@ class Aedat2:
         for data in read_words(path, at, _WORD_BYTES, broken):
             words = np.frombuffer(data, ">u4").reshape(-1, 2)
             address = words[:, 0].astype(np.uint32)
-            kept, x, y, polarity, strange = decode(address)
-            if strange.any():
-                first = int(strange.argmax())
+            is_event, x, y, polarity, is_unknown = decode(address)
+            if is_unknown.any():
+                first = int(is_unknown.argmax())
                 broken(
                     f"the address at byte {at + first * _WORD_BYTES} must be one of a {chip}, "
                     f"got {address[first]:#010x}",
                     "drops words whose address the chip does not have",
-                    int(strange.sum()),
+                    int(is_unknown.sum()),
                 )
             at += len(data)
-            if kept.any():
-                t_us = unwrapped(words[kept, 1].astype(np.int64), before, _PERIOD_US)
+            if is_event.any():
+                t_us = unwrapped(words[is_event, 1].astype(np.int64), before, _PERIOD_US)
                 before = int(t_us[-1])
-                yield Block(t_us, width - 1 - x[kept], height - 1 - y[kept], polarity[kept])
+                yield Block(t_us, width - 1 - x[is_event], height - 1 - y[is_event], polarity[is_event])
 
 
 def _read_header(file: BinaryIO, name: str) -> str | None:
@@ -104,8 +104,8 @@ def _read_header(file: BinaryIO, name: str) -> str | None:
             return chip
         if _END.match(line):
             return chip
-        if found := _CHIP.match(line):
-            chip = found[1].decode(errors="replace")
+        if match := _CHIP.match(line):
+            chip = match[1].decode(errors="replace")
 
 
 def _size(chip: str, name: str) -> tuple[int, int]:
@@ -131,5 +131,5 @@ def _davis(address: Array) -> tuple[Array, Array, Array, Array, Array]:
     input.
     """
     x, y = (address >> 12 & 1023).astype(np.int32), (address >> 22 & 511).astype(np.int32)
-    kept = address & (1 << 31 | 1 << 10) == 0
-    return kept, x, y, (address >> 11 & 1).astype(np.uint8), np.zeros(len(address), dtype=bool)
+    is_event = address & (1 << 31 | 1 << 10) == 0
+    return is_event, x, y, (address >> 11 & 1).astype(np.uint8), np.zeros(len(address), dtype=bool)

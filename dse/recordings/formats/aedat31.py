@@ -96,9 +96,9 @@ def _read_header(file: BinaryIO, name: str) -> list[str]:
         if line.rstrip(b"\r\n") == _END:
             return sources
         if not line.startswith(b"#"):
-            found = f"{line[:16]!r}" if line else "the end of the file"
+            got = f"{line[:16]!r}" if line else "the end of the file"
             raise RecordingError(
-                f"{name}: the header must end with the line '{_END.decode()}', got {found} at byte {at}"
+                f"{name}: the header must end with the line '{_END.decode()}', got {got} at byte {at}"
             )
         key, _, value = line.decode(errors="replace").partition(":")
         if key == "#Format" and value.strip() != "RAW":

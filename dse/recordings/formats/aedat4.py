@@ -129,8 +129,8 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
         )
     events = [stream for stream, (kind, _) in streams.items() if kind == "EVTS"]
     if not events:
-        found = ", ".join(f"{stream} of type {kind}" for stream, (kind, _) in streams.items()) or "none"
-        raise RecordingError(f"{name}: the header must describe a stream of type EVTS, got {found}")
+        got = ", ".join(f"{stream} of type {kind}" for stream, (kind, _) in streams.items()) or "none"
+        raise RecordingError(f"{name}: the header must describe a stream of type EVTS, got {got}")
     frame = streams[events[0]][1]
     return _Header(_DECOMPRESS[compression], None if end == -1 else end, tuple(streams), events[0], frame)
 
@@ -146,17 +146,17 @@ def _streams(data: bytes, fields: Mapping[int, int]) -> dict[int, tuple[str, tup
     first, count = _vector(data, fields[2], 1)
     try:
         root = ElementTree.fromstring(data[first : first + count])
-        found = {}
+        streams = {}
         for node in root.findall("./node[@name='outInfo']/node"):
             kind = node.findtext("attr[@key='typeIdentifier']", "")
             sides = [node.findtext(f"node[@name='info']/attr[@key='{key}']") for key in ("sizeX", "sizeY")]
             size = (int(sides[0]), int(sides[1])) if sides[0] and sides[1] else None
             if size is not None and min(size) < 1:
                 raise ValueError(f"a stream must be at least 1 x 1, got {size[0]} x {size[1]}")
-            found[int(node.get("name", ""))] = (kind, size)
+            streams[int(node.get("name", ""))] = (kind, size)
     except (ElementTree.ParseError, ValueError) as problem:
         raise ValueError(f"must describe the streams in XML: {problem}") from problem
-    return found
+    return streams
 
 
 def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[int, bytes]]:
@@ -176,9 +176,9 @@ def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[
         stream, size = _PACKET.unpack(head) if len(head) == _PACKET.size else (-1, -1)
         begin = at + _PACKET.size
         if not 0 <= size <= end - begin:
-            found = f"a length of {size} bytes" if len(head) == _PACKET.size else "no length"
+            got = f"a length of {size} bytes" if len(head) == _PACKET.size else "no length"
             broken(
-                f"the packet at byte {at} must end within the {end - at} bytes left, got {found}",
+                f"the packet at byte {at} must end within the {end - at} bytes left, got {got}",
                 "drops the bytes from a packet that does not end",
                 end - at,
             )
@@ -247,13 +247,13 @@ def _at(data: bytes, at: int, layout: str) -> int:
 
 
 def _bounded(pieces: Iterator[bytes]) -> bytes:
-    found, total = [], 0
+    parts, total = [], 0
     for piece in pieces:
-        found.append(piece)
+        parts.append(piece)
         total += len(piece)
         if total > _MOST_BYTES:
             raise ValueError(f"must hold at most {_MOST_BYTES} bytes once decompressed, got more")
-    return b"".join(found)
+    return b"".join(parts)
 
 
 def _lz4(data: bytes) -> bytes:

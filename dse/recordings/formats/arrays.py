@@ -53,8 +53,8 @@ class Column:
 
     def of(self, rows: Mapping[str, Array]) -> Array:
         """Return the field's values among rows of the arrays."""
-        found = rows[self.array]
-        return found if self.column is None else found[self.column]
+        values = rows[self.array]
+        return values if self.column is None else values[self.column]
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ class _EventArrays(abc.ABC):
             lengths = {name: column.length for name, column in columns.items()}
             n_events = min(lengths.values())
             if n_events < max(lengths.values()):
-                told = ", ".join(f"{length} {name}" for name, length in lengths.items())
-                broken(f"the arrays must be of one length, got {told}", "keeps the events that are whole")
+                got = ", ".join(f"{length} {name}" for name, length in lengths.items())
+                broken(f"the arrays must be of one length, got {got}", "keeps the events that are whole")
             for first in range(0, n_events, BLOCK_EVENTS):
                 n = min(BLOCK_EVENTS, n_events - first)
                 try:
@@ -191,9 +191,9 @@ class H5(_EventArrays):
             ) from None
         arrays: dict[str, tuple[int, np.dtype[Any]]] = {}
 
-        def visit(name: str, found: Any) -> None:
-            if isinstance(found, h5py.Dataset) and found.ndim == 1:
-                arrays[name] = len(found), found.dtype
+        def visit(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and item.ndim == 1:
+                arrays[name] = len(item), item.dtype
 
         open_file(path).close()  # its sentence about a file that cannot be opened is the better one
         try:
@@ -213,12 +213,12 @@ class H5(_EventArrays):
             yield _Opened(arrays, next_rows)
 
 
-def columns_of(arrays: Arrays, given: Mapping[str, str], where: str) -> dict[str, Column]:
+def columns_of(arrays: Arrays, names_given: Mapping[str, str], where: str) -> dict[str, Column]:
     """Return where t, x, y and p of the events are; y is absent where x is a taxel.
 
     Args:
         arrays: the arrays of the file.
-        given: field -> name, where the user gave it; the other fields are looked for beside it.
+        names_given: field -> name, where the user gives it; the other fields are looked for beside it.
         where: the file's name, for errors.
 
     Raises:
@@ -230,30 +230,32 @@ def columns_of(arrays: Arrays, given: Mapping[str, str], where: str) -> dict[str
         for leaf, column, kind in _leaves(name, dtype)
         if kind in _NUMBERS
     }
-    for name in given.values():
+    for name in names_given.values():
         if name not in columns:
             raise RecordingError(f"{where}: no array '{name}'; {known_names(name, columns)}")
     groups: dict[str, dict[str, str]] = {}
     for leaf in columns:
         group, _, name = leaf.rpartition("/")
         groups.setdefault(group, {})[name.lower()] = leaf
-    beside = {name.rpartition("/")[0] for name in given.values()} or groups.keys()
-    found = {}
+    beside = {name.rpartition("/")[0] for name in names_given.values()} or groups.keys()
+    complete = {}
     for group, names in groups.items():
         if group not in beside:
             continue
         fields = {
-            key: given.get(key) or next((names[name] for name in usual if name in names), None)
+            key: names_given.get(key) or next((names[name] for name in usual if name in names), None)
             for key, usual in USUAL.items()
         }
         if (fields["x"] or "").rpartition("/")[2].lower() == "taxel" and not fields["y"]:
             del fields["y"]
         if all(fields.values()):
-            found[group] = {key: columns[name] for key, name in fields.items() if name}
-    different = list({tuple(x.items()): x for x in found.values()}.values())
-    if len(different) == 1:
-        return different[0]
-    problem = f"events are in {' and in '.join(map(repr, found))}" if found else "no arrays t, x, y and p"
+            complete[group] = {key: columns[name] for key, name in fields.items() if name}
+    distinct = list({tuple(x.items()): x for x in complete.values()}.values())
+    if len(distinct) == 1:
+        return distinct[0]
+    problem = (
+        f"events are in {' and in '.join(map(repr, complete))}" if complete else "no arrays t, x, y and p"
+    )
     raise RecordingError(f"{where}: {problem}; name them in the key arrays; {known_names('', columns)}")
 
 
@@ -268,23 +270,23 @@ def _block(fields: Mapping[str, Array], unit_us: float, first: int, broken: Brok
     t_us = _times(fields["t"], unit_us)
     addresses = {key: np.asarray(fields[key], dtype=np.float64) for key in ("x", "y") if key in fields}
     polarity = np.asarray(fields["p"], dtype=np.float64)
-    kept = (
+    valid = (
         np.isfinite(t_us) & (np.abs(t_us) < _LATEST_US)
         if t_us.dtype.kind == "f"
         else np.ones(len(t_us), bool)
     )
     for values in (*addresses.values(), polarity):
-        kept &= values == np.rint(values)
-    if not kept.all():
-        at = int(kept.argmin())
-        told = ", ".join(f"{key} = {values[at]}" for key, values in fields.items())
+        valid &= values == np.rint(values)
+    if not valid.all():
+        at = int(valid.argmin())
+        got = ", ".join(f"{key} = {values[at]}" for key, values in fields.items())
         broken(
-            f"event {first + at} must have a time, and whole numbers as address and polarity, got {told}",
+            f"event {first + at} must have a time, and whole numbers as address and polarity, got {got}",
             "drops events that have them not",
-            int((~kept).sum()),
+            int((~valid).sum()),
         )
-        t_us, polarity = t_us[kept], polarity[kept]
-        addresses = {key: values[kept] for key, values in addresses.items()}
+        t_us, polarity = t_us[valid], polarity[valid]
+        addresses = {key: values[valid] for key, values in addresses.items()}
     x, y = (
         np.clip(addresses.get(key, np.zeros(len(t_us))), -1, _LARGEST_ADDRESS).astype(np.int32)
         for key in "xy"

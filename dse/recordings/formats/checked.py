@@ -32,9 +32,9 @@ def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) ->
         _report(broken, number, early, "have a time of at least 0 us", (t_us,), "drops events before 0 us")
         other = polarity > 1
         _report(broken, number, other, "have polarity 0 or 1", (polarity,), "takes other polarities for ON")
-        kept = ~(outside | early)
-        if not kept.all():
-            number, t_us, x, y, polarity = (part[kept] for part in (number, t_us, x, y, polarity))
+        valid = ~(outside | early)
+        if not valid.all():
+            number, t_us, x, y, polarity = (part[valid] for part in (number, t_us, x, y, polarity))
         if not len(t_us):
             continue
         in_order = np.maximum.accumulate(np.maximum(t_us, latest))

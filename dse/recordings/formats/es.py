@@ -79,8 +79,8 @@ def _read_header(file: BinaryIO, name: str) -> tuple[int, int, int]:
     """Read up to the first event; return the number of flags of an event, and the width and height."""
     head = file.read(_HEADER_BYTES)
     if not head.startswith(_MARK):
-        found = f"begins with {head[: len(_MARK)]!r}" if head else "is empty"
-        raise RecordingError(f"{name}: the file must begin with '{_MARK.decode()}' at byte 0, it {found}")
+        got = f"begins with {head[: len(_MARK)]!r}" if head else "is empty"
+        raise RecordingError(f"{name}: the file must begin with '{_MARK.decode()}' at byte 0, it {got}")
     if head[12:14] != b"\x02\x00" and len(head) > 14:
         raise RecordingError(
             f"{name}: the version at byte 12 must be 2.0, got {'.'.join(str(x) for x in head[12:15])}"

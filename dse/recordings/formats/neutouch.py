@@ -77,11 +77,11 @@ def _events(path: Path, broken: Broken) -> Iterator[Array]:
             more = bool(chunk)
             lines = (rest + chunk).split(b"\n")
             rest = lines.pop()[:_LONGEST_LINE] if more else b""
-            found = []
+            rows = []
             for number, line in enumerate(lines, n_before + 1):
                 fields = _LINE.fullmatch(line)
                 if fields is not None:
-                    found.append(fields.groups())
+                    rows.append(fields.groups())
                 elif line.strip():
                     text = line.decode(errors="replace")[:_SHOWN]
                     broken(
@@ -89,5 +89,5 @@ def _events(path: Path, broken: Broken) -> Iterator[Array]:
                         "leaves out lines that are no events",
                     )
             n_before += len(lines)
-            if found:
-                yield np.array(found).astype(np.float64)
+            if rows:
+                yield np.array(rows).astype(np.float64)

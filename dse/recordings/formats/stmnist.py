@@ -77,8 +77,8 @@ class Stmnist:
         with open_file(path) as file:
             n_columns, number, stream = _matrix(file, path.name)
             for first in range(0, n_columns, _COLUMNS):
-                wanted = min(_COLUMNS, n_columns - first)
-                columns, whole = _columns(stream.read, wanted, number)
+                n = min(_COLUMNS, n_columns - first)
+                columns, whole = _columns(stream.read, n, number)
                 yield from _events(columns, first, broken)
                 if not whole:
                     broken(
