@@ -36,8 +36,8 @@ class Signals:
     columns: label columns, each (n,): numbers or strings.
     """
 
-    values: Array
-    offsets: Array
+    values: Floats
+    offsets: Ints
     step_ms: float
     columns: Mapping[str, Array]
 
@@ -58,10 +58,10 @@ class Signals:
 class Block:
     """Consecutive events of one recording: t_us (n,) int64, x and y (n,) int32, polarity (n,) uint8."""
 
-    t_us: Array
-    x: Array
-    y: Array
-    polarity: Array
+    t_us: Ints
+    x: Ints
+    y: Ints
+    polarity: Ints
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,11 @@ class Events:
     columns: label columns, each (n,).
     """
 
-    t_us: Array
-    x: Array
-    y: Array
-    polarity: Array
-    offsets: Array
+    t_us: Ints
+    x: Ints
+    y: Ints
+    polarity: Ints
+    offsets: Ints
     width: int
     height: int
     columns: Mapping[str, Array]
@@ -109,8 +109,8 @@ class Spikes:
     step_ms: duration of one step.
     """
 
-    row_offsets: Array
-    channel: Array
+    row_offsets: Ints
+    channel: Ints
     n_steps: int
     n_channels: int
     step_ms: float
@@ -151,7 +151,7 @@ class Head:
 
     name: str
     classes: tuple[str, ...]
-    of_class: Array
+    of_class: Ints
 
 
 @dataclass(frozen=True)
@@ -169,16 +169,16 @@ class Dataset:
     """
 
     spikes: Spikes
-    target: Array
+    target: Ints
     classes: tuple[str, ...]
-    start: Array
-    start_low: Array
-    start_high: Array
+    start: Ints
+    start_low: Ints
+    start_high: Ints
     n_steps: int
-    train: Array
-    validation: Array
-    test: Array
-    positions: Array
+    train: Ints
+    validation: Ints
+    test: Ints
+    positions: Ints
     heads: tuple[Head, ...] = ()
 
 

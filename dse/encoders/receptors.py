@@ -34,7 +34,7 @@ from dse.encoders.sampled import copied, smoothed
 from dse.native.compiled import compiled
 from dse.neurons import izhikevich
 from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method, Params
-from dse.records import Array, Signals, Spikes
+from dse.records import Floats, Ints, Signals, Spikes
 from dse.registry import param, register
 
 
@@ -90,7 +90,7 @@ class Receptors(Encoder):
         """Return the number of spike channels that n_in sampled channels become."""
         return self._copies * n_in
 
-    def positions(self, inputs: Array) -> Array:
+    def positions(self, inputs: Ints) -> Ints:
         """Return x, y and plane of the spike channels, (n_channels, 3) int32.
 
         Copy k of plane q is plane q n_copies + k.
@@ -101,7 +101,7 @@ class Receptors(Encoder):
         return copied(inputs, self._copies)
 
     def fitted(
-        self, signals: Signals, first: Array, n_steps: int, target: Array, n_classes: int, train: Array
+        self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
         """Return the encoder with the range of every channel over the windows of training recordings.
 
@@ -124,7 +124,7 @@ class Receptors(Encoder):
         high = np.where(narrow, samples.max(axis=0), high)
         return dataclasses.replace(self, low=tuple(low.tolist()), high=tuple(high.tolist()))
 
-    def currents(self, values: Array, step_ms: float) -> Array:
+    def currents(self, values: Floats, step_ms: float) -> Floats:
         """Return the currents of all receptors, (step, kind x channel) float64, SA first.
 
         Args:
@@ -150,7 +150,7 @@ class Receptors(Encoder):
         """Return how many steps the neurons take per sensor step."""
         return max(1, round(step_ms / self.solver_ms))
 
-    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
 
         Args:
@@ -179,7 +179,7 @@ class Receptors(Encoder):
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         return Spikes(offsets, np.concatenate(pieces), n_steps, self.n_channels(n_in), signals.step_ms)
 
-    def _smooth(self, signals: Signals, i: int, first: int, length: int) -> Array:
+    def _smooth(self, signals: Signals, i: int, first: int, length: int) -> Floats:
         """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
         values = smoothed(signals, i, first, length, self.smoothing_ms)
         if not np.isfinite(values).all():
@@ -187,13 +187,13 @@ class Receptors(Encoder):
         return values
 
 
-def parameters(sa: bool) -> Array:
+def parameters(sa: bool) -> Floats:
     """Return a, b, c, d of the kinds of receptors, (kind, 4): SA (if any), FA+, FA-."""
     kinds = [*([SA] if sa else []), FA, FA]
     return np.array([(kind.a, kind.b, kind.c, kind.d) for kind in kinds])
 
 
-def spike_counts(current: Array, params: Params, step_ms: float, solver_steps: int, method: Method) -> Array:
+def spike_counts(current: Floats, params: Params, step_ms: float, solver_steps: int, method: Method) -> Ints:
     """Return how often every receptor fires in each sensor step: the definition, plain and slow.
 
     Args:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.records import Array, Signals
+from dse.records import Floats, Ints, Signals
 
 
-def copied(inputs: Array, copies: int) -> Array:
+def copied(inputs: Ints, copies: int) -> Ints:
     """Return x, y and plane of several copies of the channels, (copies n_in, 3) int32, copy by copy.
 
     Copy k of plane q is plane q copies + k.
@@ -21,13 +21,13 @@ def copied(inputs: Array, copies: int) -> Array:
     return positions
 
 
-def smoothed(signals: Signals, i: int, first: int, length: int, smoothing_ms: float) -> Array:
+def smoothed(signals: Signals, i: int, first: int, length: int, smoothing_ms: float) -> Floats:
     """Return some steps of recording i, (length, channel) float64, smoothed from its first sample on."""
     values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
     return moving_average(values, round(smoothing_ms / signals.step_ms), first, length)
 
 
-def moving_average(values: Array, window: int, first: int, length: int) -> Array:
+def moving_average(values: Floats, window: int, first: int, length: int) -> Floats:
     """Return the mean of the last `window` samples at some steps, (length, channel) float64.
 
     Args:

@@ -22,7 +22,7 @@ import numpy as np
 
 from dse.config.contracts import Encoder
 from dse.encoders.sampled import copied
-from dse.records import Array, Signals, Spikes
+from dse.records import Bools, Floats, Ints, Signals, Spikes
 from dse.registry import param, register
 
 REFERENCES = ("step", "value", "level")
@@ -50,7 +50,7 @@ class SendOnDelta(Encoder):
         """Return the number of spike channels that n_in sampled channels become."""
         return self._copies * n_in
 
-    def positions(self, inputs: Array) -> Array:
+    def positions(self, inputs: Ints) -> Ints:
         """Return x, y and plane of the spike channels, (n_channels, 3) int32.
 
         Copy 2 k + p (threshold k, polarity p) of plane q is plane 2 q len(thresholds) + 2 k + p; merged,
@@ -61,7 +61,7 @@ class SendOnDelta(Encoder):
         """
         return copied(inputs, self._copies)
 
-    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
 
         Each recording is encoded from its first sample on, so what is kept is what a running sensor
@@ -92,8 +92,8 @@ class SendOnDelta(Encoder):
 
 
 def send_on_delta(
-    values: Array, thresholds: tuple[float, ...], reference: str, polarity: str = "separate"
-) -> Array:
+    values: Floats, thresholds: tuple[float, ...], reference: str, polarity: str = "separate"
+) -> Bools:
     """Return the spikes of one recording, (step, spike channel) bool: the definition, plain and slow.
 
     Spike channel (2 k + p) n + c: threshold k, polarity p (0 OFF, 1 ON), channel c of n; merged, k n + c.

@@ -30,7 +30,7 @@ import numpy as np
 
 from dse.config.contracts import Encoder
 from dse.encoders.sampled import copied, smoothed
-from dse.records import Array, Signals, Spikes
+from dse.records import Bools, Floats, Ints, Signals, Spikes
 from dse.registry import param, register
 
 # A mean this small beside the standard deviation is the rounding of one that was removed.
@@ -86,7 +86,7 @@ class Threshold(Encoder):
         """
         return n_in * self._n_copies()
 
-    def positions(self, inputs: Array) -> Array:
+    def positions(self, inputs: Ints) -> Ints:
         """Return x, y and plane of the spike channels, (n_channels, 3) int32.
 
         The copy of class n of plane q is plane q n_classes + n.
@@ -97,7 +97,7 @@ class Threshold(Encoder):
         return copied(inputs, self._n_copies())
 
     def fitted(
-        self, signals: Signals, first: Array, n_steps: int, target: Array, n_classes: int, train: Array
+        self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
         """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels.
 
@@ -141,7 +141,7 @@ class Threshold(Encoder):
             deviations=tuple(np.concatenate([values[codes == n].std(axis=0) for n in classes]).tolist()),
         )
 
-    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
 
         Args:
@@ -179,11 +179,11 @@ class Threshold(Encoder):
             )
         return self.n_classes
 
-    def _piece(self, signals: Signals, i: int, first: int, length: int) -> Array:
+    def _piece(self, signals: Signals, i: int, first: int, length: int) -> Floats:
         """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
         return smoothed(signals, i, first, length, self.smoothing_ms)
 
-    def _matched(self, statistic: Array, i: int) -> Array:
+    def _matched(self, statistic: Floats, i: int) -> Bools:
         """Return which classes the channels of recording i match, (1 or step, copy, channel) bool."""
         rows, n_in = statistic.shape
         if self.matching == "none":
@@ -201,7 +201,7 @@ class Threshold(Encoder):
         matched[:, list(self.classes)] = near
         return matched
 
-    def _check_labels(self, signals: Signals, length: Array) -> None:
+    def _check_labels(self, signals: Signals, length: Ints) -> None:
         if self.recordings != _hash(signals):
             raise ValueError(
                 "encoder.matching must be nearest, tolerance or none for recordings outside its fit, "
@@ -215,7 +215,7 @@ class Threshold(Encoder):
             )
 
 
-def statistics(values: Array, past: bool) -> tuple[Array, Array]:
+def statistics(values: Floats, past: bool) -> tuple[Floats, Floats]:
     """Return mean and standard deviation of every channel, each (1, channel) or (step, channel).
 
     Args:

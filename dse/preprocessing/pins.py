@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dse.records import Array, Block
+from dse.records import Array, Block, Ints
 
 
-def count_pixels(blocks: Iterable[Block], width: int, height: int) -> tuple[Array, Array]:
+def count_pixels(blocks: Iterable[Block], width: int, height: int) -> tuple[Ints, Ints]:
     """Return the events of every column, (width,) int64, and of every row, (height,) int64."""
     columns, rows = np.zeros(width, dtype=np.int64), np.zeros(height, dtype=np.int64)
     for block in blocks:
@@ -18,7 +18,7 @@ def count_pixels(blocks: Iterable[Block], width: int, height: int) -> tuple[Arra
     return columns, rows
 
 
-def pin_rectangle(column_counts: Array, row_counts: Array) -> tuple[int, int, int, int]:
+def pin_rectangle(column_counts: Ints, row_counts: Ints) -> tuple[int, int, int, int]:
     """Return x, y, width, height from the first to the last column and row that see pins.
 
     A column or row sees pins where log(1 + count) is above Otsu's threshold. The logarithm keeps the border
@@ -33,7 +33,7 @@ def pin_rectangle(column_counts: Array, row_counts: Array) -> tuple[int, int, in
     return x, y, width, height
 
 
-def _span(counts: Array) -> tuple[int, int]:
+def _span(counts: Ints) -> tuple[int, int]:
     levels = np.log1p(counts)
     seen = np.flatnonzero(levels > otsu(levels))
     return (int(seen[0]), int(seen[-1] - seen[0] + 1)) if len(seen) else (0, len(counts))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dse.records import Array
+from dse.records import Ints
 
 END_OF_TIME_US = 1 << 62
 """`end_us` where nothing is cut off; later than any event, and sums with times of day still fit in int64."""
@@ -26,10 +26,10 @@ class Pooling:
     crop: x, y, width, height of the pixels that are kept.
     """
 
-    first_x: Array
-    n_x: Array
-    first_y: Array
-    n_y: Array
+    first_x: Ints
+    n_x: Ints
+    first_y: Ints
+    n_y: Ints
     width: int
     height: int
     poles: int

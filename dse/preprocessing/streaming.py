@@ -14,7 +14,7 @@ import numpy as np
 from dse.native.compiled import compiled
 from dse.preprocessing.kernels import add, flush
 from dse.preprocessing.pools import Pooling
-from dse.records import Array, Block
+from dse.records import Block, Ints
 
 _LATEST = np.iinfo(np.int64).max
 
@@ -69,7 +69,7 @@ def survey(
 
 def pool(
     blocks: Iterable[Block], pooling: Pooling, t0_us: int, first_bin: int, n_bins: int
-) -> tuple[Array, Array]:
+) -> tuple[Ints, Ints]:
     """Return the spikes per bin, (n_bins,) int64, and their channels, int32, sorted within each bin.
 
     Nothing is read after the block that reaches beyond the last bin; bins beyond the last event are empty.
@@ -82,7 +82,7 @@ def pool(
         n_bins: bins to keep.
     """
     counts = np.zeros(n_bins, dtype=np.int64)
-    channels = np.empty(pooling.n_channels, dtype=np.int32)
+    channels: Ints = np.empty(pooling.n_channels, dtype=np.int32)
     words = np.zeros((1, (pooling.n_channels + 63) // 64), dtype=np.uint64)
     events = np.zeros((1, pooling.n_channels if pooling.counts_needed else 0), dtype=np.uint8)
     begin_us = t0_us + pooling.start_us + first_bin * pooling.bin_us
@@ -108,7 +108,7 @@ def pool(
     return without_quiet(counts, _grown(channels, filled, filled), pooling)
 
 
-def without_quiet(counts: Array, channels: Array, pooling: Pooling) -> tuple[Array, Array]:
+def without_quiet(counts: Ints, channels: Ints, pooling: Pooling) -> tuple[Ints, Ints]:
     """Return a raster without the channels whose mean rate over all its bins is below the rate floor.
 
     Args:
@@ -125,14 +125,14 @@ def without_quiet(counts: Array, channels: Array, pooling: Pooling) -> tuple[Arr
     return np.diff(until, prepend=0).astype(np.int64), channels[is_loud]
 
 
-def _within(t_us: Array, begin_us: int, stop_us: int) -> tuple[int, int]:
+def _within(t_us: Ints, begin_us: int, stop_us: int) -> tuple[int, int]:
     """Return first and last + 1 of the events with begin <= t < stop."""
     borders = np.array([min(begin_us, _LATEST), min(stop_us, _LATEST)], dtype=np.int64)
     low, high = np.searchsorted(t_us, borders)
     return int(low), int(high)
 
 
-def _grown(channels: Array, filled: int, capacity: int) -> Array:
+def _grown(channels: Ints, filled: int, capacity: int) -> Ints:
     """Return what is filled, with room."""
     larger = np.empty(capacity, dtype=np.int32)
     larger[:filled] = channels[:filled]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from dse.config.contracts import EventSource, Recordings, Source
-from dse.records import Array
+from dse.records import Ints
 
 if TYPE_CHECKING:
     from dse.preprocessing import Pooling
@@ -42,7 +42,7 @@ class Simulated(EventSource, Protocol):
     def pins(self) -> tuple[int, int, int, int]:
         """Return x, y, width and height of the pixels that see pins."""
 
-    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Array, Array]:
+    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
         """Return what `preprocessing.pool` makes of trial i from bin 0, without an event list in between.
 
         Several threads may ask for trials at once.

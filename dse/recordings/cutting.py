@@ -9,7 +9,7 @@ import numpy as np
 
 from dse.recordings import RecordingError, Recordings
 from dse.recordings.splits import NUMBER, ORIGINAL
-from dse.records import Array, Rasters, Signals, Spikes
+from dse.records import Array, Ints, Rasters, Signals, Spikes
 
 
 def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None = None) -> Recordings:
@@ -70,7 +70,7 @@ def _of_rasters(rasters: Rasters, cut_steps: int, every: int) -> Rasters:
     return dataclasses.replace(rasters, spikes=windows, columns=_columns(rasters.columns, original, number))
 
 
-def _windows(lengths: Array, cut_steps: int, every: int) -> tuple[Array, Array]:
+def _windows(lengths: Ints, cut_steps: int, every: int) -> tuple[Ints, Ints]:
     """Return the recording of every window and its number in it, each (n_windows,) int64."""
     short = lengths < cut_steps
     if short.any():
@@ -83,11 +83,11 @@ def _windows(lengths: Array, cut_steps: int, every: int) -> tuple[Array, Array]:
     return original, _ranges(np.zeros(len(lengths), dtype=np.int64), n_windows)
 
 
-def _ranges(first: Array, length: Array) -> Array:
+def _ranges(first: Ints, length: Ints) -> Ints:
     """Return first[0], first[0] + 1, ... of the given lengths, one range after the other."""
     before = np.cumsum(length) - length
     return np.asarray(np.repeat(first - before, length) + np.arange(int(length.sum())), dtype=np.int64)
 
 
-def _columns(columns: Mapping[str, Array], original: Array, number: Array) -> dict[str, Array]:
+def _columns(columns: Mapping[str, Array], original: Ints, number: Ints) -> dict[str, Array]:
     return {name: values[original] for name, values in columns.items()} | {ORIGINAL: original, NUMBER: number}

@@ -13,7 +13,7 @@ from dse.recordings import RecordingError, npz
 from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
 from dse.recordings.time_series import checked_offsets
-from dse.records import Array, Events
+from dse.records import Events, Ints
 from dse.registry import param, register
 
 
@@ -113,7 +113,7 @@ class EventFile:
 
 
 def event_faults(
-    t_us: Array, x: Array, y: Array, polarity: Array, offsets: Array, width: int, height: int
+    t_us: Ints, x: Ints, y: Ints, polarity: Ints, offsets: Ints, width: int, height: int
 ) -> list[str]:
     """Return what is wrong with events: order and sign of times, addresses outside the frame, polarity.
 

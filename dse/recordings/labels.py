@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.records import Array
+from dse.records import Array, Ints
 from dse.registry import Rule
 
 
@@ -85,7 +85,7 @@ def shape_faults(
     return faults
 
 
-def _named(codes: Array, names: Array, where: str) -> Array:
+def _named(codes: Ints, names: Array, where: str) -> Array:
     if codes.dtype.kind not in "iu":
         raise RecordingError(f"{where} must hold integer codes to be named by class_names, got {codes.dtype}")
     if names.ndim != 1:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.records import Array
+from dse.records import Floats, Ints
 
 _NEIGHBOURS = 5
 _ROWS_AT_ONCE = 256
@@ -25,11 +25,11 @@ def guard(target_columns: Sequence[str], split_columns: Sequence[str]) -> None:
 
 
 def warnings(
-    lengths: Array,
-    levels: Array | None,
-    codes: Array,
-    train: Array,
-    validation: Array,
+    lengths: Ints,
+    levels: Floats | None,
+    codes: Ints,
+    train: Ints,
+    validation: Ints,
     name: str,
 ) -> list[str]:
     """Return a sentence for each of length and resting level that alone predicts the target.
@@ -73,7 +73,7 @@ def warnings(
     return sentences
 
 
-def nearest_neighbours(train: Array, codes: Array, query: Array) -> Array:
+def nearest_neighbours(train: Floats, codes: Ints, query: Floats) -> Ints:
     """Return the majority class (lowest on a tie) of the 5 nearest training rows of every query row.
 
     Features are standardised by the training rows; fewer neighbours vote where a class has fewer rows.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.records import Array
+from dse.records import Ints
 from dse.registry import param
 
 Positions = tuple[tuple[int, int], ...]
@@ -60,7 +60,7 @@ def position_faults(positions: Positions | None, n_taxels: int | None) -> list[s
     return [f"data.positions must hold [x, y] for each of the {n_taxels} taxels, got {len(positions)}"]
 
 
-def taxel_positions(positions: Positions | None, taxel: Array, plane: Array) -> Array:
+def taxel_positions(positions: Positions | None, taxel: Ints, plane: Ints) -> Ints:
     """Return x, y and plane of channels of which the number of the taxel and the plane are known.
 
     Args:

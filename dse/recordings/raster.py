@@ -14,7 +14,7 @@ from dse.recordings import RecordingError, npz
 from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
 from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
-from dse.records import Array, Rasters, Spikes
+from dse.records import Array, Ints, Rasters, Spikes
 from dse.registry import param, register
 
 
@@ -67,7 +67,7 @@ class RasterFile:
         found = shapes.get(self.array, ())
         return found[names.index("sample")] if len(found) == len(names) else None
 
-    def _channels(self, shapes: npz.Shapes) -> tuple[Array, Array]:
+    def _channels(self, shapes: npz.Shapes) -> tuple[Ints, Ints]:
         """Return number of the taxel and plane of every channel; both empty where the shape does not fit."""
         names, shape = self.axes.split(), shapes.get(self.array, ())
         if len(shape) != len(names):
@@ -135,7 +135,7 @@ class RasterFile:
         )
         return Rasters(spikes, label_columns(arrays, self.columns, self.class_names, len(raster), path.name))
 
-    def channel_positions(self, base: Path) -> Array:
+    def channel_positions(self, base: Path) -> Ints:
         """Return x, y and plane of every channel.
 
         Raises:

@@ -16,7 +16,7 @@ import numpy as np
 
 from dse.config.faults import ConfigError, known_names
 from dse.recordings import RecordingError
-from dse.records import Array, Block
+from dse.records import Array, Block, Ints
 from dse.registry import param, register
 from dse.scene.checks import half_width_px
 from dse.scene.load import find_scene, load_scene
@@ -88,7 +88,7 @@ class Trials:
 
         yield simulate.events(self.scene, i)
 
-    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Array, Array]:
+    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
         """Return spikes per bin (n_bins,) and their channels, sorted per bin; no event list is made."""
         from dse.scene import simulate
 

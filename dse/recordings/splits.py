@@ -12,15 +12,15 @@ from dse import seeds
 from dse.config.faults import known_names
 from dse.config.settings import KFold, Split, Stratified, Window
 from dse.recordings import RecordingError
-from dse.records import Array
+from dse.records import Array, Bools, Ints
 
 ORIGINAL, NUMBER = "recording", "window"
 """Columns of windows that were cut: the number of the recording that each is from, and its own within it."""
 
 
 def split(
-    columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: Split
-) -> tuple[Array, Array, Array]:
+    columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: Split
+) -> tuple[Ints, Ints, Ints]:
     """Return the train, validation and test recordings: rising int64 indices, disjoint.
 
     Args:
@@ -49,8 +49,8 @@ def split(
 
 
 def _masks(
-    columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: Split
-) -> Iterator[Array]:
+    columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: Split
+) -> Iterator[Bools]:
     if settings.stratified is not None:
         part = _drawn(columns, codes, classes, settings.stratified)
         yield from (part == 0, part == 1, part == 2)
@@ -65,7 +65,7 @@ def _masks(
             yield _chosen(columns, getattr(settings, name), name)
 
 
-def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Any] | None, name: str) -> Array:
+def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Any] | None, name: str) -> Bools:
     n = len(next(iter(columns.values()), ()))
     mask = np.full(n, bool(conditions))
     for column, values in (conditions or {}).items():
@@ -91,9 +91,7 @@ def _some(values: list[Any]) -> str:
     return ", ".join(map(str, values[:10])) + (", ..." if len(values) > 10 else "")
 
 
-def _drawn(
-    columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: Stratified
-) -> Array:
+def _drawn(columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: Stratified) -> Ints:
     """Return 0 (train), 1 (validation) or 2 (test) for every recording."""
     shares = [1 - settings.validation - settings.test, settings.validation, settings.test]
     sizes = f"validation {settings.validation:g} and test {settings.test:g}"
@@ -123,8 +121,8 @@ def _drawn(
 
 
 def _folded(
-    columns: Mapping[str, Array], codes: Array, classes: tuple[str, ...], settings: KFold
-) -> tuple[Array, Array, Array]:
+    columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: KFold
+) -> tuple[Bools, Bools, Bools]:
     """Return the masks of train, validation and test of one fold."""
     where, k = "split.k_fold", settings.k
     groups = np.arange(len(codes)) if settings.group is None else _groups(columns, settings.group, where)
@@ -156,7 +154,7 @@ def _folded(
     return train, validation, test
 
 
-def _groups(columns: Mapping[str, Array], column: str, where: str) -> Array:
+def _groups(columns: Mapping[str, Array], column: str, where: str) -> Ints:
     """Return the number of every recording's group."""
     if column not in columns:
         raise RecordingError(
@@ -166,8 +164,8 @@ def _groups(columns: Mapping[str, Array], column: str, where: str) -> Array:
 
 
 def _check_enough(
-    codes: Array,
-    groups: Array,
+    codes: Ints,
+    groups: Ints,
     classes: tuple[str, ...],
     n_parts: int,
     where: str,
@@ -182,7 +180,7 @@ def _check_enough(
             raise RecordingError(f"{where}: class '{classes[code]}' has {n} {what}, too few for {sizes}")
 
 
-def dealt(codes: Array, groups: Array, shares: Sequence[float], rng: np.random.Generator) -> Array:
+def dealt(codes: Ints, groups: Ints, shares: Sequence[float], rng: np.random.Generator) -> Ints:
     """Return the part of every recording (n,): groups whole, classes divided by shares as evenly as they go.
 
     Groups go one by one, the largest first, equal ones in drawn order, to the part where they leave the
@@ -220,9 +218,9 @@ def dealt(codes: Array, groups: Array, shares: Sequence[float], rng: np.random.G
 def leak(
     columns: Mapping[str, Array],
     settings: Split,
-    train: Array,
-    validation: Array,
-    test: Array,
+    train: Ints,
+    validation: Ints,
+    test: Ints,
     window: Window,
 ) -> str:
     """Return a sentence if windows in two parts share steps of one recording, else nothing.

@@ -16,7 +16,7 @@ from dse.recordings.files import content, locate
 from dse.recordings.labels import columns_key, label_columns
 from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
 from dse.recordings.time_series import end_to_end
-from dse.records import Array, Signals
+from dse.records import Array, Floats, Ints, Signals
 from dse.registry import param, register
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class Table:
         flat, borders = end_to_end(values, offsets, path.name)
         return Signals(flat, borders, float(self.step_ms), columns)
 
-    def channel_positions(self, base: Path) -> Array:
+    def channel_positions(self, base: Path) -> Ints:
         """Return x, y and plane 0 of every channel, which is a taxel; no file is read."""
         n = len(self.channels)
         return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
@@ -154,7 +154,7 @@ class Table:
         return order, label_columns(arrays, self.columns, {}, len(order), path.name)
 
 
-def _check_times(times: Array, offsets: Array, step_ms: float, order: list[str], where: str) -> None:
+def _check_times(times: Floats, offsets: Ints, step_ms: float, order: list[str], where: str) -> None:
     if (times < 0).any():
         i = int((times < 0).argmax())
         raise RecordingError(
@@ -171,7 +171,7 @@ def _check_times(times: Array, offsets: Array, step_ms: float, order: list[str],
         )
 
 
-def _place(row: int, offsets: Array, order: list[str]) -> str:
+def _place(row: int, offsets: Ints, order: list[str]) -> str:
     recording = int(np.searchsorted(offsets, row, side="right")) - 1
     return f"sample {row - offsets[recording]} of recording '{order[recording]}'"
 
@@ -190,7 +190,7 @@ def _identity(table: pd.DataFrame, column: str, path: Path) -> list[str]:
     return [str(x) for x in table[column].tolist()]
 
 
-def _numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
+def _numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
     values = table[column].to_numpy()
     if values.dtype.kind not in "biuf":
         raise RecordingError(f"{path.name}: column '{column}' must hold numbers, got {values.dtype}")

@@ -10,10 +10,10 @@ import numpy as np
 
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
-from dse.records import Array, Head
+from dse.records import Array, Head, Ints
 
 
-def target(columns: Mapping[str, Array], settings: Any) -> tuple[Array, tuple[str, ...]]:
+def target(columns: Mapping[str, Array], settings: Any) -> tuple[Ints, tuple[str, ...]]:
     """Return codes (n,) int64 and the names of the classes, in the order of their values.
 
     Args:
@@ -35,7 +35,7 @@ def target(columns: Mapping[str, Array], settings: Any) -> tuple[Array, tuple[st
     return codes.astype(np.int64), classes
 
 
-def heads(columns: Mapping[str, Array], settings: Any, codes: Array) -> tuple[Head, ...]:
+def heads(columns: Mapping[str, Array], settings: Any, codes: Ints) -> tuple[Head, ...]:
     """Return the parts of a joint target, each with its classes in the order that `target` gives them.
 
     Args:

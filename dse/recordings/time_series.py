@@ -13,7 +13,7 @@ from dse.recordings import RecordingError, npz
 from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
 from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
-from dse.records import Array, Signals
+from dse.records import Array, Ints, Signals
 from dse.registry import param, register
 
 
@@ -85,7 +85,7 @@ class TimeSeries:
         columns = label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name)
         return Signals(flat, borders, float(self.step_ms), columns)
 
-    def channel_positions(self, base: Path) -> Array:
+    def channel_positions(self, base: Path) -> Ints:
         """Return x, y and plane 0 of every channel, which is a taxel.
 
         Raises:
@@ -98,7 +98,7 @@ class TimeSeries:
         return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
 
 
-def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Array]:
+def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Ints]:
     """Return samples (sum of lengths, channel) float32 and borders (n + 1,) int64, both checked.
 
     Raises:
@@ -131,7 +131,7 @@ def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array,
     return flat, borders
 
 
-def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Array:
+def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Ints:
     """Return borders as int64, checked from 0 to n_rows; no recording is empty unless it may be.
 
     Raises:

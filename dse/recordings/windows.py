@@ -8,12 +8,12 @@ import numpy as np
 
 from dse.config.settings import Window
 from dse.recordings import RecordingError
-from dse.records import Array, Signals
+from dse.records import Array, Bools, Floats, Ints, Signals
 
 
 def place(
-    window: Window, lengths: Array, used: Array, onset: Array | None = None
-) -> tuple[Array, Array, Array, int]:
+    window: Window, lengths: Ints, used: Bools, onset: Array | None = None
+) -> tuple[Ints, Ints, Ints, int]:
     """Return start, its lowest and highest value in training, each (n,) int64, and the window's length.
 
     The bounds are cut so that every crop lies in its recording; they are 0 for recordings that are not used.
@@ -62,7 +62,7 @@ def place(
     return np.where(used, start, 0), np.where(used, low, 0), np.where(used, high, 0), n_steps
 
 
-def signal_onset(signals: Signals, threshold: float) -> Array:
+def signal_onset(signals: Signals, threshold: float) -> Ints:
     """Return (n,) the first step where any channel differs from its first sample by `threshold`, or -1."""
     onset = np.full(signals.n_recordings, -1, dtype=np.int64)
     for i in range(signals.n_recordings):
@@ -73,7 +73,7 @@ def signal_onset(signals: Signals, threshold: float) -> Array:
     return onset
 
 
-def mean_levels(signals: Signals, start: Array, n_steps: int) -> Array:
+def mean_levels(signals: Signals, start: Ints, n_steps: int) -> Floats:
     """Return the mean of every channel over its window: (n, channel) float64."""
     first = signals.offsets[:-1] + start
     last = np.minimum(first + n_steps, signals.offsets[1:])
@@ -82,7 +82,7 @@ def mean_levels(signals: Signals, start: Array, n_steps: int) -> Array:
     )
 
 
-def without_mean(signals: Signals, levels: Array) -> Signals:
+def without_mean(signals: Signals, levels: Floats) -> Signals:
     """Return the recordings with `levels` (n, channel) subtracted."""
     shift = np.repeat(levels, np.diff(signals.offsets), axis=0)
     return dataclasses.replace(signals, values=(signals.values - shift).astype(np.float32))

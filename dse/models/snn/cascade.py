@@ -27,7 +27,7 @@ from dse.models.snn.family import SNN
 from dse.models.snn.respond import fan_outs, respond, respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.training import Generators, Training
-from dse.records import Array, Dataset, Network, Outcome, Parameters, Response, Spikes
+from dse.records import Array, Dataset, Ints, Network, Outcome, Parameters, Response, Spikes
 from dse.registry import param, register
 
 _ADDED = ("dead_neurons", "saturated_neurons", "clipped_weights", "missed_initial_rates", "n_weights_dense")
@@ -164,7 +164,7 @@ def cut(spikes: Spikes, samples: Array, first: Array, length: Array) -> Spikes:
     """
     n_steps = int(length.max(initial=1))
     per_step = np.zeros((len(samples), n_steps), np.int64)
-    parts = [np.zeros(0, np.int32)]
+    parts: list[Ints] = [np.zeros(0, np.int32)]
     for row, (sample, begin, steps) in enumerate(zip(samples, first, length, strict=True)):
         at = int(sample) * spikes.n_steps + int(begin)
         borders = spikes.row_offsets[at : at + int(steps) + 1]

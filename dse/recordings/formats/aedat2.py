@@ -14,7 +14,7 @@ from dse.recordings import RecordingError
 from dse.recordings.formats import Broken, open_file
 from dse.recordings.formats.aedat import LINE_BYTES, chip_frame, read_version
 from dse.recordings.formats.words import read_words, unwrapped
-from dse.records import Array, Block
+from dse.records import Block, Bools, Ints
 from dse.registry import register
 
 _WORD_BYTES = 8
@@ -115,7 +115,7 @@ def _size(chip: str, name: str) -> tuple[int, int]:
     return size
 
 
-def _dvs128(address: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _dvs128(address: Ints) -> tuple[Bools, Ints, Ints, Ints, Bools]:
     """Return what are events, their column, row and polarity as stored, and which words are no DVS128's.
 
     Bits 14-8 row, 7-1 column, 0 polarity; bit 15 is an external input.
@@ -124,7 +124,7 @@ def _dvs128(address: Array) -> tuple[Array, Array, Array, Array, Array]:
     return address >> 15 == 0, x, y, (~address & 1).astype(np.uint8), address >> 16 != 0
 
 
-def _davis(address: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _davis(address: Ints) -> tuple[Bools, Ints, Ints, Ints, Bools]:
     """Return the same for the DAVIS family.
 
     Bit 31 is 1 for frames and inertial samples; 30-22 row, 21-12 column, 11 polarity; bit 10 is an external

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dse.recordings.formats import Broken
-from dse.records import Array, Block
+from dse.records import Array, Block, Bools, Ints
 
 
 def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) -> Iterator[Block]:
@@ -23,7 +23,7 @@ def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) ->
     n_read, n_kept, latest = 0, 0, 0
     for block in blocks:
         t_us, x, y, polarity = block.t_us, block.x, block.y, block.polarity
-        number = np.arange(n_read, n_read + len(t_us))
+        number: Ints = np.arange(n_read, n_read + len(t_us))
         n_read += len(t_us)
         outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
         frame = f"have its (x, y) in the frame of {width} x {height} pixels"
@@ -49,7 +49,7 @@ def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) ->
 
 
 def _report(
-    broken: Broken, number: Array, bad: Array, rule: str, values: tuple[Array, ...], repair: str
+    broken: Broken, number: Ints, bad: Bools, rule: str, values: tuple[Array, ...], repair: str
 ) -> None:
     """Report the bad events of a block by the first of them; `number` counts them through the recording."""
     if bad.any():

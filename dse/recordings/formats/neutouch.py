@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
-from dse.records import Array, Block
+from dse.records import Block, Floats
 from dse.registry import register
 
 N_TAXELS = 80
@@ -68,7 +68,7 @@ class Neutouch:
             )
 
 
-def _events(path: Path, broken: Broken) -> Iterator[Array]:
+def _events(path: Path, broken: Broken) -> Iterator[Floats]:
     """Yield (n, 3) float64: sign, taxel and Unix time of consecutive lines."""
     n_before, rest, more = 0, b"", True
     with open_file(path) as file:

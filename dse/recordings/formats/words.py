@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
-from dse.records import Array
+from dse.records import Array, Ints
 
 
 def read_words(path: Path, start: int, size: int, broken: Broken) -> Iterator[bytes]:
@@ -30,7 +30,7 @@ def read_words(path: Path, start: int, size: int, broken: Broken) -> Iterator[by
                 yield read[: len(read) - cut]
 
 
-def unwrapped(t: Array, before: int, period: int) -> Array:
+def unwrapped(t: Array, before: int, period: int) -> Ints:
     """Return the times of a counter that wraps at `period` as if it never did.
 
     A fall by more than 7/8 of the period is a wrap; a smaller one is a time that runs backwards, and stays.
