@@ -19,7 +19,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "dse"
 TREES = modules(PACKAGE)
 
 LAYERS = (
-    ("cli",),
+    ("cli", "testing"),
     ("dashboard",),
     ("deploy", "report"),
     ("study",),

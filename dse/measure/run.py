@@ -10,6 +10,7 @@ A joint target has a measurement for each of its heads; its own accuracy counts 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from dse import registry
+from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
 from dse.measure import decision
 from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
-from dse.measure.objectives import FullReadOut, Points, flat, measured
+from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
 from dse.measure.objectives.accuracy import accuracy
 from dse.measure.on_chips import columns_on
 from dse.records import (
@@ -141,6 +143,31 @@ def measure(
     return _measured_jointly(outcome, dataset, heads, end)
 
 
+def records_for_objectives(
+    outcome: Outcome, dataset: Dataset, phi: Array, theta: Array, hardware: Sequence[Profile]
+) -> list[tuple[Needs, Points | FullReadOut | Priced]]:
+    """Return what objectives measure of one run of a single target, each with what needs it.
+
+    Args:
+        outcome: what the model family returned.
+        dataset: what it was trained on, without heads.
+        phi: spike offsets of the decision grid.
+        theta: its confidences.
+        hardware: profiles; one that cannot run the classifier adds nothing.
+    """
+    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
+    target = _Target(truth, truth_test, len(dataset.classes), slice(None))
+    answered = _answers_to(target, outcome, phi, theta, 8)
+    points = [answered.read_outs, *([] if answered.grid is None else [answered.grid])]
+    records: list[tuple[Needs, Points | FullReadOut | Priced]] = [("points", one) for one in points]
+    records.append(("full_read_out", _full_read_out(outcome, target, answered)))
+    for chip in hardware:
+        for one in points:
+            with contextlib.suppress(NotApplicable):
+                records.append(("hardware", Priced(cost(chip, one.load), one.load)))
+    return records
+
+
 def read_out(output: Array) -> Ints:
     """Return the class with most output spikes over the window, (n,); the lowest class on ties."""
     return np.asarray(output.sum(axis=1, dtype=np.int64).argmax(axis=1))
@@ -152,16 +179,7 @@ def _measured(
     """Return the measurement of one target."""
     of_lengths = measured("points", answered.read_outs)
     of_grid = {} if answered.grid is None else measured("points", answered.grid)
-    matrix = confusion(answered.label, target.validation, target.n_classes)
-    answer = FullReadOut(
-        outcome=outcome,
-        label=answered.label,
-        target=target.validation,
-        confusion=matrix,
-        decision_latency_ms=answered.read_outs.decision_latency_ms[-1].item(),
-        read_outs=answered.read_outs,
-        decisions=None if answered.grid is None else answered.grid.decisions,
-    )
+    answer = _full_read_out(outcome, target, answered)
     full = _at_end(answered.read_outs).load.mapped(lambda counts: counts[-1])
     declared = registry.columns("points")
     return Measurement(
@@ -171,10 +189,22 @@ def _measured(
         points_load=None if answered.grid is None else answered.grid.load,
         read_outs_load=answered.read_outs.load,
         hardware={chip.name: flat(columns_on(chip, full)) for chip in hardware},
-        confusion=matrix,
+        confusion=answer.confusion,
         confusion_test=None
         if answered.label_test is None
         else confusion(answered.label_test, target.test, target.n_classes),
+    )
+
+
+def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered) -> FullReadOut:
+    return FullReadOut(
+        outcome=outcome,
+        label=answered.label,
+        target=target.validation,
+        confusion=confusion(answered.label, target.validation, target.n_classes),
+        decision_latency_ms=answered.read_outs.decision_latency_ms[-1].item(),
+        read_outs=answered.read_outs,
+        decisions=None if answered.grid is None else answered.grid.decisions,
     )
 
 

@@ -1,0 +1,34 @@
+"""Contract tests: what a component must do, for the shipped ones and for your own.
+
+    from dse.testing import check_family
+    def test_my_family():
+        check_family(MyFamily(size=4))
+
+Every check takes a component, makes the small data that it needs, and raises an `AssertionError` with one
+sentence that says what is violated. The contracts are Protocols: of sources, encoders and families in
+`dse.config.contracts`, of neurons in `dse.neurons`, of samplers in `dse.search.proposals`, of objectives in
+`dse.measure.objectives`, of kinds of hardware in `dse.hardware.profile`, of figures in `dse.figures`, of
+views in `dse.dashboard.views`.
+"""
+
+from dse.testing.chips import check_chip_kind
+from dse.testing.encoders import check_encoder
+from dse.testing.families import check_family
+from dse.testing.figures import check_figure
+from dse.testing.neurons import check_neuron
+from dse.testing.objectives import check_objective
+from dse.testing.samplers import check_sampler
+from dse.testing.sources import check_source
+from dse.testing.views import check_view
+
+__all__ = [
+    "check_chip_kind",
+    "check_encoder",
+    "check_family",
+    "check_figure",
+    "check_neuron",
+    "check_objective",
+    "check_sampler",
+    "check_source",
+    "check_view",
+]

@@ -1,0 +1,129 @@
+"""The contract of an encoder."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dse.config.contracts import Encoder
+from dse.records import Array, Signals, Spikes
+from dse.testing import small
+from dse.testing.expect import Unchanged, expect, expect_component, same
+
+
+def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: bool = True) -> None:
+    """Check an encoder: causal, deterministic, each recording by itself, channels and places as it says.
+
+    An encoder that reads labels (`transductive`) need not encode recordings one by one.
+
+    Args:
+        encoder: not fitted.
+        signals: four recordings or more of 16 steps or more each; absent: small ones.
+        causal: False for an encoder which states that a spike may depend on the whole window.
+
+    Raises:
+        AssertionError: what it violates.
+    """
+    expect_component(encoder)
+    name = type(encoder).__name__
+    signals = small.signals() if signals is None else signals
+    n = signals.n_recordings
+    first, length = np.arange(n) % 3, np.full(n, 12)
+    length[-1] = 9  # shorter than the others
+    if encoder.learns:
+        encoder = _fitted(name, encoder, signals)
+    places = small.places(signals.n_channels)
+    with Unchanged(f"the signals that {name} encodes", (signals.values, signals.offsets)):
+        spikes = encoder.encode_all(signals, first, length)
+    n_channels = encoder.n_channels(signals.n_channels)
+    expect(
+        spikes.n_channels == n_channels,
+        f"{name}.n_channels must be that of its spikes, {spikes.n_channels}, got {n_channels}",
+    )
+    _check_spikes(name, spikes, n, length)
+    positions = np.asarray(encoder.positions(places))
+    expect(
+        positions.shape == (n_channels, 3) and positions.dtype.kind == "i",
+        f"{name}.positions must be ({n_channels}, 3) integers, got {positions.shape} of {positions.dtype}",
+    )
+    expect(
+        len(np.unique(positions, axis=0)) == n_channels, f"{name}.positions must tell all its channels apart"
+    )
+    expect(
+        same(vars(spikes), vars(encoder.encode_all(signals, first, length))),
+        f"{name} must encode the same signals the same twice",
+    )
+    if encoder.transductive:
+        return
+    if causal:
+        _check_causal(name, encoder, signals, first, length)
+    _check_alone(name, encoder, signals, first, length, spikes)
+
+
+def _fitted(name: str, encoder: Encoder, signals: Signals) -> Encoder:
+    n = signals.n_recordings
+    target = np.arange(n) % 2
+    train = np.arange(n) if encoder.transductive else np.arange(n - 2)
+    shown = target if encoder.transductive else np.where(np.isin(np.arange(n), train), target, -1)
+    fits = [encoder.fitted(signals, np.zeros(n, int), 16, shown, 2, train) for _ in range(2)]
+    expect(fits[0] == fits[1], f"{name}.fitted must learn the same from the same signals twice")
+    expect(type(fits[0]) is type(encoder), f"{name}.fitted must return an encoder of its own class")
+    return fits[0]
+
+
+def _check_spikes(name: str, spikes: Spikes, n: int, length: Array) -> None:
+    expect(
+        spikes.n_samples == n and spikes.n_steps >= int(length.max()),
+        f"{name} must return {n} samples of {length.max()} steps or more, got {spikes.n_samples} of "
+        f"{spikes.n_steps}",
+    )
+    offsets, channel = spikes.row_offsets, spikes.channel
+    rising = (np.diff(offsets) >= 0).all() and offsets[0] == 0 and offsets[-1] == len(channel)
+    expect(rising, f"{name}: row_offsets must rise from 0 to the number of spikes")
+    inside = ((channel >= 0) & (channel < spikes.n_channels)).all()
+    expect(inside, f"{name}: channels must lie in 0..{spikes.n_channels - 1}")
+    row = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+    in_order = (np.diff(row.astype(np.int64) * spikes.n_channels + channel) > 0).all()
+    expect(in_order, f"{name}: spikes must be sorted by step and channel, without duplicates")
+    late = row % spikes.n_steps >= length[row // spikes.n_steps]
+    expect(not late.any(), f"{name} must leave the rows after a recording's length empty")
+    expect(len(channel), f"{name} must spike for signals that move")
+
+
+def _check_causal(name: str, encoder: Encoder, signals: Signals, first: Array, length: Array) -> None:
+    """Change every recording after step 8 of its window: the spikes until then must stay."""
+    until = 8
+    values = signals.values.copy()
+    for i in range(signals.n_recordings):
+        begin, end = signals.offsets[i] + first[i] + until, signals.offsets[i + 1]
+        values[begin:end] = values[begin:end][::-1] * 2
+    changed = dataclasses.replace(signals, values=values)
+    before, after = (_dense(encoder.encode_all(x, first, length))[:, :until] for x in (signals, changed))
+    expect(same(before, after), f"{name} must be causal: a spike may not depend on later values")
+
+
+def _check_alone(
+    name: str, encoder: Encoder, signals: Signals, first: Array, length: Array, together: Spikes
+) -> None:
+    dense = _dense(together)
+    for i in range(signals.n_recordings):
+        part = slice(signals.offsets[i], signals.offsets[i + 1])
+        one = Signals(
+            values=signals.values[part],
+            offsets=np.array([0, signals.offsets[i + 1] - signals.offsets[i]]),
+            step_ms=signals.step_ms,
+            columns={},
+        )
+        alone = _dense(encoder.encode_all(one, first[i : i + 1], length[i : i + 1]))[0]
+        expect(
+            same(alone[: length[i]], dense[i, : length[i]]),
+            f"{name} must encode a recording alone as it does among others",
+        )
+
+
+def _dense(spikes: Spikes) -> Array:
+    """Return spikes as (sample, step, channel)."""
+    fired = np.zeros((len(spikes.row_offsets) - 1, spikes.n_channels), bool)
+    fired[np.repeat(np.arange(len(fired)), np.diff(spikes.row_offsets)), spikes.channel] = True
+    return fired.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)

@@ -1,0 +1,66 @@
+"""What all contracts have in common: a frozen dataclass with documented keys, and equality bit for bit."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dse.registry import rule_of
+
+
+def expect(condition: object, text: str) -> None:
+    """Raise an AssertionError with a sentence unless a condition holds."""
+    if not condition:
+        raise AssertionError(text)
+
+
+def expect_component(component: object) -> None:
+    """Check what every component is: a frozen dataclass whose keys say what they mean, and that pickles."""
+    cls: Any = type(component)
+    parameters: Any = getattr(cls, "__dataclass_params__", None)
+    expect(parameters is not None and parameters.frozen, f"{cls.__name__} must be a frozen dataclass")
+    for field in dataclasses.fields(cls):
+        expect(
+            rule_of(field).doc or not field.init, f"key {cls.__name__}.{field.name} must say what it means"
+        )
+    expect((cls.__doc__ or "").strip(), f"{cls.__name__} must have a docstring: `dse describe` prints it")
+    expect(pickle.dumps(component), f"{cls.__name__} must pickle: workers get copies")
+
+
+def same(first: Any, second: Any) -> bool:
+    """Return whether two values are equal bit for bit: arrays, records, mappings and lists of them."""
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        a, b = np.asarray(first), np.asarray(second)
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    if type(first) is not type(second):
+        return False
+    if dataclasses.is_dataclass(first) and not isinstance(first, type):
+        return all(same(getattr(first, f.name), getattr(second, f.name)) for f in dataclasses.fields(first))
+    if isinstance(first, Mapping):
+        return first.keys() == second.keys() and all(same(value, second[key]) for key, value in first.items())
+    if isinstance(first, list | tuple):
+        return len(first) == len(second) and all(map(same, first, second))
+    return bool(first == second or (first != first and second != second))
+
+
+class Unchanged:
+    """Checks at the end of a block that a value is as it was.
+
+    what: the value in words. value: any of what `same` compares.
+    """
+
+    def __init__(self, what: str, value: Any) -> None:
+        self._what, self._value, self._before = what, value, copy.deepcopy(value)
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Compare, unless the block failed."""
+        if kind is None:
+            expect(same(self._value, self._before), f"{self._what} must not be changed")

@@ -1,0 +1,76 @@
+"""The contract of a neuron."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from dse.neurons import LayerSpec, Neuron, parameters_of
+from dse.neurons.calculus import NumpyCalculus
+from dse.records import Arithmetic
+from dse.testing.expect import Unchanged, expect, expect_component, same
+
+_LAYER = LayerSpec(n_neurons=4, is_output=False, steps_per_sample=1, step_ms=5.0)
+
+
+def check_neuron(neuron: Neuron) -> None:
+    """Check a neuron: parameters by seed, a resting state, a step that is pure and treats samples alike.
+
+    Raises:
+        AssertionError: what it violates.
+    """
+    expect_component(neuron)
+    name = type(neuron).__name__
+    cls = neuron.Populations
+    expect(
+        dataclasses.is_dataclass(cls) and cls.__dataclass_params__.frozen,  # type: ignore[attr-defined]
+        f"{name}.Populations must be a frozen dataclass",
+    )
+    expect(neuron.arithmetics, f"{name}.arithmetics must name one or more")
+    population, again = (neuron.population(_LAYER, np.random.default_rng(3)) for _ in range(2))
+    expect(isinstance(population, cls), f"{name}.population must return one of its Populations")
+    parameters = parameters_of(population)
+    expect(same(parameters, parameters_of(again)), f"{name}.population must be the same by the same seed")
+    for key, values in parameters.items():
+        expect(
+            values.shape in ((), (_LAYER.n_neurons,)) and values.dtype.kind in "biuf",
+            f"{name}: parameter {key} must be a number, or one per neuron, got shape {values.shape}",
+        )
+    expect((np.asarray(population.to_threshold) > 0).all(), f"{name}.to_threshold must be > 0")
+    for arithmetic in neuron.arithmetics:
+        _check_steps(name, neuron, arithmetic)
+
+
+def _check_steps(name: str, neuron: Neuron, arithmetic: Arithmetic) -> None:
+    population = neuron.population(_LAYER, np.random.default_rng(3))
+    calculus = NumpyCalculus(arithmetic)
+    shape = (2, 3, _LAYER.n_neurons)
+    weak = np.random.default_rng(4).normal(0, 1, (60, *shape)) * np.asarray(population.to_threshold)
+    if arithmetic == "integer":
+        weak = np.rint(weak)
+    drives = weak.astype(calculus.dtype)
+    state, spikes = population.initial_state(shape, calculus), []
+    alone = population.initial_state(shape[2:], calculus)
+    for t, drive in enumerate(drives):
+        with Unchanged(f"the state and the drive of a step of {name}", (tuple(state), drive)):
+            step = population.step(state, drive, calculus)
+        twice = population.step(state, drive, calculus)
+        expect(same(tuple(step), tuple(twice)), f"a step of {name} must depend on state and drive alone")
+        expect(
+            step.spikes.shape == shape and step.potential.shape == shape,
+            f"a step of {name} must keep the shape {shape}, got {step.spikes.shape}",
+        )
+        expect(np.isin(step.spikes, (0, 1)).all(), f"spikes of {name} must be 0 or 1")
+        expect(
+            np.isfinite(np.asarray(step.potential, float)).all(),
+            f"potentials of {name} must be finite, step {t}",
+        )
+        one = population.step(alone, drive[1, 2], calculus)
+        expect(
+            same(np.asarray(one.spikes), np.asarray(step.spikes[1, 2])),
+            f"{name} must treat a sample alone as among others",
+        )
+        state, alone = step.state, one.state
+        spikes.append(step.spikes)
+    expect(np.sum(spikes) > 0, f"{name} must spike under a drive of the size of its threshold")

@@ -1,0 +1,99 @@
+"""The contract of a sampler."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dse import seeds
+from dse.config.axes import Axis
+from dse.config.settings import ExecutionSettings
+from dse.config.space import DecisionGrid, Design, SearchSettings, SearchSpace
+from dse.search.proposals import Sampler
+from dse.testing.expect import expect, expect_component
+
+BATCH = 4
+
+
+def check_sampler(sampler: Any) -> None:
+    """Check a sampler: new designs on their axes, the same by seed and history, results in any order.
+
+    Args:
+        sampler: its component, `start(space, directions)`.
+
+    Raises:
+        AssertionError: what it violates.
+    """
+    expect_component(sampler)
+    name = type(sampler).__name__
+    whole = _played(name, sampler)
+    keys = [seeds.design_key(design) for design in whole]
+    expect(len(set(keys)) == len(keys), f"{name}.ask must return designs that it did not return before")
+    expect(
+        [seeds.design_key(design) for design in _played(name, sampler)] == keys,
+        f"{name} must propose the same designs by the same seed and results",
+    )
+    resumed: Sampler = sampler.start(_space(), ("max", "min"))
+    resumed.tell(whole[:BATCH], _values(whole[:BATCH]))
+    expect(
+        [seeds.design_key(design) for design in resumed.ask(BATCH)] == keys[BATCH : 2 * BATCH],
+        f"{name} must propose after a resume what it would have proposed without a stop",
+    )
+    shuffled: Sampler = sampler.start(_space(), ("max", "min"))
+    backwards = whole[::-1]
+    shuffled.tell(backwards, _values(backwards))
+    new = shuffled.ask(BATCH)
+    known = set(keys) & {seeds.design_key(design) for design in new}
+    expect(not known, f"{name} must take results in any order, and propose no design again")
+
+
+def _played(name: str, component: Any) -> list[Design]:
+    """Return the designs of two batches."""
+    space = _space()
+    sampler: Sampler = component.start(space, ("max", "min"))
+    history: list[Design] = []
+    for _ in range(2):
+        designs = sampler.ask(BATCH)
+        expect(len(designs) == BATCH, f"{name}.ask({BATCH}) must return {BATCH} designs, got {len(designs)}")
+        for design in designs:
+            try:
+                space.resolve(design)
+            except ValueError as error:
+                raise AssertionError(f"{name} must propose designs on the axes: {error}") from error
+        sampler.tell(designs, _values(designs))
+        history += designs
+    return history
+
+
+def _values(designs: Sequence[Design]) -> list[tuple[float, float] | None]:
+    """Return two objectives that pull apart; a few designs fail."""
+    return [
+        None
+        if design["model.hidden"] == 12 and design["training.epochs"] == 3
+        else (design["model.hidden"] / 20 + design["training.epochs"] / 100, float(design["model.hidden"]))
+        for design in designs
+    ]
+
+
+def _space() -> SearchSpace:
+    """Return a grid of 48 designs over a choice and two stepped ranges."""
+    axes = [
+        Axis("model.hidden", (4, 8, 12, 16), is_int=True),
+        Axis("training.epochs", (1, 2, 3), 1, 3, 1, is_int=True),
+        Axis("training.dropout", (0.0, 0.1, 0.2, 0.3), 0.0, 0.3, 0.1),
+    ]
+    return SearchSpace(
+        study="small",
+        seed=5,
+        source=Path("small.yaml"),
+        fixed={"model": {"kind": "snn"}, "training": {}},
+        axes={axis.name: axis for axis in axes},
+        decision=DecisionGrid(np.array([0]), np.array([0.5])),
+        hardware=(),
+        objectives=(("accuracy", "max"), ("n_weights", "min")),
+        search=SearchSettings(sampler="", n_trials=None, batch=BATCH, repeats=1, repeats_on_front=1),
+        execution=ExecutionSettings(),
+    )

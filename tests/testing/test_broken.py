@@ -1,0 +1,317 @@
+"""Checks catch components that break their contract, one deliberate mistake each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pytest
+
+from dse.config.contracts import Encoder, Generators
+from dse.config.settings import Training
+from dse.encoders.send_on_delta import SendOnDelta
+from dse.figures.confusion import Confusion, ConfusionFigure
+from dse.hardware.kinds.operations import CountedOperations
+from dse.hardware.plan import Plan, energy_only
+from dse.hardware.profile import Figures, load
+from dse.measure.objectives import FullReadOut, Points
+from dse.models.counts.knn import KNN
+from dse.neurons.lif import Lif
+from dse.records import Answers, Array, Dataset, Operations, Outcome, Signals, Spikes, Workload
+from dse.registry import Column, param
+from dse.search.samplers.random import Random
+from dse.testing import (
+    check_chip_kind,
+    check_encoder,
+    check_family,
+    check_figure,
+    check_neuron,
+    check_objective,
+    check_sampler,
+    check_source,
+    check_view,
+)
+
+
+@dataclass(frozen=True)
+class UnseededKNN(KNN):
+    """Its answers depend on more than the seed."""
+
+    def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
+        outcome = super().fit(dataset, training, rngs)
+        return dataclasses.replace(outcome, health={"noise": np.random.default_rng().random()})
+
+
+@dataclass(frozen=True)
+class ForgetfulKNN(KNN):
+    """What it returns cannot give the answers of its fit again."""
+
+    def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
+        outcome = super().fit(dataset, training, rngs)
+        assert isinstance(outcome.validation, Answers)
+        other = (outcome.validation.label + 1) % len(dataset.classes)
+        return dataclasses.replace(outcome, validation=dataclasses.replace(outcome.validation, label=other))
+
+
+@pytest.mark.parametrize(
+    ("family", "text"),
+    [
+        (UnseededKNN(), "must train to the same result by the same seed"),
+        (ForgetfulKNN(), "respond must give the validation answers of its fit"),
+    ],
+)
+def test_family(family: Any, text: str) -> None:
+    with pytest.raises(AssertionError, match=text):
+        check_family(family)
+
+
+@dataclass(frozen=True)
+class Mean(Encoder):
+    """A channel spikes while it is above the mean of its whole recording."""
+
+    def n_channels(self, n_in: int) -> int:
+        return n_in
+
+    def positions(self, inputs: Array) -> Array:
+        return inputs
+
+    def encode_all(self, signals: Signals, first: Array, length: Array) -> Spikes:
+        fired = np.zeros((signals.n_recordings, int(length.max()), signals.n_channels), bool)
+        for i in range(signals.n_recordings):
+            values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+            piece = values[first[i] : first[i] + length[i]]
+            fired[i, : length[i]] = piece > values.mean(axis=0)
+        rows = fired.reshape(-1, fired.shape[2])
+        offsets = np.concatenate([[0], np.cumsum(rows.sum(axis=1))])
+        channel = np.nonzero(rows)[1]
+        return Spikes(offsets, channel, fired.shape[1], fired.shape[2], signals.step_ms)
+
+
+@dataclass(frozen=True)
+class Miscounted(Mean):
+    """It announces a channel that it does not have."""
+
+    def n_channels(self, n_in: int) -> int:
+        return n_in + 1
+
+
+@pytest.mark.parametrize(
+    ("encoder", "text"),
+    [
+        (Mean(), "Mean must be causal: a spike may not depend on later values"),
+        (Miscounted(), "n_channels must be that of its spikes, 3, got 4"),
+    ],
+)
+def test_encoder(encoder: Any, text: str) -> None:
+    with pytest.raises(AssertionError, match=text):
+        check_encoder(encoder)
+
+
+class Impure(NamedTuple):
+    """State of `Counting`."""
+
+    v: Array
+
+
+@dataclass(frozen=True)
+class CountingPopulation:
+    """It writes into the state that it is given."""
+
+    threshold: float = 1.0
+    to_threshold: ClassVar[float] = 1.0
+
+    def initial_state(self, shape: tuple[int, ...], calculus: Any) -> Impure:
+        return Impure(calculus.zeros(shape))
+
+    def step(self, state: Impure, drive: Array, calculus: Any) -> Any:
+        from dse.neurons import Step
+
+        state.v[...] += drive
+        return Step(state, state.v, calculus.fire(state.v, self.threshold))
+
+
+@dataclass(frozen=True)
+class Counting(Lif):
+    """A neuron whose step is no function."""
+
+    Populations = CountingPopulation
+
+    def population(self, layer: Any, rng: np.random.Generator) -> Any:
+        return CountingPopulation()
+
+
+def test_neuron() -> None:
+    with pytest.raises(AssertionError, match="the drive of a step of Counting must not be"):
+        check_neuron(Counting())
+
+
+class Repeating:
+    """A started sampler that proposes one design for ever."""
+
+    def __init__(self, started: Any) -> None:
+        self._started = started
+        self._first: list[Any] = []
+
+    def ask(self, n: int) -> list[Any]:
+        self._first = self._first or self._started.ask(n)
+        return list(self._first)
+
+    def tell(self, designs: Any, values: Any) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class Stuck(Random):
+    """A sampler that never learns."""
+
+    def start(self, space: Any, directions: Any) -> Any:
+        return Repeating(super().start(space, directions))
+
+
+def test_sampler() -> None:
+    with pytest.raises(AssertionError, match=r"Stuck.ask must return designs that it did not return before"):
+        check_sampler(Stuck())
+
+
+@dataclass(frozen=True)
+class Undeclared:
+    """An objective that returns another column than it declares."""
+
+    needs = "full_read_out"
+    columns = (Column("errors", "", "min", "Share of wrong answers."),)
+
+    def measure(self, answer: FullReadOut) -> Mapping[str, float]:
+        return {"error": float((answer.label != answer.target).mean())}
+
+
+@dataclass(frozen=True)
+class Infinite:
+    """An objective that divides by nothing."""
+
+    needs = "points"
+    columns = (Column("slowness_ms", "ms", "min", "Time without end."),)
+
+    def measure(self, points: Points) -> Mapping[str, Array]:
+        return {"slowness_ms": np.full(np.shape(points.accuracy), np.inf)}
+
+
+@dataclass(frozen=True)
+class Unitless:
+    """An objective whose name lacks its unit."""
+
+    needs = "points"
+    columns = (Column("slowness", "ms", "min", "Time."),)
+
+    def measure(self, points: Points) -> Mapping[str, Array]:
+        return {"slowness": points.decision_latency_ms}
+
+
+@pytest.mark.parametrize(
+    ("objective", "text"),
+    [
+        (Undeclared(), "must declare every column that it returns, got error"),
+        (Infinite(), "slowness_ms must be finite or NaN"),
+        (Unitless(), "the name of slowness must contain its unit, '_ms'"),
+    ],
+)
+def test_objective(objective: Any, text: str) -> None:
+    with pytest.raises(AssertionError, match=text):
+        check_objective(objective)
+
+
+@dataclass(frozen=True)
+class Generous(CountedOperations):
+    """A chip that gives energy back."""
+
+    def plan_network(self, load: Workload, figures: Figures) -> Plan:
+        return energy_only({"addition": -np.ones((3, load.counts.shape[-1]))})
+
+    def plan_operations(self, load: Operations, figures: Figures) -> Plan:
+        return energy_only({"addition": -np.ones((3, load.counts.shape[-1]))})
+
+
+def test_chip_kind() -> None:
+    counted = load("op_4.6_0.9")
+    fields = {field.name: getattr(counted, field.name) for field in dataclasses.fields(counted)}
+    with pytest.raises(AssertionError, match="Generous: energy of addition must be >= 0 per count"):
+        check_chip_kind(Generous(**fields))
+
+
+@dataclass(frozen=True)
+class Handed(ConfusionFigure):
+    """A figure that draws no figure."""
+
+    def draw(self, record: Confusion) -> Any:
+        return record
+
+
+@dataclass(frozen=True)
+class Greedy(ConfusionFigure):
+    """A figure that gathers what no JSON can hold."""
+
+    def gather(self, results: Any) -> Any:
+        return (object(),)
+
+
+@pytest.mark.parametrize(
+    ("figure", "text"),
+    [
+        (Handed(), "Handed.draw must return a plotly figure, got Confusion"),
+        (Greedy(), "Greedy.gather must return plain numbers, arrays and texts, got a object"),
+    ],
+)
+def test_figure(figure: Any, text: str) -> None:
+    with pytest.raises(AssertionError, match=text):
+        check_figure(figure)
+
+
+@dataclass(frozen=True)
+class Silent:
+    """A view that adds nothing."""
+
+    script: ClassVar[str] = "const Other = (() => ({ view(root, app) { return { render() {} }; } }))();"
+
+
+def test_view() -> None:
+    with pytest.raises(AssertionError, match=r"its script must add itself, Views.silent"):
+        check_view("silent", Silent())
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """A source that finds fault with itself."""
+
+    file: str = param("touch.npz", doc="file")
+
+    def check(self, base: Any) -> list[str]:
+        return ["there is no such file"]
+
+
+def test_source(tmp_path: Any) -> None:
+    with pytest.raises(AssertionError, match=r"Faulty.check must find no fault in sound recordings"):
+        check_source(Faulty(), tmp_path)  # type: ignore[arg-type]
+
+
+@dataclass
+class Thawed:
+    """An encoder that can be changed."""
+
+
+def test_every_component_is_frozen() -> None:
+    with pytest.raises(AssertionError, match="Thawed must be a frozen dataclass"):
+        check_encoder(Thawed())  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Mute(SendOnDelta):
+    """An encoder with a key that nobody explains."""
+
+    gain: float = 1.0
+
+
+def test_every_key_is_documented() -> None:
+    with pytest.raises(AssertionError, match=r"key Mute.gain must say what it means"):
+        check_encoder(Mute(thresholds=(1.0,)))
