@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -31,12 +31,22 @@ def headers(path: Path) -> dict[str, tuple[int, ...]]:
         with zipfile.ZipFile(path) as archive:
             for member in archive.namelist():
                 with archive.open(member) as stream:
-                    first = npy.read_magic(stream) == (1, 0)
-                    read = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
-                    shapes[member.removesuffix(".npy")] = read(stream)[0]
+                    shapes[member.removesuffix(".npy")] = read_header(stream)[0]
     except DAMAGED_ARCHIVE as error:
         raise _unreadable(path, error) from None
     return shapes
+
+
+def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return shape and type of an array from the header of its .npy; the stream is at its values then.
+
+    Raises:
+        ValueError: it has no such header.
+    """
+    version = npy.read_magic(stream)
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    return shape, dtype
 
 
 def load(path: Path, names: Iterable[str]) -> dict[str, Array]:

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.lib import format as npy
 
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
+from dse.recordings.npz import read_header
 from dse.records import Array, Block
 from dse.registry import register
 from dse.store import DAMAGED_ARCHIVE
@@ -145,9 +145,7 @@ class Npz(_EventArrays):
                 archive = zipfile.ZipFile(file)
                 for member in (x for x in archive.namelist() if x.endswith(".npy")):
                     stream = archive.open(member)
-                    first = npy.read_magic(stream) == (1, 0)
-                    read = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
-                    shape, _, dtype = read(stream)
+                    shape, dtype = read_header(stream)
                     if len(shape) == 1 and not dtype.hasobject:
                         name = member.removesuffix(".npy")
                         arrays[name], streams[name] = (shape[0], dtype), stream
