@@ -9,14 +9,14 @@ Of channel x of a recording, with `low` and `high` learnt from training recordin
     low, high: 1st and 99th percentile of the channel over the windows of the training recordings, after the
     smoothing; smallest and largest value where those two coincide, as they do for sparse spikes.
 
-The current is held for a sensor step, which the neurons take in round(step / solver_ms) equal steps, at
-least one (dse.neurons.izhikevich, which says how they saturate). Every recording is encoded from its first
-sample on, so what is kept is what a running sensor would send. SA carries the resting level: leave it out
+The current is constant within a sensor step, which the neurons integrate in round(step / solver_ms) equal
+steps, at least one (dse.neurons.izhikevich states how they saturate). Every recording is encoded from its
+first sample on, as a running sensor would encode it. SA carries the resting level: leave it out
 (`sa: false`), or remove the mean (`window.remove_mean`), where the level gives a label away.
 
-A channel has at most one spike per step, and a neuron may fire oftener than the sensor samples: with
-`spikes_per_step` k, copy j = 1 .. k of a receptor spikes in the steps in which it fired j times or more. What
-goes beyond k is merged. Copies are planes: (j - 1) n_kinds + kind, the kinds being SA (if any), FA+, FA-.
+A channel has at most one spike per step, and a neuron may fire more often than the sensor samples: with
+`spikes_per_step` k, copy j = 1 .. k of a receptor spikes in the steps in which it fired j times or more.
+Further spikes are merged. Copies are planes: (j - 1) n_kinds + kind, the kinds being SA (if any), FA+, FA-.
 
 Source: Rasouli et al., an extreme learning machine for texture recognition, Eq. (4) (REFERENCES.md). Its
 gains of 50 (SA) and 5000 (FA) give currents of one size where its derivative is per ms: 5 here, per s.
@@ -172,8 +172,8 @@ class Receptors(Encoder):
             fired = np.zeros(current.shape, dtype=np.int64)
             _fire(current, kinds, signals.step_ms / solver, solver, self.method == "half_steps", fired)
             fired = fired[int(first[i]) :]
-            told_apart = fired[:, None, :] > np.arange(self.spikes_per_step)[:, None]
-            step, channel = np.nonzero(told_apart.reshape(len(fired), -1))
+            copies = fired[:, None, :] > np.arange(self.spikes_per_step)[:, None]
+            step, channel = np.nonzero(copies.reshape(len(fired), -1))
             counts[i, : length[i]] = np.bincount(step, minlength=length[i])
             pieces.append(channel.astype(np.int32))
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -200,7 +200,7 @@ def spike_counts(current: Floats, params: Params, step_ms: float, solver_steps: 
         current: (step, receptor).
         params: of the receptors.
         step_ms: of the sensor.
-        solver_steps: steps of the neurons per step of the sensor, in which the current is held.
+        solver_steps: steps of the neurons per step of the sensor, within which the current is constant.
         method: of dse.neurons.izhikevich.
 
     Returns:

@@ -64,8 +64,7 @@ class SendOnDelta(Encoder):
     def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
         """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
 
-        Each recording is encoded from its first sample on, so what is kept is what a running sensor
-        would send.
+        Each recording is encoded from its first sample on, as a running sensor would encode it.
 
         Args:
             signals: the recordings.

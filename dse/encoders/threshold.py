@@ -13,9 +13,9 @@ the class whose mean is nearest (the lowest on a tie), 'tolerance' every class w
 `tolerance` standard deviations, for equality of measured means has measure zero. 'none' makes no copies.
 A constant channel is at its mean at every step, and spikes there, as printed.
 
-Level 'window', as printed, knows the whole window at its first step: an answer before its end is none that a
-running sensor could give. Level 'past' is causal. Means say nothing once they have been removed
-(`window.remove_mean`), and too much where the resting level gives the class away; 'std' is blind to both.
+Level 'window', as printed, uses the whole window from its first step on: a running sensor could not answer
+before its end. Level 'past' is causal. Means carry no information once they are removed
+(`window.remove_mean`), and reveal the class where the resting level does; 'std' depends on neither.
 
 Source: threshold encoding for texture recognition, Algorithm 1 (REFERENCES.md).
 """

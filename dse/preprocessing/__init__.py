@@ -4,13 +4,13 @@
                         and a pixel (x, y) in pool (i, j)
     spike[b, p, j, i] = 1 where count >= pool_threshold  (count > pool_threshold where `exceeds`)
 
-Bins are half open: an event on a border belongs to the later bin. t_0 is the recording's first event,
-wherever it lies, so that the wait for it tells nothing; a simulated trial has t_0 = 0. `time_ms` keeps events
-with start <= t - t_0 < end; the last bin may be partly empty. A pixel counts in every pool that holds it:
-pools overlap where the stride is smaller than the kernel, and leave pixels out where it is larger
-(`dse.recordings.pooling` states their places, with padding and crop). Counts stop at 255. Spike channel
-(p height + j) width + i of the pooled frame; p is 0 for OFF and 1 for ON where polarities are split, else 0.
-A recording without events has no bins; bins without events have no spikes.
+Bins are half open: an event on a border belongs to the later bin. t_0 is the time of the recording's first
+event, so that the time before it carries no information; a simulated trial has t_0 = 0. `time_ms` keeps
+events with start <= t - t_0 < end; the last bin may be partly empty. A pixel counts in every pool that holds
+it: pools overlap where the stride is smaller than the kernel, and leave pixels out where it is larger
+(`dse.recordings.pooling` states their places, with padding and crop). Counts stop at 255. Spike channel (p
+height + j) width + i of the pooled frame; p is 0 for OFF and 1 for ON where polarities are split, else 0. A
+recording without events has no bins; bins without events have no spikes.
 """
 
 from dse.preprocessing.pins import count_pixels, pin_rectangle

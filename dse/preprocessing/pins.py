@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dse.records import Array, Block, Ints
+from dse.records import Block, Floats, Ints
 
 
 def count_pixels(blocks: Iterable[Block], width: int, height: int) -> tuple[Ints, Ints]:
@@ -22,8 +22,8 @@ def pin_rectangle(column_counts: Ints, row_counts: Ints) -> tuple[int, int, int,
     """Return x, y, width, height from the first to the last column and row that see pins.
 
     A column or row sees pins where log(1 + count) is above Otsu's threshold. The logarithm keeps the border
-    between noise and pins where few pins, or a single broken pixel, would move it. Counts that are all the
-    same tell nothing: then every column or row is kept.
+    between noise and pins where few pins, or a single broken pixel, would move it. If all
+    counts are equal, every column or row is kept.
 
     Args:
         column_counts: (width,) events of every column, over the training recordings.
@@ -35,12 +35,12 @@ def pin_rectangle(column_counts: Ints, row_counts: Ints) -> tuple[int, int, int,
 
 def _span(counts: Ints) -> tuple[int, int]:
     levels = np.log1p(counts)
-    seen = np.flatnonzero(levels > otsu(levels))
-    return (int(seen[0]), int(seen[-1] - seen[0] + 1)) if len(seen) else (0, len(counts))
+    above = np.flatnonzero(levels > otsu(levels))
+    return (int(above[0]), int(above[-1] - above[0] + 1)) if len(above) else (0, len(counts))
 
 
-def otsu(values: Array) -> float:
-    """Return the threshold that parts values best into two classes: the largest value of the lower one.
+def otsu(values: Floats) -> float:
+    """Return the threshold that separates values best into two classes: the largest value of the lower one.
 
         maximise  n_low n_high (mean_high - mean_low)^2,   low: values <= threshold
 

@@ -1,6 +1,6 @@
 """One pass over a recording's events, block by block: how long it is, and its spikes.
 
-Blocks may end anywhere, in the middle of a bin too. What is held is a block, one bin and the spikes.
+Blocks may end anywhere, even within a bin. Memory holds one block, one bin and the spikes.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _LATEST = np.iinfo(np.int64).max
 
 @dataclass(frozen=True)
 class Survey:
-    """What one pass tells of a recording before it is pooled.
+    """Length and onset of a recording, from one pass before it is pooled.
 
     first_us: time of its first event; 0 without events.
     n_bins: bins from the start of the temporal crop to its end or the last event, whichever comes first.
     onset_bin: first of them with enough events of either polarity in the crop, before pooling; -1: none.
-    n_events: events of the recording, kept or not.
+    n_events: all events of the recording.
     """
 
     first_us: int
@@ -133,7 +133,7 @@ def _within(t_us: Ints, begin_us: int, stop_us: int) -> tuple[int, int]:
 
 
 def _grown(channels: Ints, filled: int, capacity: int) -> Ints:
-    """Return what is filled, with room."""
+    """Return the filled channels in an array of another capacity."""
     larger = np.empty(capacity, dtype=np.int32)
     larger[:filled] = channels[:filled]
     return larger
@@ -144,7 +144,7 @@ def _take(  # type: ignore[no-untyped-def]
     t_us, x, y, polarity, e, high, begin_us, bin_us, poles, only, first_x, n_x, first_y, n_y, width, height,
     needed, words, events, present, counts, channels, filled,
 ):  # fmt: skip
-    """Count events e .. high - 1 and write the bins that they end; return where it came to.
+    """Count events e .. high - 1 and write the bins that they end; return the next event, bin and channel.
 
     It stops early where `channels` has no room for a whole bin.
     """

@@ -15,8 +15,9 @@ from dse.records import Array, Ints, Rasters, Signals, Spikes
 def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None = None) -> Recordings:
     """Return windows of `cut_steps` steps, one every `every_steps`, from the first step of each recording on.
 
-    What is left at the end of a recording is dropped. Windows keep the order of their recordings and of time
-    and repeat the columns of their recording; column `recording` is its number, `window` theirs within it.
+    Steps after the last window of a recording are dropped. Windows keep the order of their recordings and of
+    time, and repeat the columns of their recording; column `recording` numbers the recording, `window` the
+    window within it.
 
     Args:
         recordings: sampled signals or rasters.

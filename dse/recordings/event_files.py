@@ -7,8 +7,7 @@
       label_from: folder
       columns: {digit: folder, part: folder2}    # N-MNIST/Train/7/00042.bin
 
-Only names, formats and labels are held. Events are read when a recording is asked for, so memory follows
-neither from the length of a file nor, but for its name, from how many there are.
+Memory holds names, formats and labels alone: the events of a recording are read on request.
 """
 
 from __future__ import annotations
@@ -156,7 +155,7 @@ class EventFiles:
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> FolderEvents:
-        """Return the recordings; with `repair` without files that hold not one sound event.
+        """Return the recordings; with `repair`, files that hold no valid event are left out.
 
         Raises:
             RecordingError: anything wrong with names, label table and headers.

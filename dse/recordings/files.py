@@ -1,4 +1,4 @@
-"""Where a data file named in a YAML is found on this machine."""
+"""Find the data files that a YAML file names, and hash them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dse.recordings import RecordingError
 
 
 def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> Path:
-    """Return where data are: absolute, beside the YAML (`base`), in $DSE_DATA, or here; first hit wins.
+    """Return the path of data: absolute, or the first below `base`, $DSE_DATA and the working folder.
 
     Raises:
         RecordingError: they are in none of these places; the sentence lists them.

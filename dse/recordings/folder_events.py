@@ -1,4 +1,4 @@
-"""Event recordings that stay in their files until they are asked for, block by block."""
+"""Event recordings that are read from their files on request, block by block."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class FolderEvents:
     width, height: the frame of all of them.
     columns: label columns, each (n,).
     formats: (n,) what reads each file.
-    repair: whether to go on after what is not sound.
-    left_out: why files were left out, a sentence each.
+    repair: whether damaged files are repaired; else they raise an error.
+    left_out: why files were left out, one sentence each.
     """
 
     width: int
@@ -43,10 +43,10 @@ class FolderEvents:
         return len(self.names)
 
     def blocks(self, i: int) -> Iterator[Block]:
-        """Yield the events of recording i; asked for again, its file is read again.
+        """Yield the events of recording i; every call reads its file.
 
         Raises:
-            RecordingError: the file is not sound and `repair` is false; the sentence names file and place.
+            RecordingError: the file is damaged and `repair` is false; the message names file and place.
         """
         name, whole = self.names[i], False
         repairs = Repairs(name, self.repair)
@@ -59,14 +59,14 @@ class FolderEvents:
                 self._repaired[i] = repairs.notes
 
     def notes(self) -> list[str]:
-        """Return what was repaired in what was read so far: a sentence for each file and kind of fault."""
+        """Return what was repaired in the files read so far: a sentence for each file and kind of fault."""
         notes = [*self.left_out, *(note for i in sorted(self._repaired) for note in self._repaired[i])]
         more = len(notes) - _MOST_NOTES
         return notes if more <= 0 else [*notes[:_MOST_NOTES], f"{self.folder.name}: {more} more repairs"]
 
 
 def unusable(folder: Path, name: str, form: Format, frame: tuple[int, int]) -> str | None:
-    """Return why a file holds not one sound event, None if it does; what follows its first is not read."""
+    """Return why a file holds no valid event, None if it holds one; reading stops at the first."""
     repairs = Repairs(name, repair=True)
     try:
         if next(_sound(folder, name, form, frame, repairs), None) is not None:

@@ -1,4 +1,4 @@
-"""Shortcuts by which a data set gives its labels away without touch being understood."""
+"""Shortcuts that predict the label of a recording without any information about touch."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def warnings(
         codes: (n,) targets.
         train: indices of the training recordings.
         validation: indices of the validation recordings.
-        name: what the target is called in the sentence.
+        name: of the target, for the sentence.
     """
     largest = float((codes[validation] == np.bincount(codes[train]).argmax()).mean())
     noise = 3 * np.sqrt(largest * (1 - largest) / len(validation))

@@ -64,8 +64,8 @@ class RasterFile:
 
     def _count(self, shapes: npz.Shapes) -> int | None:
         names = self.axes.split()
-        found = shapes.get(self.array, ())
-        return found[names.index("sample")] if len(found) == len(names) else None
+        shape = shapes.get(self.array, ())
+        return shape[names.index("sample")] if len(shape) == len(names) else None
 
     def _channels(self, shapes: npz.Shapes) -> tuple[Ints, Ints]:
         """Return number of the taxel and plane of every channel; both empty where the shape does not fit."""

@@ -172,7 +172,7 @@ def _check_enough(
     column: str | None,
     sizes: str,
 ) -> None:
-    """Refuse to divide a class that has not a group (or recording) for every part."""
+    """Raise where a class has fewer groups (or recordings) than there are parts."""
     what = "recordings" if column is None else f"groups of column '{column}'"
     for code in np.unique(codes):
         n = len(np.unique(groups[codes == code]))
@@ -181,7 +181,7 @@ def _check_enough(
 
 
 def dealt(codes: Ints, groups: Ints, shares: Sequence[float], rng: np.random.Generator) -> Ints:
-    """Return the part of every recording (n,): groups whole, classes divided by shares as evenly as they go.
+    """Return the part of every recording (n,): groups stay whole, classes are divided by shares.
 
     Groups go one by one, the largest first, equal ones in drawn order, to the part where they leave the
     smallest sum over parts p and classes c of (n_pc / N_c - share_p)^2, n_pc of the N_c recordings of a
@@ -225,8 +225,8 @@ def leak(
 ) -> str:
     """Return a sentence if windows in two parts share steps of one recording, else nothing.
 
-    What is the same in two parts is answered from memory. Windows of one recording that share no step are
-    samples of their own.
+    A model answers steps that it was trained on from memory. Windows of one recording that share no step are
+    separate samples.
 
     Args:
         columns: label columns; `recording` and `window` say what a window was cut from (`cutting.cut`).

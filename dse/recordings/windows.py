@@ -8,11 +8,11 @@ import numpy as np
 
 from dse.config.settings import Window
 from dse.recordings import RecordingError
-from dse.records import Array, Bools, Floats, Ints, Signals
+from dse.records import Bools, Floats, Ints, Signals
 
 
 def place(
-    window: Window, lengths: Ints, used: Bools, onset: Array | None = None
+    window: Window, lengths: Ints, used: Bools, onset: Ints | None = None
 ) -> tuple[Ints, Ints, Ints, int]:
     """Return start, its lowest and highest value in training, each (n,) int64, and the window's length.
 
@@ -21,7 +21,7 @@ def place(
     Args:
         window: settings.
         lengths: (n,) steps per recording.
-        used: (n,) bool, recordings that a window is needed of.
+        used: (n,) bool, recordings that need a window.
         onset: (n,) first step of contact, -1 where there is none; needed by `at: contact_onset`.
 
     Raises:

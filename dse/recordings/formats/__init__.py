@@ -1,8 +1,8 @@
 """Event file formats: how the bytes of one file become events.
 
 A component of section `recordings.formats` is a frozen dataclass with the methods of `Format` below; to add
-a format, add one file here that registers such a class. What a file's events must be is checked in one place
-for all formats (`checked`), so a reader only answers for its own bytes.
+a format, add one file here that registers such a class. `checked` checks the events of all formats
+in one place, so a reader checks its own bytes alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _HEAD_BYTES = 4096
 
 
 class Broken(Protocol):
-    """What a reader calls where a file is not sound; returns only where the user asked for repair."""
+    """A reader calls it where a file is damaged; it returns only if the user asked for repair."""
 
     def __call__(self, fault: str, repair: str, n: int = 1) -> None:
         """Report a fault.
@@ -34,7 +34,7 @@ class Broken(Protocol):
             n: how many things (events, words, bytes) this repair touches.
 
         Raises:
-            RecordingError: repair was not asked for.
+            RecordingError: the user did not ask for repair.
         """
 
 
@@ -66,7 +66,7 @@ class Repairs:
     """The faults of one file: an error at the first one, or with repair a note per kind.
 
     file: the name that the sentences begin with.
-    repair: whether to go on after a fault.
+    repair: whether to repair a fault and continue.
     """
 
     file: str
