@@ -267,7 +267,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Parameters:
-    """A trained classifier that is no CUBA-LIF network: named arrays, which its family reads back.
+    """A trained classifier that is no single spiking network: named arrays, which its family reads back.
 
     arrays: numbers or strings; nothing that needs pickle.
     n_channels: input channels that it was trained on.
@@ -275,6 +275,11 @@ class Parameters:
 
     arrays: Mapping[str, Array]
     n_channels: int
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights W_t, which a spiking family stores beside them."""
+        return int(self.arrays["n_weights"])
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from dse.engine.adam import adam
+from dse.engine.batch import DIFFERENTIATED_ROWS
 from dse.engine.events import Rows
 from dse.engine.layers import Weights, check_inputs
 from dse.engine.loss import n_correct
@@ -28,9 +29,6 @@ from dse.neurons import Population
 from dse.neurons.fixed_point import WEIGHT_SCALE
 from dse.neurons.surrogate import OFFSET, Exponential
 from dse.records import Arithmetic, Array, Floats, Ints
-
-CHUNK_ROWS = 2**14
-"""Most rows (sample and step) that are differentiated at a time."""
 
 _CPU = torch.device("cpu")
 P = TypeVar("P", bound=Population[Any])
@@ -316,7 +314,7 @@ class _Network:
             matrix.weights = matrix.weights.detach().requires_grad_()
         totals = [torch.zeros_like(m.weights) for m in trained]
         loss, counts, fired = 0.0, [], np.zeros(len(self._sizes))
-        size = max(1, CHUNK_ROWS // max(1, rows.n_steps))
+        size = max(1, DIFFERENTIATED_ROWS // max(1, rows.n_steps))
         for first in range(0, rows.n_samples, size):
             samples = slice(first, min(first + size, rows.n_samples))
             matrices = [

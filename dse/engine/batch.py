@@ -10,6 +10,8 @@ from dse.engine import kernels
 from dse.engine.events import Rows
 from dse.records import Array
 
+DIFFERENTIATED_ROWS = 2**14
+"""Most rows (sample and step) that automatic differentiation goes through at a time."""
 _CHUNK_ROWS = 4096  # a block of 64 float32 columns is then 1 MiB, half of a second-level cache
 
 

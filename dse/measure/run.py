@@ -26,6 +26,7 @@ from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
 from dse.measure.objectives.accuracy import accuracy
 from dse.measure.on_chips import columns_on
+from dse.neurons import neuron_of
 from dse.records import (
     Answers,
     Array,
@@ -371,7 +372,7 @@ def _of_spikes(
             accuracy_test=accuracy_test,
             decision_latency_ms=latency_ms,
             spikes=work[..., : response.spikes.shape[2]],
-            n_weights=np.full(np.shape(accuracy), _n_weights(network)),
+            n_weights=np.full(np.shape(accuracy), network.n_weights),
             load=_load(network, response, work, n_steps, weight_bits),
             decisions=decisions,
         )
@@ -421,21 +422,20 @@ def _labels_after(output: Array, lengths: Ints) -> Ints:
     return np.asarray(counts.argmax(axis=2))
 
 
-def _n_weights(network: Network | Parameters) -> int:
-    return network.n_weights if isinstance(network, Network) else int(network.arrays["n_weights"])
-
-
 def _load(
     network: Network | Parameters, response: Response, work: Floats, n_steps: Array, weight_bits: int
 ) -> Workload | Operations:
     """Return mean work (..., layer + layer - 1) of a spiking classifier as hardware is asked for its cost.
 
-    One that is no stack of layers has its synapses counted in its response, and is operations to hardware.
+    One that is no stack of layers, or whose neurons no chip runs, is operations to hardware. The response has
+    the synapses of the former counted.
     """
     n_layers = response.spikes.shape[2]
     spikes, updates = work[..., :n_layers], work[..., n_layers:]
+    additions: Floats
+    bits = weight_bits
     if isinstance(network, Network):
-        return Workload(
+        workload = Workload(
             sizes=network.sizes,
             recurrent=tuple(layer.recurrent is not None for layer in network.layers),
             n_steps=n_steps,
@@ -446,13 +446,20 @@ def _load(
             synapses=response.synapses,
             stored=network.stored,
         )
-    assert response.synapses is not None  # the family counts what no stack says
-    additions = spikes @ np.array(response.synapses)
+        neurons = [neuron_of(layer.neuron) for layer in network.layers]
+        if all(neuron.on_chips for neuron in neurons):
+            return workload
+        additions = workload.synaptic_operations
+        updates = updates * np.array([neuron.state_updates for neuron in neurons])
+        bits = weight_bits if network.arithmetic == "integer" else 32
+    else:
+        assert response.synapses is not None  # the family counts what no stack says
+        additions = spikes @ np.array(response.synapses)
     return Operations(
         macs=np.zeros_like(additions),
         additions=additions,
         updates=updates.sum(axis=-1),
-        n_weights=np.full(additions.shape, _n_weights(network)),
+        n_weights=np.full(additions.shape, network.n_weights),
         duration_ms=np.asarray(n_steps * response.step_ms, np.float64),
-        number_bits=weight_bits,
+        number_bits=bits,
     )

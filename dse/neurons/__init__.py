@@ -96,6 +96,7 @@ class Neuron(Protocol):
     """A kind of neuron: a frozen dataclass whose fields are its YAML keys, declared with `registry.param`.
 
     Populations: class of its populations.
+    label: what such neurons are called in a sentence, such as 'leaky integrate-and-fire'.
     arithmetics: in which its definition runs; 'integer' only where it holds states as whole numbers.
     exports: what a bundle with it can be exported as, such as fixed_point (8-bit weights as well).
     on_chips: whether profiles of neuromorphic chips can be asked what it costs; if not, its work is counted
@@ -104,6 +105,7 @@ class Neuron(Protocol):
     """
 
     Populations: ClassVar[type[Any]]
+    label: ClassVar[str]
     arithmetics: ClassVar[tuple[Arithmetic, ...]] = ("float32", "ideal")
     exports: ClassVar[tuple[str, ...]] = ()
     on_chips: ClassVar[bool] = False

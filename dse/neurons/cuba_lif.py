@@ -91,6 +91,7 @@ class CubaLif(Neuron):
     """Current-based leaky integrate-and-fire, as on Loihi (equations: dse.neurons.cuba_lif)."""
 
     Populations = Population
+    label = "current-based leaky integrate-and-fire"
     arithmetics = ("integer", "float32", "ideal")
     exports = ("fixed_point",)
     on_chips = True

@@ -75,6 +75,7 @@ class Lif(Neuron):
     """Leaky integrate-and-fire with one time constant (equations: dse.neurons.lif)."""
 
     Populations = Population
+    label = "leaky integrate-and-fire"
 
     tau_m_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="membrane time constant")
     r_m: float = param(1.0, unit="weight per current", doc="membrane resistance")

@@ -115,7 +115,7 @@ def test_chunks_of_samples_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
     of = member("ideal", ring=True)
     reports = []
     for rows in (10_000, 40):  # all samples at a time, two at a time
-        monkeypatch.setattr(autograd, "CHUNK_ROWS", rows)
+        monkeypatch.setattr(autograd, "DIFFERENTIATED_ROWS", rows)
         engine = autograd.start([of])
         (report,) = engine.step(rows_of(x), labels, {0: Turn(0.01, (None, None))}).values()
         reports.append(report)

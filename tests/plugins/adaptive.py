@@ -54,6 +54,7 @@ class Adaptive(Neuron):
     """
 
     Populations = Population
+    label = "leaky integrate-and-adapt"
     state_updates = 2
 
     tau_v_ms: tuple[float, ...] = param((10.0, 300.0), low=0, low_open=True, unit="ms", doc="two bounds")

@@ -1,11 +1,11 @@
-"""Dense CUBA-LIF classifiers: 1 to 3 hidden layers, trained by SpikeRate with a surrogate gradient."""
+"""Dense spiking classifiers: 1 to 3 hidden layers, trained by SpikeRate with a surrogate gradient."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from dse.engine.batch import chunk_samples
+from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
 from dse.engine.layout import padded
 from dse.models.snn import respond, train
 from dse.models.snn.settings import Stack
@@ -16,12 +16,16 @@ from dse.registry import register
 # Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
 # core of a 2023 server CPU (benchmarks/train_step.py). Only their ratios matter.
 _SUM_NS, _SCAN_NS, _UPDATE_NS, _CALL_NS = 0.04, 1.3, 1.2, 3e5
+# Of automatic differentiation: per neuron and step, and per step of a layer and batch.
+_TORCH_CELL_NS, _TORCH_STEP_NS = 150.0, 4e5
+# Tensors of a layer's size that it keeps of every step, and what torch itself takes.
+_TORCH_TENSORS, _TORCH_BYTES = 16, 250 * 2**20
 
 
 @register("models", "snn")
 @dataclass(frozen=True)
 class SNN(Stack):
-    """Feed-forward or recurrent CUBA-LIF classifier (equations: dse.neurons.cuba_lif)."""
+    """Feed-forward or recurrent spiking classifier; `neuron` names the kind of its neurons."""
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
         """Train alone on `dataset.train`; respond on validation and, where there is one, on test.
@@ -77,6 +81,11 @@ class SNN(Stack):
         in which weights are drawn, copied and averaged.
         """
         steps = n_steps * self.steps_per_sample
+        if not self.has_kernel:
+            samples = min(training.batch_size, max(1, DIFFERENTIATED_ROWS // steps))
+            cells = samples * steps * sum((*self.hidden, n_classes))
+            weights = sum(a * b for a, b in self.matrices(n_channels, n_classes))
+            return _TORCH_BYTES + 8 * _TORCH_TENSORS * cells + 48 * weights
         rows = chunk_samples(training.batch_size, steps) * steps
         real = 8 if self.arithmetic == "ideal" else 4
         columns = [padded(n) for n in (*self.hidden, n_classes)]
@@ -104,6 +113,12 @@ class SNN(Stack):
         spikes = [n_events * len(self.input_delays), *(self.initial_rate * steps * h for h in self.hidden)]
         summed = sum(a * b for a, b in zip(spikes, columns, strict=True))
         batches = -(-n_train // training.batch_size)
+        if not self.has_kernel:
+            layers = len(columns) * max(1, training.batch_size * steps // DIFFERENTIATED_ROWS)
+            per_epoch = (
+                _TORCH_CELL_NS * n_train * steps * sum(columns) + _TORCH_STEP_NS * batches * steps * layers
+            )
+            return 1e-9 * training.epochs * per_epoch
         weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
         per_sample = _SUM_NS * summed + _SCAN_NS * steps * sum(columns)
         per_batch = _UPDATE_NS * weights + _CALL_NS
