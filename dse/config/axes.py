@@ -213,7 +213,7 @@ def _range(
         report((*path, key), text)
 
     if low >= high:
-        refuse("range", f"{name}.range must go from low to high, got [{echo(low)}, {echo(high)}]")
+        refuse("range", f"{name}.range must be in increasing order, got [{echo(low)}, {echo(high)}]")
     if not isinstance(log, bool):
         refuse("log", f"{name}.log must be true or false, got {echo(log)}")
     elif log and low <= 0:

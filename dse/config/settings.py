@@ -79,7 +79,7 @@ class Window:
     def __post_init__(self) -> None:
         """Check what one key alone cannot say."""
         if self.cut_steps is None and self.every_steps is not None:
-            raise ValueError("window.every_steps needs window.cut_steps, which is absent")
+            raise ValueError("window.every_steps needs window.cut_steps")
         if self.cut_steps is not None and self.n_steps is not None and self.n_steps > self.cut_steps:
             raise ValueError(
                 f"window.n_steps must be at most window.cut_steps = {self.cut_steps}, got {self.n_steps}"
@@ -178,7 +178,7 @@ class Split:
                 "split must be one of: train and validation by column, stratified, k_fold, leave_out"
             )
         if by_column and not (self.train and self.validation):
-            raise ValueError("split must name columns for both train and validation")
+            raise ValueError("split needs both train and validation")
 
     def columns(self) -> tuple[str, ...]:
         """Return the label columns that the split reads."""
@@ -245,8 +245,8 @@ class Preprocessing:
         pool, padding = pair(self.pool), pair(self.padding)
         if any(edge >= side for edge, side in zip(padding, pool, strict=True)):
             raise ValueError(
-                f"padding must be smaller than pool ({_shown(self.pool)}), else pools see no pixel; "
-                f"got {_shown(self.padding)}"
+                f"padding must be smaller than pool ({_shown(self.pool)}), so that every pool contains a "
+                f"pixel; got {_shown(self.padding)}"
             )
         if isinstance(self.crop, tuple) and min(self.crop[2:]) < 1:
             raise ValueError(

@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 PLACES = ("file", "folder", "labels", "scene")
-"""Keys of components that say where recordings lie: what lies there counts, not where."""
+"""Keys that name the place of recordings; the cache depends on their content, not on the place."""
 
 
 class RecordingError(ValueError):

@@ -109,4 +109,4 @@ def _explained(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         why = os.strerror(error.errno) if error.errno else str(error)
-        raise RecordingError(f"{path}: cannot be written: {why}; nothing was left behind") from error
+        raise RecordingError(f"{path}: cannot be written: {why}; no partial file remains") from error

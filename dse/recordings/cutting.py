@@ -31,12 +31,13 @@ def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None =
         return recordings
     if not isinstance(recordings, Signals | Rasters):
         raise RecordingError(
-            f"window.cut_steps must be absent for recordings of events, which have no steps, got {cut_steps}"
+            f"window.cut_steps does not apply to events, which have no steps; got {cut_steps}"
         )
     for name in (ORIGINAL, NUMBER):
         if name in recordings.columns:
             raise RecordingError(
-                f"data.columns must not name '{name}' where window.cut_steps is given, which makes it"
+                f"data.columns cannot contain '{name}' together with window.cut_steps, which creates this "
+                "column"
             )
     every = cut_steps if every_steps is None else every_steps
     if isinstance(recordings, Rasters):

@@ -170,7 +170,9 @@ class EventFiles:
                     left_out[name] = reason
         usable = [i for i, name in enumerate(examined.labelled.names) if name not in left_out]
         if not usable:
-            raise RecordingError(f"{self.folder}: no file can be used; the first: {min(left_out.values())}")
+            raise RecordingError(
+                f"{self.folder}: no file is usable; the first fault: {min(left_out.values())}"
+            )
         names = [examined.labelled.names[i] for i in usable]
         return FolderEvents(
             *examined.frame,
@@ -202,7 +204,7 @@ class EventFiles:
         try:
             folder, table, names = self._files(base)
             if not names:
-                raise RecordingError(f"{self.folder}: no file below it matches the pattern '{self.pattern}'")
+                raise RecordingError(f"{self.folder}: no file in it matches the pattern '{self.pattern}'")
         except RecordingError as error:
             return _Examined(Path(), Labelled([]), {}, {}, (0, 0), [str(error)])
         labelled = Labelled(names)
@@ -215,7 +217,7 @@ class EventFiles:
         if not (self.repair and formats):
             faults += list(left_out.values())[:_MOST_NAMED]
             if len(left_out) > _MOST_NAMED:
-                faults.append(f"{self.folder}: {len(left_out) - _MOST_NAMED} more files like these")
+                faults.append(f"{self.folder}: {len(left_out) - _MOST_NAMED} more files of the same kind")
         frame = self._frame(frames, faults) if frames else (0, 0)
         return _Examined(folder, labelled, formats, left_out, frame, faults)
 
@@ -261,10 +263,10 @@ class EventFiles:
             return of_keys
         silent = next((name for name, frame in frames.items() if frame is None), None)
         if silent is not None:
-            faults.append(f"data.width and data.height must be given: {silent} does not say its frame")
+            faults.append(f"data.width and data.height must be given: {silent} does not state its frame")
         elif len(stated) > 1:
             got = " and ".join(f"{_by(frame)} in {name}" for frame, name in list(stated.items())[:2])
-            faults.append(f"{self.folder}: all files must have one frame, got {got}")
+            faults.append(f"{self.folder}: all files must have the same frame, got {got}")
         return next(iter(stated), (0, 0))
 
 

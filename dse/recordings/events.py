@@ -45,7 +45,7 @@ class EventFile:
 
     def __post_init__(self) -> None:
         if (self.x is None) == (self.taxel is None) or (self.y is not None and self.x is None):
-            raise RecordingError("data must name the arrays of the addresses: x (and y), or taxel")
+            raise RecordingError("data must name the arrays of addresses: x (and y), or taxel")
 
     def _names(self) -> list[str]:
         optional = [self.x, self.y, self.taxel, self.polarity]
@@ -130,7 +130,7 @@ def event_faults(
     falls[offsets[:-1][np.diff(offsets) > 0]] = False
     tests = [
         (t_us < 0, "time must be >= 0 us", t_us),
-        (falls, "time must never fall within a recording", t_us),
+        (falls, "times must not decrease within a recording", t_us),
         ((x < 0) | (x >= width), f"address must be in [0, {width - 1}]", x),
         ((y < 0) | (y >= height), f"row y must be in [0, {height - 1}]", y),
         ((polarity < 0) | (polarity > 1), "polarity must be 0 or 1", polarity),

@@ -63,12 +63,12 @@ def labels_of_table(names: Sequence[str], path: Path, columns: Mapping[str, str]
     except RecordingError as error:
         return Labelled(list(names), faults=[*faults, str(error)])
     for rule, files in (
-        ("one row for a file, got more for", [name for name, rows in Counter(order).items() if rows > 1]),
-        ("a file for every row, got none for", _without(order, names)),
-        ("a row for every file, got none for", _without(names, order)),
+        ("one row per file, got several for", [name for name, rows in Counter(order).items() if rows > 1]),
+        ("a file for every row, but there is none for", _without(order, names)),
+        ("a row for every file, but there is none for", _without(names, order)),
     ):
         if files:
-            faults.append(f"{path.name}: there must be {rule} {some(files)}")
+            faults.append(f"{path.name}: must have {rule} {some(files)}")
     for name in sources:
         if table[name].isna().any():
             row = order[int(table[name].isna().argmax())]
@@ -94,8 +94,8 @@ def labels_of_folders(names: Sequence[str], columns: Mapping[str, str]) -> Label
         return Labelled(
             list(names),
             faults=[
-                f"data.columns: there must be a folder '{name}' for every file, but {some(shallow)} lies no "
-                f"deeper; {known_names(name, known)}"
+                f"data.columns: every file must lie in a folder '{name}', but {some(shallow)} does not; "
+                f"{known_names(name, known)}"
                 for name in missing
             ],
         )

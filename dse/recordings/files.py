@@ -23,7 +23,7 @@ def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> P
         if place.is_file() if kind == "file" else place.is_dir():
             return place
     looked = ", ".join(str(place.parent) for place in places)
-    hint = f" (DSE_DATA names another folder, --set data.{kind}={kind.upper()} another {kind})"
+    hint = f" (DSE_DATA sets another folder, --set data.{kind}={kind.upper()} another {kind})"
     advice = "" if Path(name).is_absolute() else hint
     raise RecordingError(f"data {kind} '{name}' not found; looked in {looked}{advice}")
 

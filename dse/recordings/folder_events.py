@@ -12,7 +12,7 @@ from dse.recordings.formats import Format, Repairs
 from dse.recordings.formats.checked import checked
 from dse.records import Array, Block
 
-LEFT_OUT = "--repair leaves the file out"
+LEFT_OUT = "--repair skips the file"
 
 _MOST_NOTES = 50
 

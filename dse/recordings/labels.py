@@ -80,7 +80,8 @@ def shape_faults(
     for column in class_names:
         if column not in columns:
             faults.append(
-                f"{where}: class_names names '{column}', which is no column of {', '.join(columns) or 'it'}"
+                f"{where}: class_names contains '{column}', which is not a column of "
+                f"{', '.join(columns) or 'it'}"
             )
     return faults
 

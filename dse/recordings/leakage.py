@@ -21,7 +21,7 @@ def guard(target_columns: Sequence[str], split_columns: Sequence[str]) -> None:
     """
     for column in split_columns:
         if column in target_columns:
-            raise RecordingError(f"split must not read column '{column}', which task.target predicts")
+            raise RecordingError(f"split cannot use column '{column}', which task.target predicts")
 
 
 def warnings(
@@ -51,12 +51,12 @@ def warnings(
         (
             "recording length",
             np.log(np.maximum(lengths, 1.0))[:, None],
-            "windows of one length hide it; never feed whole recordings",
+            "use windows of one length, never whole recordings",
         ),
         (
             "resting level (mean of each channel)",
             levels,
-            "send_on_delta sends changes only, window.remove_mean takes it away; never feed absolute levels",
+            "use the encoder send_on_delta or window.remove_mean; never feed absolute levels",
         ),
     ]
     sentences = []

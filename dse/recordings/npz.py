@@ -118,5 +118,5 @@ def _unreadable(path: Path, error: Exception, part: str = "") -> RecordingError:
         return RecordingError(f"{path.name}: the file is empty")
     reason = " ".join(str(error).split())
     return RecordingError(
-        f"{path.name}: {part}the file cannot be read: no .npz file, or cut short ({reason})"
+        f"{path.name}: {part}the file cannot be read: it is not an .npz file, or is truncated ({reason})"
     )

@@ -36,13 +36,14 @@ def pooling(
     if crop == "pins":
         if pins is None:
             raise RecordingError(
-                "preprocessing.crop must be [x, y, width, height] where no pins are known, got pins"
+                "preprocessing.crop must be [x, y, width, height], because the positions of pins are "
+                "unknown, got pins"
             )
         crop = pins
     x, y, columns, rows = crop
     if min(x, y) < 0 or min(columns, rows) < 1 or x + columns > width or y + rows > height:
         raise RecordingError(
-            f"preprocessing.crop must lie in the frame of {width} x {height} pixels, got x {x} to "
+            f"preprocessing.crop must lie within the frame of {width} x {height} pixels, got x {x} to "
             f"{x + columns - 1} and y {y} to {y + rows - 1}"
         )
     kernel, padding = pair(settings.pool), pair(settings.padding)

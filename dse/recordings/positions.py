@@ -43,12 +43,12 @@ def check_positions(positions: Positions | None) -> None:
         whole = all(isinstance(u, int) and not isinstance(u, bool) and 0 <= u <= _HIGHEST for u in pair)
         if len(pair) != 2 or not whole:
             raise RecordingError(
-                f"data.positions must be [x, y] of whole numbers from 0 to {_HIGHEST} for every taxel, "
+                f"data.positions must be [x, y] with integers from 0 to {_HIGHEST} for every taxel, "
                 f"got {list(pair)} for taxel {i}"
             )
         if pair in first:
             raise RecordingError(
-                f"data.positions must differ, got {list(pair)} for taxels {first[pair]} and {i}"
+                f"data.positions must be distinct, got {list(pair)} for taxels {first[pair]} and {i}"
             )
         first[pair] = i
 

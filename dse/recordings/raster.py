@@ -53,10 +53,10 @@ class RasterFile:
         names = self.axes.split()
         if len(set(names)) < len(names) or not {"sample", "step"} <= set(names):
             raise RecordingError(
-                f"data.axes must name sample, step and the others once each, got '{self.axes}'"
+                f"data.axes must name each axis once, among them sample and step, got '{self.axes}'"
             )
         if self.shape is not None and self.n_steps is not None:
-            raise RecordingError("data must give n_steps or shape, not both")
+            raise RecordingError("data must have n_steps or shape, not both")
 
     def _names(self) -> list[str]:
         shape = [] if self.shape is None else [self.shape]
@@ -144,7 +144,9 @@ class RasterFile:
         path = locate(self.file, base)
         taxel, plane = self._channels(npz.headers(path))
         if not taxel.size:
-            raise RecordingError(f"{path.name}: '{self.array}' must have the axes '{self.axes}', none empty")
+            raise RecordingError(
+                f"{path.name}: '{self.array}' must have the axes '{self.axes}', none of length 0"
+            )
         return taxel_positions(self.positions, taxel, plane)
 
 

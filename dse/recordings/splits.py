@@ -40,7 +40,7 @@ def split(
         raise RecordingError(f"split: recording {np.argmax(several)} is in {' and in '.join(both)}")
     for name in ("train", "validation"):
         if not masks[name].any():
-            raise RecordingError(f"split.{name} holds no recording")
+            raise RecordingError(f"split.{name} selects no recording")
     for name in ("validation", "test"):
         for code in np.setdiff1d(codes[masks[name]], codes[masks["train"]]):
             raise RecordingError(f"split: class '{classes[code]}' is in {name} but missing from train")
@@ -80,7 +80,7 @@ def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Any] | None, 
             value = str(value) if labels.dtype.kind == "U" else value
             if value not in known:
                 raise RecordingError(
-                    f"split.{name}: column '{column}' holds no {value!r}; it holds {_some(known)}"
+                    f"split.{name}: column '{column}' has no value {value!r}; its values are {_some(known)}"
                 )
             matches |= labels == value
         mask &= matches
@@ -98,7 +98,7 @@ def _drawn(columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], 
     if settings.group is not None:
         where = "split.stratified"
         if shares[0] <= 0:
-            raise RecordingError(f"{where} must leave recordings to train, got {sizes}")
+            raise RecordingError(f"{where} must leave recordings for training, got {sizes}")
         groups = _groups(columns, settings.group, where)
         shares = [share for share in shares if share > 0]
         _check_enough(codes, groups, classes, len(shares), where, settings.group, sizes)
@@ -132,7 +132,7 @@ def _folded(
         torn = np.intersect1d(groups[test], groups[~test])
         if len(torn):
             value = columns[str(settings.group)][groups == torn[0]][0]
-            raise RecordingError(f"{where}: group '{value}' is in the test set and in the folds")
+            raise RecordingError(f"{where}: group '{value}' is both in the test set and in the folds")
     elif settings.test is not None:
         sizes = f"test {settings.test:g}"
         _check_enough(codes, groups, classes, 2, where, settings.group, sizes)
@@ -250,7 +250,8 @@ def leak(
             drawn = next((name for name in ("stratified", "k_fold") if getattr(settings, name)), "")
             remedy = f"split.{drawn}.group: {ORIGINAL}" if drawn else f"a split by column '{ORIGINAL}'"
             return (
-                f"windows that share steps of one recording are in {one} and in {other} ({near.sum()} of the "
-                f"{len(queried)} in {other}), which can be answered from memory; {remedy} keeps them together"
+                f"windows with common steps of one recording are in {one} and in {other} ({near.sum()} of "
+                "the "
+                f"{len(queried)} in {other}), which can be answered from memory; {remedy} prevents this"
             )
     return ""

@@ -54,16 +54,17 @@ class Table:
 
     def __post_init__(self) -> None:
         if not self.channels:
-            raise RecordingError("data.channels must name at least one column, got none")
+            raise RecordingError("data.channels must contain at least one column, got none")
         check_positions(self.positions)
         for fault in position_faults(self.positions, len(self.channels)):
             raise RecordingError(fault)
         if self.columns and self.labels is None:
-            raise RecordingError("data.labels must name the table that holds data.columns, got none")
+            raise RecordingError("data.labels is required: the table that holds data.columns")
         for name in self.channels:
             if name in (self.recording, self.time_ms, *self.columns.values()):
                 raise RecordingError(
-                    f"data.channels must be sensor channels only, got '{name}', which is a label"
+                    f"data.channels must be sensor channels only, got '{name}', which is a label column "
+                    "column"
                 )
 
     def check(self, base: Path) -> list[str]:
@@ -241,4 +242,4 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
         raise RecordingError(
             f"{path.name}: the file cannot be read ({' '.join(str(error).split())})"
         ) from None
-    raise RecordingError(f"{path.name}: a table must be .csv or .parquet")
+    raise RecordingError(f"{path.name}: a table must be a .csv or .parquet file")

@@ -31,7 +31,7 @@ def target(columns: Mapping[str, Array], settings: Any) -> tuple[Ints, tuple[str
     classes = tuple(names[i] for i in present)
     if len(set(classes)) < len(classes):
         twice = next(x for x in classes if classes.count(x) > 1)
-        raise RecordingError(f"task.target: two combinations of labels are both named '{twice}'")
+        raise RecordingError(f"task.target: two combinations of labels have the same name '{twice}'")
     return codes.astype(np.int64), classes
 
 
@@ -49,11 +49,11 @@ def heads(columns: Mapping[str, Array], settings: Any, codes: Ints) -> tuple[Hea
     names = target_columns(settings)
     if len(names) < 2:
         raise RecordingError(
-            f"task.joint needs a task.target of two columns or more, got {', '.join(map(str, names))}"
+            f"task.joint needs at least two columns in task.target, got {', '.join(map(str, names))}"
         )
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingError(f"task.joint needs columns that differ in task.target, got '{twice}' twice")
+        raise RecordingError(f"task.joint needs distinct columns in task.target, got '{twice}' twice")
     used = np.flatnonzero(codes >= 0)
     _, first = np.unique(codes[used], return_index=True)
     parts = []
@@ -72,7 +72,7 @@ def target_columns(settings: Any) -> tuple[str, ...]:
 def _parts(settings: Any) -> tuple[Any, ...]:
     parts = tuple(settings) if isinstance(settings, list | tuple) else (settings,)
     if not parts or any(isinstance(x, Mapping) and "column" not in x for x in parts):
-        raise RecordingError(f"task.target must name a column, got {settings!r}")
+        raise RecordingError(f"task.target must be a column, got {settings!r}")
     return parts
 
 
@@ -85,7 +85,7 @@ def _values(columns: Mapping[str, Array], part: Any) -> Array:
     values = columns[name]
     if isinstance(part, Mapping) and part.get("abs", False):
         if values.dtype.kind not in "iuf":
-            raise RecordingError(f"task.target: abs needs numbers, column '{name}' holds {values.dtype}")
+            raise RecordingError(f"task.target: abs needs numbers, but column '{name}' holds {values.dtype}")
         return np.asarray(np.abs(values if values.dtype.kind == "f" else values.astype(np.int64)))
     return values
 

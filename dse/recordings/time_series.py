@@ -139,14 +139,16 @@ def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bo
     """
     if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu":
         raise RecordingError(
-            f"{where}: offsets must be one integer more than there are recordings, "
+            f"{where}: offsets must be integers, one more than there are recordings, "
             f"got {offsets.dtype} of shape {offsets.shape}"
         )
     borders = offsets.astype(np.int64)
     lengths = np.diff(borders)
     if (lengths < 0).any():
         i = int((lengths < 0).argmax())
-        raise RecordingError(f"{where}: offsets must never fall, got {borders[i]} and then {borders[i + 1]}")
+        raise RecordingError(
+            f"{where}: offsets must not decrease, got {borders[i]} and then {borders[i + 1]}"
+        )
     if borders[0] != 0 or borders[-1] != n_rows:
         raise RecordingError(
             f"{where}: offsets must run from 0 to its end at {n_rows}, got {borders[0]} to {borders[-1]}"

@@ -34,7 +34,7 @@ def place(
         other = used & (lengths != lengths[first])
         if other.any():
             raise RecordingError(
-                f"window.n_steps must be given where recordings differ in length: recording {first} has "
+                f"window.n_steps is required because recordings differ in length: recording {first} has "
                 f"{lengths[first]} steps, recording {other.argmax()} has {lengths[other.argmax()]}"
             )
         n_steps = int(lengths[first])

@@ -30,7 +30,7 @@ def sensor_faults(sensor: Sensor) -> Iterator[Sentence]:
     if width > min(sensor.frame_px):
         yield (
             "frame_px",
-            f"must hold the image of the pins, {math.ceil(width)} x {math.ceil(width)} px, "
+            f"must contain the image of the pins, {math.ceil(width)} x {math.ceil(width)} px, "
             f"got {sensor.frame_px[0]} x {sensor.frame_px[1]}",
         )
 
@@ -38,7 +38,7 @@ def sensor_faults(sensor: Sensor) -> Iterator[Sentence]:
 def texture_faults(texture: Texture) -> Iterator[Sentence]:
     """Yield what is wrong with a texture."""
     if not texture.name:
-        yield "name", "must be a name, got ''"
+        yield "name", "must not be empty, got ''"
     if texture.mu_kinetic > texture.mu_static:
         yield "mu_kinetic", f"must be at most mu_static, {texture.mu_static:g}, got {texture.mu_kinetic:g}"
     if texture.weave_share > 0 and texture.weave_period_mm is None:
@@ -51,7 +51,7 @@ def variation_faults(variation: Variation) -> Iterator[Sentence]:
     """Yield what is wrong with the variation of trials."""
     low, high = variation.ripple_hz
     if low > high:
-        yield "ripple_hz", f"must go from low to high, got [{low:g}, {high:g}]"
+        yield "ripple_hz", f"must be in increasing order, got [{low:g}, {high:g}]"
 
 
 def step_faults(method: Method, sensor: Sensor, motion: Motion) -> Iterator[Sentence]:
@@ -102,7 +102,7 @@ def warnings(scene: Scene) -> list[str]:
     found = list(camera_warnings(scene.camera))
     if scene.variation.onset_ms >= scene.duration_ms:
         found.append(
-            f"nothing moves: the record of {scene.duration_ms:g} ms ends before the earliest motion onset, "
+            f"nothing moves: the trial of {scene.duration_ms:g} ms ends before the earliest motion onset, "
             f"variation.onset_ms {scene.variation.onset_ms:g}"
         )
     return found

@@ -151,10 +151,10 @@ def _keys(data: Mapping[str, Any], report: Report) -> dict[str, Any]:
             report((), f"key '{key}' is required: {rule.doc}")
     for key in ("textures", "motions", "forces_n"):
         if found.get(key) == ():
-            report((key,), f"{key} must name at least one, got []")
+            report((key,), f"{key} must contain at least one, got []")
         values = found.get(key)
         if isinstance(values, Axis) and values.values is None:
-            report((key, "range"), f"{key} is a list, so its range must have a step")
+            report((key, "range"), f"{key} is a list, so its range needs a step")
     return {key: value for key, value in found.items() if value is not INVALID}
 
 
@@ -207,7 +207,7 @@ def _varied(given: Mapping[str, Any], where: Keys, report: Report) -> list[Textu
         required = [f.name for f in dataclasses.fields(Texture) if f.default is dataclasses.MISSING]
         if missing := [key for key in required if key not in own]:
             called = f" '{name}'" if name is not None else ""
-            text = f"{dotted(where)}{called} is no shipped texture, so it must have {', '.join(missing)}"
+            text = f"{dotted(where)}{called} is not a shipped texture and must have {', '.join(missing)}"
             report(where, f"{text}; {known_names(str(name or ''), known)}")
             read_given(Texture, own, where, report, read_or_axis)
             return []
@@ -249,7 +249,7 @@ def _combinations(fields: Mapping[str, Any], where: Keys, report: Report) -> lis
     axes = {key: value for key, value in fields.items() if isinstance(value, Axis)}
     for key, axis in axes.items():
         if axis.values is None:
-            text = f"{dotted((*where, key))} stands for one per value, so its range must have a step"
+            text = f"{dotted((*where, key))} stands for one per value, so its range needs a step"
             report((*where, key, "range"), text)
     found = []
     for values in itertools.product(*(axis.values or () for axis in axes.values())):
@@ -268,7 +268,7 @@ def _no_twins(named: list[tuple[str, Keys]], report: Report) -> None:
     for name, where in named:
         if name in first:
             report(
-                where, f"{dotted(where)} is '{name}' as {dotted(first[name])} is; each must be another one"
+                where, f"{dotted(where)} repeats '{name}' of {dotted(first[name])}; names must be distinct"
             )
         first.setdefault(name, where)
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 from dse.config.yaml_lines import parse
 
 Evidence = Literal["seen", "memory", "assumed"]
-"""seen: in the paper or source that is named; memory: not looked up; assumed: ours, or tuned."""
+"""seen: read in the named source; memory: not looked up; assumed: our choice, or tuned."""
 
 NUMBERS_OF_A_SENSOR = ("sensor", "camera")
 
@@ -71,7 +71,7 @@ def textures() -> Mapping[str, Preset]:
     for name, given in data["textures"].items():
         numbers = {key: _number({**data["common"], "value": value}) for key, value in given.items()}
         sets = [each for each, names in data["sets"].items() if name in names]
-        doc = f"of {' and '.join(sets)}" if sets else "give pin_radius_mm, 0 is a flat plate"
+        doc = f"of {' and '.join(sets)}" if sets else "set pin_radius_mm; 0 is a flat plate"
         found[name] = Preset(f"{doc}; every number assumed", numbers, {})
     return found
 

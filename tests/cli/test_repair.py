@@ -99,16 +99,14 @@ def test_a_damaged_file_stops_the_run_and_repair_goes_on(space: Path, capsys: Ca
     assert main(["run", *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == "" and len(captured.err.splitlines()) == 1
-    assert captured.err.startswith(("train/silk/5.tact: there must be events", "train/wool/3.tact: "))
+    assert captured.err.startswith(("train/silk/5.tact: must have events", "train/wool/3.tact: "))
     assert "; --repair " in captured.err
     assert main(["run", *arguments, "--repair"]) == 0
     found = json.loads(capsys.readouterr().out)
     notes = [note for note in found["notes"] if "--repair" in note]
     assert len(notes) == 3
-    assert any(
-        "train/silk/5.tact: there must be events, got none; --repair leaves the file out" in x for x in notes
-    )
-    assert any("train/wool/3.tact: event 301 must have its (x, y) in the frame" in x for x in notes)
+    assert any("train/silk/5.tact: must have events, got none; --repair skips the file" in x for x in notes)
+    assert any("train/wool/3.tact: event 301 must have its (x, y) within the frame" in x for x in notes)
     assert any("train/wool/3.tact: line 303 must be a sign" in x for x in notes)
     assert max(row["accuracy"] for row in found["rows"]) == 1
 
@@ -120,7 +118,7 @@ def test_check_names_headers_that_are_wrong(space: Path, capsys: Captured) -> No
     captured = capsys.readouterr()
     assert captured.out == "" and len(captured.err.splitlines()) == 1
     assert "train/silk/9.mat: must be a MATLAB v5 file" in captured.err
-    assert captured.err.endswith("--repair leaves the file out\n")
+    assert captured.err.endswith("--repair skips the file\n")
     assert main(["check", str(space), *everything, "--repair", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     assert row["train"] == 12

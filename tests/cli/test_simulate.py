@@ -277,6 +277,6 @@ def test_a_full_disk_is_one_sentence(scene: Path, tmp_path: Path, capsys: Captur
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == f"{path}: cannot be written: File too large; nothing was left behind\n"
+    assert captured.err == f"{path}: cannot be written: File too large; no partial file remains\n"
     assert list(folder.iterdir()) == [path]
     assert path.read_bytes() == before

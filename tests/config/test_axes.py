@@ -64,8 +64,8 @@ def test_a_range_without_step_has_no_values() -> None:
 @pytest.mark.parametrize(
     ("raw", "hint", "rule", "message"),
     [
-        ({"range": [5, 1], "step": 1}, int, {}, "model.key.range must go from low to high, got [5, 1]"),
-        ({"range": [1, 1]}, float, {}, "model.key.range must go from low to high, got [1.0, 1.0]"),
+        ({"range": [5, 1], "step": 1}, int, {}, "model.key.range must be in increasing order, got [5, 1]"),
+        ({"range": [1, 1]}, float, {}, "model.key.range must be in increasing order, got [1.0, 1.0]"),
         ({"range": [1]}, float, {}, "model.key.range must be two numbers [low, high], got [1]"),
         ({"range": ["a", 2]}, float, {}, "model.key.range must be two numbers [low, high], got ['a', 2]"),
         ({"range": 3}, float, {}, "model.key.range must be two numbers [low, high], got 3"),

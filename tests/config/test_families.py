@@ -145,7 +145,7 @@ def test_all_faults_of_all_entries_at_once(tmp_path: Path) -> None:
         "19: unknown key 'model.snn.hiden'",
         "21: model.wide_of_a_test.width.choice[1] must be >= 1, got 0",
         "23: unknown model.wide_of_a_test.name.choice[1] 'fear'",
-        "24: model.near_of_a_test.k.range must go from low to high, got [5, 1]",
+        "24: model.near_of_a_test.k.range must be in increasing order, got [5, 1]",
         "25: model.choice has 'near_of_a_test' twice",
         "26: model.strict_of_a_test.size is required: its size",
         "27: model.choice[5] must be the name of a component, or a mapping with a kind, got 7",

@@ -76,7 +76,7 @@ def test_six_mistakes_of_six_kinds_are_all_listed(tmp_path: Path) -> None:
         "13: unknown encoder.kind 'send_on_detla'",
         "14: unknown key 'model.hiden'",
         "14: model.true_rate must be in [0, 1], got 1.8",
-        "15: training.epochs.range must go from low to high, got [9, 1]",
+        "15: training.epochs.range must be in increasing order, got [9, 1]",
         "18: unknown objective 'acuracy'",
     ]
     assert last == "19: search.batch must be an integer, got 'two'"

@@ -98,13 +98,13 @@ def test_no_key_is_left_out_above():
         ),
         (
             {"padding": 1},
-            "preprocessing.padding: preprocessing.padding must be smaller than pool (1), else pools see no "
-            "pixel; got 1",
+            "preprocessing.padding: preprocessing.padding must be smaller than pool (1), so that every "
+            "pool contains a pixel; got 1",
         ),
         (
             {"pool": [4, 2], "padding": {"choice": [0, 2]}},
-            "preprocessing.padding: preprocessing.padding must be smaller than pool ([4, 2]), else pools see "
-            "no pixel; got 2",
+            "preprocessing.padding: preprocessing.padding must be smaller than pool ([4, 2]), so that "
+            "every pool contains a pixel; got 2",
         ),
         (
             {"crop": [0, 0, 5, 0]},

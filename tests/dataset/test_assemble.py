@@ -242,7 +242,7 @@ def test_events_from_their_contact_onset(events):
         "'events'"),
         ("folder", DESIGN, {"window": {"n_steps": 70}}, "a window of 70 steps does not fit recording 0"),
         ("folder", DESIGN, {"split": {"train": {"fabric": "wool"}, "validation": {"fabric": "silk"}}},
-         "split must not read column 'fabric'"),
+         "split cannot use column 'fabric'"),
         ("folder", DESIGN, {"task": {"target": "velocity"}}, "task.target: no column 'velocity'"),
         ("folder", DESIGN, {"data": {**DESIGN["data"], "kind": "series"}},
          "no component 'series'; known: event_files, events,"),
@@ -325,7 +325,7 @@ def test_a_joint_target_has_heads(folder):
     for i in range(9):
         assert fabric.classes[fabric.of_class[joint.target[i]]] == NAMES[LABEL[i]]
         assert speeds.classes[speeds.of_class[joint.target[i]]] == str(speed[i])
-    with pytest.raises(RecordingError, match=r"task\.joint needs a task\.target of two columns or more"):
+    with pytest.raises(RecordingError, match=r"task\.joint needs at least two columns in task\.target"):
         build(DESIGN | {"task": {"target": "fabric", "joint": True}}, folder)
 
 

@@ -206,9 +206,9 @@ def test_positions_of_pooled_events(folder: Path):
 @pytest.mark.parametrize(
     ("positions", "message"),
     [
-        ([[0, 0]] * 4, r"data.positions must differ, got \[0, 0\] for taxels 0 and 1"),
+        ([[0, 0]] * 4, r"data.positions must be distinct, got \[0, 0\] for taxels 0 and 1"),
         (PLACES[:3], r"data.positions must hold \[x, y\] for each of the 4 taxels, got 3"),
-        ([[0, -1], *PLACES[1:]], r"must be \[x, y\] of whole numbers from 0 .* got \[0, -1\] for taxel 0"),
+        ([[0, -1], *PLACES[1:]], r"must be \[x, y\] with integers from 0 .* got \[0, -1\] for taxel 0"),
     ],
 )
 @pytest.mark.parametrize("kind", ["raster", "signal"])

@@ -401,7 +401,7 @@ def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
     new, notes = build_for(used, Path(), data.classes)
     assert notes == ["recording 1 was repaired"]
     assert new.test.size == 16 and new.spikes.n_channels == 32
-    with pytest.raises(RecordingError, match=r"crop must be .* where no pins are known"):
+    with pytest.raises(RecordingError, match=r"crop must be .* because the positions of pins are unknown"):
         build_for(PINS, Path(), data.classes)
 
 

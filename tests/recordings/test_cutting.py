@@ -109,16 +109,16 @@ EVENTS = Events(*np.zeros((4, 1), dtype=np.int64), np.array([0, 1]), 1, 1, {})
             5,
             "window.cut_steps = 5 does not fit recording 0: it has 4 steps",
         ),
-        (EVENTS, 5, "window.cut_steps must be absent for recordings of events, .* got 5"),
+        (EVENTS, 5, "window.cut_steps does not apply to events, .* got 5"),
         (
             Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"recording": np.array([3])}),
             2,
-            "data.columns must not name 'recording' where window.cut_steps is given",
+            "data.columns cannot contain 'recording' together with window.cut_steps",
         ),
         (
             Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"window": np.array([3])}),
             2,
-            "data.columns must not name 'window' where window.cut_steps is given",
+            "data.columns cannot contain 'window' together with window.cut_steps",
         ),
     ],
 )

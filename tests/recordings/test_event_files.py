@@ -93,8 +93,8 @@ def test_folders_above(tmp_path):
     tact(tmp_path / "digits" / "train" / "shallow.tact", [0])
     (fault,) = source.check(tmp_path)
     assert fault == (
-        "data.columns: there must be a folder 'folder2' for every file, but 'train/shallow.tact' lies no "
-        "deeper; known: folder. Did you mean 'folder'?"
+        "data.columns: every file must lie in a folder 'folder2', but 'train/shallow.tact' does not; "
+        "known: folder. Did you mean 'folder'?"
     )
 
 
@@ -132,14 +132,14 @@ def _edited(column, row, value):
 @pytest.mark.parametrize(
     ("labels", "message"),
     [
-        (LABELS[1:], "labels.csv: there must be a row for every file, got none for 'wool/c.tact'"),
+        (LABELS[1:], "labels.csv: must have a row for every file, but there is none for 'wool/c.tact'"),
         (
             pd.concat([LABELS, pd.DataFrame({"file": ["x y.tact"], "cloth": ["silk"], "speed": [1]})]),
-            "labels.csv: there must be a file for every row, got none for 'x y.tact'",
+            "labels.csv: must have a file for every row, but there is none for 'x y.tact'",
         ),
         (
             pd.concat([LABELS, LABELS[:1].assign(file="wool//c.tact")]),
-            "labels.csv: there must be one row for a file, got more for 'wool/c.tact'",
+            "labels.csv: must have one row per file, got several for 'wool/c.tact'",
         ),
         (_edited("cloth", 1, None), "labels.csv: 'cloth' is empty for file 'silk/a.tact'"),
         (_edited("file", 2, None), "labels.csv: 'file' is empty in row 2"),
@@ -174,8 +174,8 @@ def test_all_faults_at_once(cloths):
         "no column 'heat'",
         "'cloth' is empty for file 'wool/c.tact'",
         "'speed' is empty for file 'wool/a.tact'",
-        "a row for every file, got none for 'silk/b.tact', 'silk/notes.txt'",
-        "silk/notes.txt: is of no known format",
+        "a row for every file, but there is none for 'silk/b.tact', 'silk/notes.txt'",
+        "silk/notes.txt: has no known format",
         "silk/a.tact: data.width and data.height must be 80 x 1 as in the file, got 9 x 1",
     ):
         assert len([fault for fault in faults if part in fault]) == 1, part
@@ -185,11 +185,11 @@ def test_all_faults_at_once(cloths):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"folder": "nowhere"}, "data folder 'nowhere' not found; looked in .*DSE_DATA names another folder"),
+        ({"folder": "nowhere"}, "data folder 'nowhere' not found; looked in .*DSE_DATA sets another folder"),
         ({"folder": "/nowhere"}, "data folder '/nowhere' not found; looked in /$"),
-        ({"pattern": "*.bin"}, r"cloths: no file below it matches the pattern '\*\.bin'"),
+        ({"pattern": "*.bin"}, r"cloths: no file in it matches the pattern '\*\.bin'"),
         ({"labels": "none.csv"}, "data file 'none.csv' not found"),
-        ({"format": "aedat4"}, r"silk/a\.tact: .*--repair leaves the file out"),
+        ({"format": "aedat4"}, r"silk/a\.tact: .*--repair skips the file"),
     ],
 )
 def test_what_is_not_there(cloths, keys, message):
@@ -224,7 +224,7 @@ def arrays(path, n=3, **changes):
 def test_the_frame_is_that_of_the_files_or_given(tmp_path):
     arrays(tmp_path / "f" / "a.npz")
     (fault,) = EventFiles("f").check(tmp_path)
-    assert fault == "data.width and data.height must be given: a.npz does not say its frame"
+    assert fault == "data.width and data.height must be given: a.npz does not state its frame"
     found = EventFiles("f", width=4, height=2).read(tmp_path)
     assert (found.width, found.height) == (4, 2) and times(found, 0) == [0, 10, 20]
     tact(tmp_path / "f" / "b.tact", [0])
@@ -239,7 +239,7 @@ def test_files_of_two_frames(tmp_path, shared_data):
         (tmp_path / "f" / name).symlink_to(native / name)
     (fault,) = EventFiles("f").check(tmp_path)
     assert fault == (
-        "f: all files must have one frame, got 80 x 1 in neutouch_sponge_trial1_5.tact and 10 x 10 in "
+        "f: all files must have the same frame, got 80 x 1 in neutouch_sponge_trial1_5.tact and 10 x 10 in "
         "tonic_sample_stmnist.mat"
     )
 
@@ -249,8 +249,7 @@ def test_arrays_with_names_and_units_of_their_own(tmp_path):
     keys = {"width": 4, "height": 2, "arrays": {"t": "stamp"}, "time_unit": "s"}
     assert times(EventFiles("f", **keys).read(tmp_path), 0) == [1000, 2000, 3000]
     assert EventFiles("f", **keys | {"arrays": {"t": "stamps"}}).check(tmp_path) == [
-        "a.npz: no array 'stamps'; known: t, x, y, p, stamp. Did you mean 'stamp'?; "
-        "--repair leaves the file out"
+        "a.npz: no array 'stamps'; known: t, x, y, p, stamp. Did you mean 'stamp'?; --repair skips the file"
     ]
 
 
@@ -261,7 +260,7 @@ def test_one_corrupt_file_among_good_ones(cloths):
     found = source.read(cloths.parent)
     assert times(found, 0) == [0, 10]
     with pytest.raises(
-        RecordingError, match=r"silk/b\.tact: line 2 must be .* got 'no event'; --repair leaves out"
+        RecordingError, match=r"silk/b\.tact: line 2 must be .* got 'no event'; --repair skips"
     ):
         times(found, 1)
     mended = EventFiles("cloths", "**/*.tact", repair=True).read(cloths.parent)
@@ -269,8 +268,7 @@ def test_one_corrupt_file_among_good_ones(cloths):
     assert [times(mended, i) for i in range(4)] == [[0, 10], [0, 250000], [0, 30], [0, 40]]
     (note,) = mended.notes()
     assert (
-        note.startswith("silk/b.tact: line 2 must be")
-        and "--repair leaves out lines that are no events" in note
+        note.startswith("silk/b.tact: line 2 must be") and "--repair skips lines that are not events" in note
     )
     times(mended, 1)
     assert mended.notes() == [note]  # reading again is not another repair
@@ -295,11 +293,11 @@ def test_files_that_hold_nothing_are_left_out_with_repair(cloths):
     keys = {"label_from": "folder", "columns": {"cloth": "folder"}}
     source = EventFiles("cloths", "*/*", **keys)
     (fault,) = source.check(cloths.parent)
-    assert fault.startswith("wool/README.txt: is of no known format") and fault.endswith(
-        "--repair leaves the file out"
+    assert fault.startswith("wool/README.txt: has no known format") and fault.endswith(
+        "--repair skips the file"
     )
     plain = EventFiles("cloths", "**/*.tact", **keys).read(cloths.parent)
-    with pytest.raises(RecordingError, match=r"silk/b\.tact: there must be events, got none"):
+    with pytest.raises(RecordingError, match=r"silk/b\.tact: must have events, got none"):
         times(plain, 1)
     mended = EventFiles("cloths", "*/*", repair=True, **keys)
     assert mended.check(cloths.parent) == []
@@ -310,7 +308,7 @@ def test_files_that_hold_nothing_are_left_out_with_repair(cloths):
     ]
     assert len(found.notes()) == 3
     for name, note in zip(["wool/README.txt", "silk/b.tact", "wool/a.tact"], found.notes(), strict=True):
-        assert note.startswith(f"{name}: ") and note.endswith("; --repair leaves the file out")
+        assert note.startswith(f"{name}: ") and note.endswith("; --repair skips the file")
 
 
 def test_repair_keeps_the_rows_of_what_remains(cloths):
@@ -324,13 +322,13 @@ def test_repair_cannot_make_something_of_nothing(tmp_path):
     for name in ("a.tact", "b.tact"):
         tact(tmp_path / "f" / name, [])
     with pytest.raises(
-        RecordingError, match=r"f: no file can be used; the first: a\.tact: there must be events"
+        RecordingError, match=r"f: no file is usable; the first fault: a\.tact: must have events"
     ):
         EventFiles("f", repair=True).read(tmp_path)
     for k in range(9):
         (tmp_path / "f" / f"{k}.txt").write_text("about")
     faults = EventFiles("f", "*.txt", repair=True).check(tmp_path)
-    assert len(faults) == 6 and faults[-1] == "f: 4 more files like these"
+    assert len(faults) == 6 and faults[-1] == "f: 4 more files of the same kind"
 
 
 def test_many_repairs_are_summed_up(tmp_path, monkeypatch):

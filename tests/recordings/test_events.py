@@ -35,11 +35,11 @@ def test_pixel_events_without_polarity_are_all_on(write, tmp_path):
     [
         (
             {"t_us": np.array([5, 4, 9, 2, 7])},
-            "time must never fall within a recording, got 4 at event 1 of recording 0",
+            "times must not decrease within a recording, got 4 at event 1 of recording 0",
         ),
         (
             {"t_us": np.array([5, 5, 9, 7, 2])},
-            "time must never fall within a recording, got 2 at event 1 of recording 1",
+            "times must not decrease within a recording, got 2 at event 1 of recording 1",
         ),
         ({"t_us": np.array([-5, 5, 9, 2, 7])}, "time must be >= 0 us, got -5 at event 0 of recording 0"),
         (
@@ -89,7 +89,7 @@ def test_a_recording_may_be_empty(write, tmp_path, offsets):
 
 def test_a_fall_beside_an_empty_recording_is_found(write, tmp_path):
     write("x.npz", **GOOD | {"offsets": np.array([0, 5, 5])})
-    with pytest.raises(RecordingError, match="must never fall within a recording, got 2 at event 3"):
+    with pytest.raises(RecordingError, match="must not decrease within a recording, got 2 at event 3"):
         SOURCE.read(tmp_path)
 
 
@@ -103,7 +103,7 @@ def test_rows_outside_the_frame(write, tmp_path):
     "arrays", [{}, {"y": "y"}, {"x": "x", "taxel": "taxel"}, {"y": "y", "taxel": "taxel"}]
 )
 def test_addresses_are_pixels_or_taxels(arrays):
-    with pytest.raises(RecordingError, match=r"arrays of the addresses: x \(and y\), or taxel"):
+    with pytest.raises(RecordingError, match=r"arrays of addresses: x \(and y\), or taxel"):
         EventFile("x.npz", 4, **arrays)
 
 

@@ -24,14 +24,14 @@ def test_a_label_read_off_the_length_is_reported():
     assert found[0].startswith(
         "recording length alone predicts fabric with accuracy 1.000 on validation (largest class 0.333)"
     )
-    assert "windows of one length hide it" in found[0]
+    assert "use windows of one length" in found[0]
 
 
 def test_a_label_read_off_the_level_is_reported():
     levels = RNG.normal(size=(90, 4)) + 5 * CODES[:, None]
     found = warned(np.full(90, 100), levels)
     assert len(found) == 1 and "resting level (mean of each channel) alone predicts fabric" in found[0]
-    assert "send_on_delta sends changes only" in found[0]
+    assert "use the encoder send_on_delta" in found[0]
 
 
 def test_honest_data_is_left_in_peace():
@@ -64,7 +64,7 @@ def test_three_lucky_guesses_are_no_evidence():
 
 def test_the_predicted_column_cannot_split():
     leakage.guard(("fabric",), ("repetition",))
-    with pytest.raises(RecordingError, match="split must not read column 'fabric', which"):
+    with pytest.raises(RecordingError, match="split cannot use column 'fabric', which"):
         leakage.guard(("fabric", "velocity"), ("repetition", "fabric"))
 
 

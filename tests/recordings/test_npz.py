@@ -34,7 +34,7 @@ def test_a_truncated_file_is_one_line_wherever_it_was_cut(write, keep):
     path.write_bytes(path.read_bytes()[:keep])
     for read in (npz.headers, lambda p: npz.load(p, ["signal"])):
         with pytest.raises(
-            RecordingError, match=r"x.npz: .*cannot be read: no .npz file, or cut short"
+            RecordingError, match=r"x.npz: .*cannot be read: it is not an .npz file, or is truncated"
         ) as error:
             read(path)
         assert "\n" not in str(error.value)

@@ -75,7 +75,7 @@ def test_the_pins_are_a_crop():
 def test_a_crop_outside_the_frame_is_a_fault(crop):
     x, y, width, height = crop
     text = (
-        f"preprocessing.crop must lie in the frame of 8 x 4 pixels, got x {x} to {x + width - 1} and "
+        f"preprocessing.crop must lie within the frame of 8 x 4 pixels, got x {x} to {x + width - 1} and "
         f"y {y} to {y + height - 1}"
     )
     with pytest.raises(RecordingError) as fault:
@@ -84,7 +84,7 @@ def test_a_crop_outside_the_frame_is_a_fault(crop):
 
 
 def test_unknown_pins_are_a_fault():
-    with pytest.raises(RecordingError, match="where no pins are known, got pins"):
+    with pytest.raises(RecordingError, match="because the positions of pins are unknown, got pins"):
         pooling(Preprocessing(1, crop="pins"), 8, 4)
 
 

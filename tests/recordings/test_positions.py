@@ -31,7 +31,7 @@ def test_good_positions_have_no_fault():
         (((0, 1, 2),), r"got \[0, 1, 2\] for taxel 0"),
         ((3, 4), r"got \[3\] for taxel 0"),
         (((0, 65536),), r"from 0 to 65535 for every taxel, got \[0, 65536\] for taxel 0"),
-        (((2, 1), (0, 0), (2, 1)), r"must differ, got \[2, 1\] for taxels 0 and 2"),
+        (((2, 1), (0, 0), (2, 1)), r"must be distinct, got \[2, 1\] for taxels 0 and 2"),
     ],
 )
 def test_places_that_are_none(positions, got):

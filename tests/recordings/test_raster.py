@@ -75,9 +75,9 @@ def test_each_fault_is_one_clear_line(write, tmp_path, arrays, keys, message):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"axes": "step channel"}, "data.axes must name sample, step"),
-        ({"axes": "sample step step"}, "once each"),
-        ({"n_steps": 3, "shape": "shape"}, "data must give n_steps or shape, not both"),
+        ({"axes": "step channel"}, "data.axes must name each axis once"),
+        ({"axes": "sample step step"}, "each axis once"),
+        ({"n_steps": 3, "shape": "shape"}, "data must have n_steps or shape, not both"),
     ],
 )
 def test_keys_that_contradict(keys, message):
@@ -154,5 +154,7 @@ def test_positions_are_of_taxels(write, tmp_path):
 @pytest.mark.parametrize("shape", [(2, 3, 0), (2, 3)])
 def test_a_raster_without_channels_lies_nowhere(write, tmp_path, shape):
     write("x.npz", spikes=np.zeros(shape, dtype=np.uint8))
-    with pytest.raises(RecordingError, match="'spikes' must have the axes 'sample step channel', none empty"):
+    with pytest.raises(
+        RecordingError, match="'spikes' must have the axes 'sample step channel', none of length 0"
+    ):
         RasterFile("x.npz", 5).channel_positions(tmp_path)

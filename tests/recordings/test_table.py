@@ -113,7 +113,7 @@ def test_each_fault_is_one_clear_line(tmp_path, tables, message):
         ("x.csv", b"", "x.csv: the file is empty"),
         ("x.csv", b'id,t,left,right\na,"b', "x.csv: the file cannot be read"),
         ("x.parquet", b"PAR1 and no more", "x.parquet: the file cannot be read"),
-        ("x.txt", b"id", "x.txt: a table must be .csv or .parquet"),
+        ("x.txt", b"id", "x.txt: a table must be a .csv or .parquet file"),
     ],
 )
 def test_unreadable_files(tmp_path, name, content, message):
@@ -143,10 +143,16 @@ def test_unlabelled_tables_keep_the_columns_they_have(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"channels": ()}, "data.channels must name at least one column"),
-        ({"channels": ("left", "cloth")}, "must be sensor channels only, got 'cloth', which is a label"),
+        ({"channels": ()}, "data.channels must contain at least one column"),
+        (
+            {"channels": ("left", "cloth")},
+            "must be sensor channels only, got 'cloth', which is a label column column",
+        ),
         ({"channels": ("t",), "time_ms": "t"}, "must be sensor channels only, got 't'"),
-        ({"channels": ("left",), "labels": None}, "data.labels must name the table that holds data.columns"),
+        (
+            {"channels": ("left",), "labels": None},
+            "data.labels is required: the table that holds data.columns",
+        ),
     ],
 )
 def test_keys_that_contradict(keys, message):

@@ -38,9 +38,9 @@ def test_combinations_hold_only_what_occurs():
     ("settings", "message"),
     [
         ("fabrik", r"task.target: no column 'fabrik' among data.columns; .*Did you mean 'fabric'\?"),
-        ({"column": "fabric", "abs": True}, "task.target: abs needs numbers, column 'fabric' holds <U4"),
-        ([], r"task.target must name a column, got \[\]"),
-        ({"abs": True}, "task.target must name a column, got {'abs': True}"),
+        ({"column": "fabric", "abs": True}, "task.target: abs needs numbers, but column 'fabric' holds <U4"),
+        ([], r"task.target must be a column, got \[\]"),
+        ({"abs": True}, "task.target must be a column, got {'abs': True}"),
     ],
 )
 def test_faults(settings, message):
@@ -50,7 +50,7 @@ def test_faults(settings, message):
 
 def test_two_combinations_of_one_name_are_refused():
     columns = {"a": np.array(["x|y", "x"]), "b": np.array(["z", "y|z"])}
-    with pytest.raises(RecordingError, match=r"both named 'x\|y\|z'"):
+    with pytest.raises(RecordingError, match=r"same name 'x\|y\|z'"):
         target(columns, ["a", "b"])
 
 
@@ -85,9 +85,9 @@ def test_heads_leave_out_what_is_in_no_part_of_the_split():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ("fabric", "task.joint needs a task.target of two columns or more, got fabric"),
-        (["fabric"], "two columns or more, got fabric"),
-        (["velocity", JOINT[1]], "columns that differ in task.target, got 'velocity' twice"),
+        ("fabric", "task.joint needs at least two columns in task.target, got fabric"),
+        (["fabric"], "at least two columns in task.target, got fabric"),
+        (["velocity", JOINT[1]], "distinct columns in task.target, got 'velocity' twice"),
     ],
 )
 def test_a_joint_target_has_several_columns(settings, message):

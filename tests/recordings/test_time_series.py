@@ -60,10 +60,10 @@ def _nan(value: float) -> np.ndarray:
         ({"signal": np.zeros((10, 0))}, "'signal' has no channel"),
         ({"offsets": np.array([0, 4, 9])}, "offsets must run from 0 to its end at 10, got 0 to 9"),
         ({"offsets": np.array([1, 4, 10])}, "offsets must run from 0 to its end at 10, got 1 to 10"),
-        ({"offsets": np.array([0, 12, 10])}, "offsets must never fall, got 12 and then 10"),
+        ({"offsets": np.array([0, 12, 10])}, "offsets must not decrease, got 12 and then 10"),
         ({"offsets": np.array([0, 10, 10])}, "recording 1 is empty"),
-        ({"offsets": np.array([0.0, 4, 10])}, "offsets must be one integer more .*got float64"),
-        ({"offsets": np.array([0])}, r"offsets must be one integer more .*of shape \(1,\)"),
+        ({"offsets": np.array([0.0, 4, 10])}, "offsets must be integers, one more .*got float64"),
+        ({"offsets": np.array([0])}, r"offsets must be integers, one more .*of shape \(1,\)"),
         (
             {"label": np.array([1, 0, 1])},
             r"column 'fabric' \(array 'label'\) must have one value for each of the 2",
@@ -104,14 +104,14 @@ def test_check_sees_everything_that_headers_show_at_once(write, tmp_path):
     assert "no array 'sgnal'" in faults[0] and "Did you mean 'signal'?" in faults[0]
     assert "no array 'names'" in faults[1]
     assert "column 'force' (array 'force') must have one value for each of the 2 recordings" in faults[2]
-    assert "class_names names 'speed', which is no column" in faults[3]
+    assert "class_names contains 'speed', which is not a column" in faults[3]
 
 
 def test_check_of_a_missing_or_cut_file_is_its_one_fault(write, tmp_path):
     assert ["not found" in x for x in SOURCE.check(tmp_path)] == [True]
     path = write("x.npz", **GOOD)
     path.write_bytes(path.read_bytes()[:200])
-    assert ["cut short" in x for x in SOURCE.check(tmp_path)] == [True]
+    assert ["truncated" in x for x in SOURCE.check(tmp_path)] == [True]
 
 
 def test_unlabelled_recordings_keep_the_columns_they_have(write, tmp_path):
@@ -151,7 +151,7 @@ def test_channels_lie_where_positions_say(write, tmp_path):
     assert cube.check(tmp_path) == ["data.positions must hold [x, y] for each of the 3 taxels, got 2"]
     with pytest.raises(RecordingError, match="for each of the 3 taxels, got 2"):
         cube.channel_positions(tmp_path)
-    with pytest.raises(RecordingError, match=r"must differ, got \[3, 1\] for taxels 0 and 1"):
+    with pytest.raises(RecordingError, match=r"must be distinct, got \[3, 1\] for taxels 0 and 1"):
         dataclasses.replace(SOURCE, positions=((3, 1), (3, 1)))
 
 

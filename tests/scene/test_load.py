@@ -167,29 +167,31 @@ def test_overrides(write) -> None:
         ("sensor: davis240_49", "sensor: [1]", 3, "sensor must be text or a mapping, got"),
         ("[denim, foam]", "[denin]", 4, "unknown texture 'denin'; .*Did you mean 'denim'"),
         ("[denim, foam]", "[{preset: denin}]", 4, "unknown texture 'denin'; .*Did you mean 'denim'"),
-        ("[denim, foam]", "[{name: denin, rms_um: 3}]", 4, r"textures\[0\] 'denin' is no shipped .*'denim'"),
-        ("[denim, foam]", "[{rms_um: 3}]", 4, r"textures\[0\] is no shipped .* must have name, wave"),
+        ("[denim, foam]", "[{name: denin, rms_um: 3}]", 4, r"textures\[0\] 'denin' is not a shipped "
+        ".*'denim'"),
+        ("[denim, foam]", "[{rms_um: 3}]", 4, r"textures\[0\] is not a shipped .* must have name, wave"),
         ("[denim, foam]", "[{preset: denim, rms: 3}]", 4, r"unknown key 'textures\[0\]\.rms'"),
         ("[denim, foam]", "[{preset: denim, rms_um: -1}]", 4, r"textures\[0\]\.rms_um must be >= 0, got -1"),
-        ("[denim, foam]", "[{preset: denim, name: ''}]", 4, r"textures\[0\]\.name must be a name"),
-        ("[denim, foam]", "[]", 4, "textures must name at least one"),
-        ("[denim, foam]", "[denim, denim]", 4, r"textures\[1\] is 'denim' as textures\[0\] is"),
-        ("[denim, foam]", "[neurotac_11, foam]", 4, r"textures\[1\] is 'foam' as textures\[0\] is"),
+        ("[denim, foam]", "[{preset: denim, name: ''}]", 4, r"textures\[0\]\.name must not be empty"),
+        ("[denim, foam]", "[]", 4, "textures must contain at least one"),
+        ("[denim, foam]", "[denim, denim]", 4, r"textures\[1\] repeats 'denim' of textures\[0\]"),
+        ("[denim, foam]", "[neurotac_11, foam]", 4, r"textures\[1\] repeats 'foam' of textures\[0\]"),
         ("kind: constant", "kind: constnt", 6, r"unknown motions\[0\]\.kind 'constnt'; .*'constant'"),
         ("kind: constant, ", "", 6, r"motions\[0\]\.kind is required; known: accelerating, constant"),
         ("speed_mm_s: 20", "speed: 20", 6, r"unknown key 'motions\[0\]\.speed'"),
-        ("speed_mm_s: 20", "speed_mm_s: {range: [1, 20]}", 6, "range must have a step"),
-        ("{kind: triangular, peak_mm_s: 40}", "{kind: constant, speed_mm_s: 20}", 7, "is 'constant_20' as"),
+        ("speed_mm_s: 20", "speed_mm_s: {range: [1, 20]}", 6, "range needs a step"),
+        ("{kind: triangular, peak_mm_s: 40}", "{kind: constant, speed_mm_s: 20}", 7,
+         "repeats 'constant_20' of"),
         ("{kind: triangular, peak_mm_s: 40}", "{kind: table, t_s: [0, 1], v_mm_s: [1]}", 7,
          r"motions\[1\]\.v_mm_s must have one speed for each of 2 times"),
-        ("[1.0, 1.5]", "[1, 1.0]", 8, r"forces_n\[1\] is '1 N' as forces_n\[0\] is"),
+        ("[1.0, 1.5]", "[1, 1.0]", 8, r"forces_n\[1\] repeats '1 N' of forces_n\[0\]"),
         ("[1.0, 1.5]", "-1", 8, "must be >= 0, got -1"),
-        ("[1.0, 1.5]", "{range: [1, 2]}", 8, "forces_n is a list, so its range must have a step"),
+        ("[1.0, 1.5]", "{range: [1, 2]}", 8, "forces_n is a list, so its range needs a step"),
         ("trials: 2", "trials: 2.5", 9, "trials must be an integer, got 2.5"),
         ("duration_ms: 500", "duration_ms: 0", 10, "duration_ms must be > 0, got 0"),
         ("duration_ms: 500", "camera: {threshold: 0}", 10, r"camera\.threshold must be >= 0\.02"),
         ("duration_ms: 500", "variation: 3", 10, "variation must be a mapping, got 3"),
-        ("duration_ms: 500", "variation: {ripple_hz: [9, 2]}", 10, "ripple_hz must go from low to high"),
+        ("duration_ms: 500", "variation: {ripple_hz: [9, 2]}", 10, "ripple_hz must be in increasing order"),
         ("duration_ms: 500", "duration_ms: [", 11, "not valid YAML"),
     ],
 )  # fmt: skip
@@ -210,7 +212,7 @@ def test_each_fault_with_its_line(write, old: str, new: str, line: int, message:
         ("foam", "{preset: printed_pins, pin_radius_mm: 0.1}", 4,
          "textures[1].pin_radius_mm must be 0 (flat) or >= 0.2, got 0.1"),
         ("sensor: davis240_49", "sensor: {preset: davis240_49, frame_px: [200, 140]}", 3,
-         "sensor.frame_px must hold the image of the pins, 141 x 141 px, got 200 x 140"),
+         "sensor.frame_px must contain the image of the pins, 141 x 141 px, got 200 x 140"),
         ("sensor: davis240_49", "sensor: {preset: davis240_49, pin_pitch_mm: 0.9}", 3,
          "sensor.pin_pitch_mm must be at least a pin's diameter, 1 mm, got 0.9"),
         ("sensor: davis240_49", "sensor: {preset: davis240_49, n_across: 0}", 3,
@@ -346,7 +348,7 @@ def test_warnings(write) -> None:
         "no pixel can send an event: camera.threshold 0.3 is at or above ln(contrast) = 0.182"
     ]
     short = load_scene(write(("duration_ms: 500", "duration_ms: 20")))
-    assert checks.warnings(short)[0].startswith("nothing moves: the record of 20 ms ends before")
+    assert checks.warnings(short)[0].startswith("nothing moves: the trial of 20 ms ends before")
 
 
 def test_zero_speed_and_zero_force_are_legal(write) -> None:

@@ -122,9 +122,9 @@ def test_a_table_is_straight_between_its_points() -> None:
 @pytest.mark.parametrize(
     ("t_s", "v_mm_s", "message"),
     [
-        ((0.5, 1), (1, 1), r"t_s must rise from 0 .*, got \[0\.5, 1\]"),
-        ((0, 1, 1), (1, 1, 1), "t_s must rise from 0"),
-        ((0,), (1,), "two times or more"),
+        ((0.5, 1), (1, 1), r"t_s must start at 0, .*, got \[0\.5, 1\]"),
+        ((0, 1, 1), (1, 1, 1), "t_s must start at 0"),
+        ((0,), (1,), "at least two times"),
         ((0, 1), (1,), "v_mm_s must have one speed for each of 2 times, got 1"),
     ],
 )

@@ -131,5 +131,5 @@ def detect(path: Path) -> Format:
         fitting = {name: x for name, x in pool.items() if path.suffix.lower() in x.suffixes} or fitting
     if len(fitting) == 1:
         return next(iter(fitting.values()))
-    may = f"may be any of {', '.join(fitting)}" if fitting else "is of no known format"
-    raise RecordingError(f"{path.name}: {may}; state the key 'format': one of {', '.join(formats)}")
+    may = f"could be any of {', '.join(fitting)}" if fitting else "has no known format"
+    raise RecordingError(f"{path.name}: {may}; set the key 'format' to one of {', '.join(formats)}")

@@ -64,8 +64,8 @@ class Aedat2:
             chip = _read_header(file, path.name)
             if chip is None:
                 broken(
-                    "the header must name the chip in a line '# AEChip: ...', it has none",
-                    f"takes a camera without a name for a {_UNNAMED}",
+                    "the header must name the chip in a line '# AEChip: ...', but has none",
+                    f"treats an unnamed camera as a {_UNNAMED}",
                 )
                 chip = _UNNAMED
             width, height = _size(chip, path.name)
@@ -79,9 +79,9 @@ class Aedat2:
             if is_unknown.any():
                 first = int(is_unknown.argmax())
                 broken(
-                    f"the address at byte {at + first * _WORD_BYTES} must be one of a {chip}, "
+                    f"the address at byte {at + first * _WORD_BYTES} must be valid for a {chip}, "
                     f"got {address[first]:#010x}",
-                    "drops words whose address the chip does not have",
+                    "drops words with an address that the chip does not have",
                     int(is_unknown.sum()),
                 )
             at += len(data)

@@ -66,7 +66,7 @@ class Aedat31:
                     broken(
                         f"the polarity events of the packet at byte {packet.at} must be 8 bytes long with "
                         f"the time at byte 4, got {packet.size} bytes with the time at byte {packet.time_at}",
-                        "drops packets of polarity events that have another layout",
+                        "drops packets of polarity events with another layout",
                     )
                     continue
                 camera = packet.source
@@ -116,9 +116,9 @@ def _packets(file: BinaryIO, broken: Broken) -> Iterator[_Packet]:
         head = file.read(_PACKET.size)
         if len(head) < _PACKET.size:
             broken(
-                f"the packet header at byte {at} must be {_PACKET.size} bytes long, "
-                f"the file ends after {len(head)}",
-                "drops a packet header that is cut off",
+                f"the packet header at byte {at} must have {_PACKET.size} bytes, "
+                f"but the file ends after {len(head)}",
+                "drops a truncated packet header",
             )
             return
         kind, source, size, time_at, overflow, capacity, n, valid = _PACKET.unpack(head)
@@ -128,7 +128,7 @@ def _packets(file: BinaryIO, broken: Broken) -> Iterator[_Packet]:
                 f"the packet header at byte {at} must hold sizes of an event and of a packet that is full, "
                 f"got type {kind}, source {source}, {size} bytes per event with the time at byte {time_at}, "
                 f"overflow {overflow}, {n} events, {valid} of them valid, and room for {capacity}",
-                "drops the bytes from a packet header that is not sound",
+                "drops the bytes after an invalid packet header",
                 end - at,
             )
             return
@@ -136,9 +136,9 @@ def _packets(file: BinaryIO, broken: Broken) -> Iterator[_Packet]:
         whole = min(n, (end - begin) // size)
         if whole < n:
             broken(
-                f"the packet at byte {at} must hold {n} events of {size} bytes, the file ends after {whole} "
-                "of them",
-                "drops the events of a packet that is cut off",
+                f"the packet at byte {at} must hold {n} events of {size} bytes, but the file ends after "
+                f"{whole} of them",
+                "drops the events of a truncated packet",
                 n - whole,
             )
         yield _Packet(at, kind, source, size, time_at, overflow, whole)

@@ -71,7 +71,7 @@ class Aedat4:
                 try:
                     events = _events(header.decompress(data))
                 except ValueError as problem:
-                    broken(f"the packet at byte {at} {problem}", "drops packets that are not sound")
+                    broken(f"the packet at byte {at} {problem}", "drops invalid packets")
                     continue
                 for first in range(0, len(events), BLOCK_EVENTS):
                     part = events[first : first + BLOCK_EVENTS]
@@ -169,7 +169,7 @@ def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[
             broken(
                 f"the table of packets must begin between byte {file.tell()} and the end of the file at byte "
                 f"{length}, got byte {header.end}",
-                "reads the packets that are there",
+                "reads the packets that are present",
             )
     while (at := file.tell()) < end:
         head = file.read(_PACKET.size)
@@ -179,7 +179,7 @@ def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[
             got = f"a length of {size} bytes" if len(head) == _PACKET.size else "no length"
             broken(
                 f"the packet at byte {at} must end within the {end - at} bytes left, got {got}",
-                "drops the bytes from a packet that does not end",
+                "drops the bytes of an unfinished packet",
                 end - at,
             )
             return
@@ -242,7 +242,7 @@ def _vector(data: bytes, at: int, size: int) -> tuple[int, int]:
 
 def _at(data: bytes, at: int, layout: str) -> int:
     if not 0 <= at <= len(data) - struct.calcsize(layout):
-        raise ValueError(f"must refer to places within its {len(data)} bytes, got {at}")
+        raise ValueError(f"must refer to positions within its {len(data)} bytes, got {at}")
     return int(struct.unpack_from(layout, data, at)[0])
 
 
@@ -252,7 +252,7 @@ def _bounded(pieces: Iterator[bytes]) -> bytes:
         parts.append(piece)
         total += len(piece)
         if total > _MOST_BYTES:
-            raise ValueError(f"must hold at most {_MOST_BYTES} bytes once decompressed, got more")
+            raise ValueError(f"must hold at most {_MOST_BYTES} bytes after decompression, got more")
     return b"".join(parts)
 
 

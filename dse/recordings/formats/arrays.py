@@ -103,14 +103,14 @@ class _EventArrays(abc.ABC):
             columns = columns_of(opened.arrays, self.arrays, path.name)
             if opened.arrays[columns["t"].array][1].kind == "f" and self.time_unit is None:
                 raise RecordingError(
-                    f"{path.name}: floating-point times must have their unit in the key time_unit, one of "
+                    f"{path.name}: floating-point times need their unit in the key time_unit, one of "
                     f"{', '.join(UNITS_US)}"
                 )
             lengths = {name: column.length for name, column in columns.items()}
             n_events = min(lengths.values())
             if n_events < max(lengths.values()):
                 got = ", ".join(f"{length} {name}" for name, length in lengths.items())
-                broken(f"the arrays must be of one length, got {got}", "keeps the events that are whole")
+                broken(f"the arrays must be of one length, got {got}", "keeps the complete events")
             for first in range(0, n_events, BLOCK_EVENTS):
                 n = min(BLOCK_EVENTS, n_events - first)
                 try:
@@ -118,8 +118,8 @@ class _EventArrays(abc.ABC):
                 except DAMAGED_ARCHIVE as problem:
                     reason = " ".join(str(problem).split())
                     broken(
-                        f"damaged, found after event {first} ({reason})",
-                        "keeps the events before it, some of which may be damaged",
+                        f"is damaged after event {first} ({reason})",
+                        "keeps the events before the damage, some of which may be wrong",
                     )
                     return
                 fields = {name: column.of(rows) for name, column in columns.items()}
@@ -151,7 +151,9 @@ class Npz(_EventArrays):
                         arrays[name], streams[name] = (shape[0], dtype), stream
             except DAMAGED_ARCHIVE as problem:
                 reason = " ".join(str(problem).split())
-                raise RecordingError(f"{path.name}: no .npz file, or cut short ({reason})") from None
+                raise RecordingError(
+                    f"{path.name}: is not an .npz file, or is truncated ({reason})"
+                ) from None
 
             left = {name: length for name, (length, _) in arrays.items()}
 
@@ -199,7 +201,7 @@ class H5(_EventArrays):
             file.visititems(visit)
         except (OSError, RuntimeError, KeyError) as problem:
             reason = " ".join(str(problem).split())
-            raise RecordingError(f"{path.name}: no HDF5 file, or cut short ({reason})") from None
+            raise RecordingError(f"{path.name}: is not an HDF5 file, or is truncated ({reason})") from None
         done = dict.fromkeys(arrays, 0)
 
         def next_rows(name: str, n: int) -> Array:
@@ -254,7 +256,7 @@ def columns_of(arrays: Arrays, names_given: Mapping[str, str], where: str) -> di
     problem = (
         f"events are in {' and in '.join(map(repr, complete))}" if complete else "no arrays t, x, y and p"
     )
-    raise RecordingError(f"{where}: {problem}; name them in the key arrays; {known_names('', columns)}")
+    raise RecordingError(f"{where}: {problem}; set the key arrays; {known_names('', columns)}")
 
 
 def _leaves(name: str, dtype: np.dtype[Any]) -> Iterator[tuple[str, str | None, str]]:
@@ -280,7 +282,7 @@ def _block(fields: Mapping[str, Array], unit_us: float, first: int, broken: Brok
         got = ", ".join(f"{key} = {values[at]}" for key, values in fields.items())
         broken(
             f"event {first + at} must have a time, and whole numbers as address and polarity, got {got}",
-            "drops events that have them not",
+            "drops events without them",
             int((~valid).sum()),
         )
         t_us, polarity = t_us[valid], polarity[valid]

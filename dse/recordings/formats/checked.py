@@ -26,26 +26,33 @@ def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) ->
         number: Ints = np.arange(n_read, n_read + len(t_us))
         n_read += len(t_us)
         outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
-        frame = f"have its (x, y) in the frame of {width} x {height} pixels"
+        frame = f"have its (x, y) within the frame of {width} x {height} pixels"
         _report(broken, number, outside, frame, (x, y), "drops events outside the frame")
         early = t_us < 0
         _report(broken, number, early, "have a time of at least 0 us", (t_us,), "drops events before 0 us")
         other = polarity > 1
-        _report(broken, number, other, "have polarity 0 or 1", (polarity,), "takes other polarities for ON")
+        _report(broken, number, other, "have polarity 0 or 1", (polarity,), "treats other polarities as ON")
         valid = ~(outside | early)
         if not valid.all():
             number, t_us, x, y, polarity = (part[valid] for part in (number, t_us, x, y, polarity))
         if not len(t_us):
             continue
         in_order = np.maximum.accumulate(np.maximum(t_us, latest))
-        order = "not be earlier than an event before it: time in us and latest time before"
+        order = "not be earlier than a previous event: time in us and latest time before"
         falls = t_us < in_order
-        _report(broken, number, falls, order, (t_us, in_order), "gives an event out of order the latest time")
+        _report(
+            broken,
+            number,
+            falls,
+            order,
+            (t_us, in_order),
+            "sets the time of an event out of order to the latest time before",
+        )
         latest = int(in_order[-1])
         n_kept += len(t_us)
         yield Block(in_order, x, y, np.minimum(polarity, 1))
     if not n_kept:
-        broken("there must be events, got none", "takes it as a recording without events", 1)
+        broken("must have events, got none", "treats the file as a recording without events", 1)
 
 
 def _report(

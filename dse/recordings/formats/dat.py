@@ -50,7 +50,7 @@ class Dat:
         if version is None:
             broken(
                 "the header must state the version in a line '% Version 2', which is missing",
-                f"reads what follows {header.end} bytes of header as version 2",
+                f"reads the data after {header.end} bytes of header as version 2",
             )
         elif version != _VERSION:
             raise RecordingError(f"{path.name}: the version of a DAT file must be 2, got '{version}'")

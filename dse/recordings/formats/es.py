@@ -69,9 +69,9 @@ class EventStream:
                     yield Block(t_us[:n], x[:n], height - 1 - y[:n], polarity[:n])
             if rest:
                 broken(
-                    f"the event at byte {at} must be {_EVENT_BYTES} bytes long, the file ends after "
+                    f"the event at byte {at} must have {_EVENT_BYTES} bytes, but the file ends after "
                     f"{len(rest)}",
-                    "drops an event that is cut off",
+                    "drops a truncated event",
                 )
 
 

@@ -86,7 +86,7 @@ def _events(path: Path, broken: Broken) -> Iterator[Floats]:
                     text = line.decode(errors="replace")[:_SHOWN]
                     broken(
                         f"line {number} must be a sign (0 or 1), a taxel and a time, got {text!r}",
-                        "leaves out lines that are no events",
+                        "skips lines that are not events",
                     )
             n_before += len(lines)
             if rows:

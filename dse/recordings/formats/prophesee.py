@@ -86,7 +86,7 @@ def read_evt_header(path: Path, version: str, broken: Broken) -> Header:
     if header.evt is None:
         broken(
             f"the header must state the encoding in a line '% evt {version}', which is missing",
-            f"reads what follows {header.end} bytes of header as EVT {version}",
+            f"reads the data after {header.end} bytes of header as EVT {version}",
         )
     elif header.evt != version:
         raise RecordingError(

@@ -82,15 +82,15 @@ class Stmnist:
                 yield from _events(columns, first, broken)
                 if not whole:
                     broken(
-                        f"cut short or damaged at byte {file.tell()}, in column {first + len(columns)} "
+                        f"truncated or damaged at byte {file.tell()}, in column {first + len(columns)} "
                         f"of {n_columns}",
-                        "keeps the events before it",
+                        "keeps the events before the damage",
                     )
                     return
             if not _ends_well(stream):
                 broken(
-                    f"the check sum of {VARIABLE} must be that of its bytes, got another",
-                    "keeps events that may be damaged",
+                    f"the checksum of {VARIABLE} must match its bytes",
+                    "keeps events that may be wrong",
                 )
 
 
@@ -101,7 +101,7 @@ def _events(columns: Array, first: int, broken: Broken) -> Iterator[Block]:
         at = int(sound.argmin())
         broken(
             f"column {first + at} must hold numbers and a time in seconds, got the time {time_s[at]:g}",
-            "drops columns without a time or with values that are no numbers",
+            "drops columns without a time or with values that are not numbers",
             int((~sound).sum()),
         )
         time_s, values = time_s[sound], values[sound]
@@ -138,7 +138,7 @@ def _matrix(file: BinaryIO, name: str) -> tuple[int, Number, BinaryIO | _Inflate
         raise RecordingError(f"{name}: must be a MATLAB file of version 5 to 7, got 7.3; save it with -v7")
     order = {b"IM": "<", b"MI": ">"}.get(header[126:128])
     if order is None:
-        raise RecordingError(f"{name}: must be a MATLAB v5 file, got a header that is cut short or another's")
+        raise RecordingError(f"{name}: must be a MATLAB v5 file, got a truncated or different header")
     known = []
     while tag := file.read(8):
         try:
@@ -158,9 +158,9 @@ def _matrix(file: BinaryIO, name: str) -> tuple[int, Number, BinaryIO | _Inflate
                     return n_columns, _number(stream.read, order, n_columns), stream
                 known.append(variable)
         except _Cut:
-            raise RecordingError(f"{name}: cut short or damaged at byte {file.tell()}, in a header") from None
+            raise RecordingError(f"{name}: truncated or damaged at byte {file.tell()}, in a header") from None
         file.seek(end)
-    raise RecordingError(f"{name}: holds no matrix '{VARIABLE}'; it holds {', '.join(known) or 'nothing'}")
+    raise RecordingError(f"{name}: has no matrix '{VARIABLE}'; it has {', '.join(known) or 'nothing'}")
 
 
 def _about(read: Read, order: str) -> tuple[str, str, int]:
@@ -172,7 +172,7 @@ def _about(read: Read, order: str) -> tuple[str, str, int]:
     if variable and not variable.isidentifier():
         raise _Cut
     if flags & 0xFF not in _NUMERIC_CLASSES or (flags >> 8) & _COMPLEX:
-        return variable, "values of another kind", 0
+        return variable, "values of another type", 0
     if len(shape) != 2 or shape[0] != N_ROWS or shape[1] < 0:
         return variable, " x ".join(map(str, shape)), 0
     return variable, "", shape[1]

@@ -23,7 +23,7 @@ def read_words(path: Path, start: int, size: int, broken: Broken) -> Iterator[by
             if cut := len(read) % size:
                 broken(
                     f"the last word must have {size} bytes, got {cut} at byte {start + len(read) - cut}",
-                    "drops a cut last word",
+                    "drops a truncated last word",
                 )
             start += len(read)
             if len(read) >= size:

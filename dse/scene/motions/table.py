@@ -22,7 +22,9 @@ class Table:
 
     def __post_init__(self) -> None:
         if len(self.t_s) < 2 or self.t_s[0] != 0 or any(b <= a for a, b in pairwise(self.t_s)):
-            raise ValueError(f"t_s must rise from 0 over two times or more, got {list(self.t_s)}")
+            raise ValueError(
+                f"t_s must start at 0, increase, and hold at least two times, got {list(self.t_s)}"
+            )
         if len(self.v_mm_s) != len(self.t_s):
             raise ValueError(
                 f"v_mm_s must have one speed for each of {len(self.t_s)} times, got {len(self.v_mm_s)}"

@@ -136,10 +136,10 @@ def test_addresses_that_a_dvs128_does_not_have(path):
     addresses[[1, 3]] |= 0x40000
     path.write_bytes(head() + words(addresses, block.t_us))
     at = len(head()) + 8
-    assert f"the address at byte {at} must be one of a DVS128, got 0x0004" in error(path)
+    assert f"the address at byte {at} must be valid for a DVS128, got 0x0004" in error(path)
     found, notes = read(Aedat2(), path, repair=True)
     assert found.t_us.tolist() == [0, 6, 12]
-    assert notes[0].endswith("--repair drops words whose address the chip does not have (2 in all)")
+    assert notes[0].endswith("--repair drops words with an address that the chip does not have (2 in all)")
 
 
 def test_a_header_without_a_chip(path):
@@ -147,11 +147,11 @@ def test_a_header_without_a_chip(path):
     path.write_bytes(head(None) + coded(block))
     assert Aedat2().frame(path) is None
     assert error(path).startswith(
-        "a.aedat: the header must name the chip in a line '# AEChip: ...', it has none"
+        "a.aedat: the header must name the chip in a line '# AEChip: ...', but has none"
     )
     found, notes = read(Aedat2(), path, repair=True)
     assert same(found, block.t_us, block.x, block.y, block.polarity)
-    assert notes[0].endswith("--repair takes a camera without a name for a DVS128")
+    assert notes[0].endswith("--repair treats an unnamed camera as a DVS128")
 
 
 @pytest.mark.parametrize(

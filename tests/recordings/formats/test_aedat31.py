@@ -152,7 +152,8 @@ def test_cut_in_a_packet(path, missing, whole):
     path.write_bytes(data[:-missing])
     at = len(head()) + PACKET_BYTES + 24
     assert error(path).startswith(
-        f"a.aedat: the packet at byte {at} must hold 3 events of 8 bytes, the file ends after {whole} of them"
+        f"a.aedat: the packet at byte {at} must hold 3 events of 8 bytes, but the file ends after {whole} "
+        "of them"
     )
     found, notes = read(Aedat31(), path, repair=True)
     assert found.t_us.tolist() == [0, 3, 6, 0, 3, 6][: 3 + whole]
@@ -162,10 +163,12 @@ def test_cut_in_a_packet(path, missing, whole):
 def test_cut_in_a_packet_header(path):
     data = head() + coded(many(3, 240, 180))
     path.write_bytes(data + packet(b"", 0)[:10])
-    sentence = f"a.aedat: the packet header at byte {len(data)} must be 28 bytes long, the file ends after 10"
+    sentence = (
+        f"a.aedat: the packet header at byte {len(data)} must have 28 bytes, but the file ends after 10"
+    )
     assert error(path).startswith(sentence)
     found, notes = read(Aedat31(), path, repair=True)
-    assert len(found.t_us) == 3 and notes == [f"{sentence}; --repair drops a packet header that is cut off"]
+    assert len(found.t_us) == 3 and notes == [f"{sentence}; --repair drops a truncated packet header"]
 
 
 @pytest.mark.parametrize(
@@ -193,16 +196,14 @@ def test_a_packet_header_that_is_not_sound_ends_the_reading(path, fields):
     assert f"a.aedat: the packet header at byte {len(good)} must hold sizes" in error(path)
     found, notes = read(Aedat31(), path, repair=True)
     assert len(found.t_us) == 3
-    assert notes[0].endswith(
-        f"--repair drops the bytes from a packet header that is not sound ({len(bad)} in all)"
-    )
+    assert notes[0].endswith(f"--repair drops the bytes after an invalid packet header ({len(bad)} in all)")
 
 
 @pytest.mark.parametrize("kind", [POLARITY, FRAME])
 def test_an_absurd_packet_takes_no_memory(path, kind):
     n = 2**31 - 1
     path.write_bytes(head() + packet(bytes(80), 0, kind, size=8, capacity=n, n=n, valid=n))
-    assert "must hold 2147483647 events of 8 bytes, the file ends after 10 of them" in error(path)
+    assert "must hold 2147483647 events of 8 bytes, but the file ends after 10 of them" in error(path)
     found, notes = read(Aedat31(), path, repair=True)
     assert len(found.t_us) == 0 and notes[0].endswith(f"({n - 10} in all)")  # all of them marked as invalid
 

@@ -164,7 +164,7 @@ def test_a_damaged_lz4_frame(path):
         data[i] ^= 0xFF
     sentence, notes = damaged(path, bytes(data))
     assert "must be an LZ4 frame: " in sentence
-    assert len(notes) == 1 and notes[0].endswith("--repair drops packets that are not sound")
+    assert len(notes) == 1 and notes[0].endswith("--repair drops invalid packets")
 
 
 def test_frames_of_another_compression(path):
@@ -231,7 +231,7 @@ def test_a_claim_of_too_many_events_takes_no_memory(path):
 def test_a_packet_that_grows_without_end(path, compression, monkeypatch):
     monkeypatch.setattr(aedat4, "_MOST_BYTES", 1 << 16)
     path.write_bytes(head(compression) + packet(COMPRESS[compression](bytes(1 << 22))))
-    assert "must hold at most 65536 bytes once decompressed, got more" in error(path)
+    assert "must hold at most 65536 bytes after decompression, got more" in error(path)
 
 
 def test_a_packet_that_is_too_long_is_passed_over(path, monkeypatch):
@@ -250,7 +250,7 @@ def test_an_absurd_length_ends_the_reading(path, size):
     )
     found, notes = read(Aedat4(), path, repair=True)
     assert len(found.t_us) == 1000
-    assert notes[0].endswith(f"--repair drops the bytes from a packet that does not end ({len(bad)} in all)")
+    assert notes[0].endswith(f"--repair drops the bytes of an unfinished packet ({len(bad)} in all)")
 
 
 @pytest.mark.parametrize("left", [3, 8, 100])
@@ -271,7 +271,7 @@ def test_cut_between_packets_shows_by_the_missing_table(path):
         f"byte {len(head() + coded(BLOCK))}, got byte {length}"
     )
     found, notes = read(Aedat4(), path, repair=True)
-    assert len(found.t_us) == 1000 and notes[0].endswith("--repair reads the packets that are there")
+    assert len(found.t_us) == 1000 and notes[0].endswith("--repair reads the packets that are present")
 
 
 def test_a_header_alone_has_no_events(path):

@@ -95,13 +95,13 @@ def test_a_taxel_is_an_address_in_a_row(tmp_path):
     [
         (
             {"t": T, "x": X, "y": Y},
-            r"a\.npz: no arrays t, x, y and p; name them in the key arrays; known: t, x, y$",
+            r"a\.npz: no arrays t, x, y and p; set the key arrays; known: t, x, y$",
         ),
         ({"t": T, "x": X, "p": P}, "no arrays t, x, y and p"),
         ({"t": T, "x": X, "y": Y, "p": np.array(list("abcd"))}, "no arrays t, x, y and p"),
         (
             {"t": T, "x": X, "y": Y, "p": P, "e": TABLE},
-            "events are in '' and in 'e'; name them in the key arrays",
+            "events are in '' and in 'e'; set the key arrays",
         ),
         ({"image": np.zeros((3, 3))}, "known: none"),
     ],
@@ -129,7 +129,7 @@ def test_units_of_time(tmp_path, unit, times, wanted):
 def test_floating_point_times_need_their_unit(tmp_path):
     path = npz(tmp_path, t=[0.5, 1.5], x=[0, 0], y=[0, 0], p=[0, 1])
     with pytest.raises(
-        RecordingError, match=r"a\.npz: floating-point times must have their unit .* s, ms, us, ns"
+        RecordingError, match=r"a\.npz: floating-point times need their unit .* s, ms, us, ns"
     ):
         read(path, Npz(), repair=True)
 
@@ -144,7 +144,7 @@ def test_values_that_are_no_numbers(tmp_path, monkeypatch):
         read(path, form)
     found, (note,) = read(path, form, repair=True)
     assert found[0] == [0, 1] and found[1] == [0, 1]
-    assert note.endswith("--repair drops events that have them not (3 in all)")
+    assert note.endswith("--repair drops events without them (3 in all)")
 
 
 def test_values_beyond_the_records_are_not_wrapped_into_them(tmp_path):
@@ -159,7 +159,7 @@ def test_arrays_of_different_lengths(tmp_path, kind):
     with pytest.raises(RecordingError, match="the arrays must be of one length, got 4 t, 4 x, 3 y, 4 p"):
         read(path, form())
     found, (note,) = read(path, form(), repair=True)
-    assert found == [T[:3], X[:3], Y[:3], P[:3]] and "--repair keeps the events that are whole" in note
+    assert found == [T[:3], X[:3], Y[:3], P[:3]] and "--repair keeps the complete events" in note
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -173,11 +173,12 @@ def test_damage_inside(tmp_path, monkeypatch, compressed):
     data[middle : middle + 500] = b"\xff" * 500
     path.write_bytes(data)
     with pytest.raises(
-        RecordingError, match=r"a\.npz: damaged, found after event \d+ .*--repair keeps the events before it"
+        RecordingError,
+        match=r"a\.npz: is damaged after event \d+ .*--repair keeps the events before the damage",
     ):
         read(path, Npz())
     found, (note,) = read(path, Npz(), repair=True)
-    assert 0 < len(found[0]) < 30_000 and "damaged, found after event" in note
+    assert 0 < len(found[0]) < 30_000 and "is damaged after event" in note
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -188,7 +189,7 @@ def test_a_wrong_check_sum_is_not_overlooked(tmp_path, compressed):
     directory = data.index(b"PK\x01\x02")
     data[directory + 16] ^= 1  # the check sum in the first entry of the directory
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=r"a\.npz: damaged, found after event 0 \(Bad CRC-32 for file"):
+    with pytest.raises(RecordingError, match=r"a\.npz: is damaged after event 0 \(Bad CRC-32 for file"):
         read(path, Npz())
 
 
@@ -197,7 +198,9 @@ def test_a_wrong_check_sum_is_not_overlooked(tmp_path, compressed):
 def test_files_cut_short(tmp_path, kind, n_bytes):
     path, form = write(kind, tmp_path, TYPED)
     path.write_bytes(path.read_bytes()[:n_bytes])
-    with pytest.raises(RecordingError, match=rf"{path.name}: no (\.npz|HDF5) file, or cut short \("):
+    with pytest.raises(
+        RecordingError, match=rf"{path.name}: is not an (\.npz|HDF5) file, or is truncated \("
+    ):
         form().frame(path)
     assert detect(path) == form()
 

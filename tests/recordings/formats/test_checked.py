@@ -39,9 +39,9 @@ def test_sound_events_pass_unchanged():
 @pytest.mark.parametrize(
     ("event", "sentence"),
     [
-        ((5, 10, 0, 0), r"event 1 must have its \(x, y\) in the frame of 10 x 5 pixels, got 10, 0"),
-        ((5, 0, 5, 0), r"event 1 must have its \(x, y\) in the frame of 10 x 5 pixels, got 0, 5"),
-        ((5, -1, 0, 0), r"event 1 must have its \(x, y\) in the frame of 10 x 5 pixels, got -1, 0"),
+        ((5, 10, 0, 0), r"event 1 must have its \(x, y\) within the frame of 10 x 5 pixels, got 10, 0"),
+        ((5, 0, 5, 0), r"event 1 must have its \(x, y\) within the frame of 10 x 5 pixels, got 0, 5"),
+        ((5, -1, 0, 0), r"event 1 must have its \(x, y\) within the frame of 10 x 5 pixels, got -1, 0"),
         ((-2, 0, 0, 0), "event 1 must have a time of at least 0 us, got -2"),
         ((5, 0, 0, 2), "event 1 must have polarity 0 or 1, got 2"),
         ((3, 0, 0, 0), "event 1 must not be earlier .*latest time before, got 3, 4"),
@@ -58,7 +58,7 @@ def test_events_outside_the_frame_are_dropped_and_counted():
     events, notes = repaired(block((1, 0, 0, 0), (2, 10, 0, 0)), block((3, 0, 7, 1), (4, 1, 1, 1)))
     assert events == [(1, 0, 0, 0), (4, 1, 1, 1)]
     assert notes == [
-        "a.raw: event 1 must have its (x, y) in the frame of 10 x 5 pixels, got 10, 0; "
+        "a.raw: event 1 must have its (x, y) within the frame of 10 x 5 pixels, got 10, 0; "
         "--repair drops events outside the frame (2 in all)"
     ]
 
@@ -67,7 +67,7 @@ def test_times_that_fall_take_the_latest_time():
     events, notes = repaired(block((5, 0, 0, 0), (3, 1, 0, 0)), block((4, 2, 0, 0), (6, 3, 0, 0)))
     assert events == [(5, 0, 0, 0), (5, 1, 0, 0), (5, 2, 0, 0), (6, 3, 0, 0)]
     assert len(notes) == 1 and notes[0].endswith(
-        "got 3, 5; --repair gives an event out of order the latest time (2 in all)"
+        "got 3, 5; --repair sets the time of an event out of order to the latest time before (2 in all)"
     )
 
 
@@ -80,7 +80,7 @@ def test_negative_times_and_polarities():
     assert events == [(0, 1, 1, 1)]
     assert [note.split("--repair ")[1] for note in notes] == [
         "drops events before 0 us",
-        "takes other polarities for ON",
+        "treats other polarities as ON",
     ]
 
 
@@ -89,7 +89,8 @@ def test_a_recording_without_events(blocks):
     events, notes = repaired(*blocks)
     assert events == []
     assert (
-        notes[-1] == "a.raw: there must be events, got none; --repair takes it as a recording without events"
+        notes[-1]
+        == "a.raw: must have events, got none; --repair treats the file as a recording without events"
     )
     with pytest.raises(RecordingError, match=r"^a\.raw: "):
         strict(*blocks)

@@ -176,9 +176,9 @@ def test_content_decides_and_then_the_suffix(folder, file, content, name):
 @pytest.mark.parametrize(
     ("file", "content", "sentence"),
     [
-        ("a.raw", b"\x00" * 8, "may be any of evt2, evt3"),
-        ("a.txt", b"hello", "is of no known format"),
-        ("a", b"", "is of no known format"),
+        ("a.raw", b"\x00" * 8, "could be any of evt2, evt3"),
+        ("a.txt", b"hello", "has no known format"),
+        ("a", b"", "has no known format"),
     ],
 )
 def test_a_file_that_could_be_several_or_none(folder, file, content, sentence):
@@ -186,7 +186,7 @@ def test_a_file_that_could_be_several_or_none(folder, file, content, sentence):
     known_names = ", ".join(FORMATS)
     with pytest.raises(RecordingError) as error:
         detect(folder / file)
-    assert str(error.value) == f"{file}: {sentence}; state the key 'format': one of {known_names}"
+    assert str(error.value) == f"{file}: {sentence}; set the key 'format' to one of {known_names}"
 
 
 def test_an_unknown_name():

@@ -73,7 +73,7 @@ def test_a_header_without_the_version(folder):
     for header in ("", "% Width 304\n"):
         events, notes = read(folder, dat(ONE, header), repair=True)
         assert events == ONE and notes[0].endswith(
-            f"reads what follows {len(header)} bytes of header as version 2"
+            f"reads the data after {len(header)} bytes of header as version 2"
         )
 
 
@@ -129,7 +129,7 @@ def test_other_polarities_are_a_fault(folder):
 def test_no_events(folder):
     assert read(folder, dat([])) == ([], [])
     path = folder / "a.dat"
-    with pytest.raises(RecordingError, match=r"^a\.dat: there must be events, got none; --repair"):
+    with pytest.raises(RecordingError, match=r"^a\.dat: must have events, got none; --repair"):
         list(recording(path, DAT, 10, 10, False, []))
 
 

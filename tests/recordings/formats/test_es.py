@@ -109,10 +109,10 @@ def test_blocks_do_not_show(path, n):
 def test_cut_in_an_event(path, left):
     data = head() + coded(many(3, WIDTH, HEIGHT))
     path.write_bytes(data[: 30 + left])
-    sentence = f"a.es: the event at byte 30 must be 5 bytes long, the file ends after {left}"
+    sentence = f"a.es: the event at byte 30 must have 5 bytes, but the file ends after {left}"
     assert error(path).startswith(sentence)
     found, notes = read(EventStream(), path, repair=True)
-    assert len(found.t_us) == 2 and notes == [f"{sentence}; --repair drops an event that is cut off"]
+    assert len(found.t_us) == 2 and notes == [f"{sentence}; --repair drops a truncated event"]
 
 
 @pytest.mark.parametrize(

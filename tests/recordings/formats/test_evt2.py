@@ -86,7 +86,9 @@ def test_a_header_without_the_encoding(folder, header):
         read(folder, content)
     events, notes = read(folder, content, repair=True)
     assert events == ONE
-    assert notes[0].endswith(f"reads what follows {13 if 'Date' in header else 0} bytes of header as EVT 2.0")
+    assert notes[0].endswith(
+        f"reads the data after {13 if 'Date' in header else 0} bytes of header as EVT 2.0"
+    )
 
 
 @pytest.mark.parametrize("header", ["% evt 3.0\n", "% evt 2.1\n", "% format EVT21;height=720;width=1280\n"])

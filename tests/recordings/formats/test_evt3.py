@@ -108,7 +108,7 @@ def test_vectors_over_the_edge_of_the_frame(folder):
         )
     )
     with pytest.raises(
-        RecordingError, match=r"event 8 must have its \(x, y\) in the frame of 1280 x 720 .*got 1280, 4;"
+        RecordingError, match=r"event 8 must have its \(x, y\) within the frame of 1280 x 720 .*got 1280, 4;"
     ):
         list(recording(path, EVT3, 1280, 720, False, []))
     notes: list[str] = []

@@ -72,9 +72,7 @@ def test_a_line_that_is_no_event(tmp_path, line):
     assert "\n" not in str(e.value)
     (t_us, *_), (note,) = read(path, repair=True)
     assert len(t_us) == 3
-    assert "line 3 must be" in note and note.endswith(
-        "--repair leaves out lines that are no events (2 in all)"
-    )
+    assert "line 3 must be" in note and note.endswith("--repair skips lines that are not events (2 in all)")
 
 
 def test_a_file_without_lines_is_not_gathered_in_memory(tmp_path):

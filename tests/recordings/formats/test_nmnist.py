@@ -71,7 +71,7 @@ def test_events_outside_the_frame(folder):
     path.write_bytes(nmnist([(1, 33, 33, 0), (2, 34, 0, 1)]))
     assert not NMNIST.matches(path, path.read_bytes())
     with pytest.raises(
-        RecordingError, match=r"event 1 must have its \(x, y\) in the frame of 34 x 34 pixels, got 34, 0;"
+        RecordingError, match=r"event 1 must have its \(x, y\) within the frame of 34 x 34 pixels, got 34, 0;"
     ):
         list(recording(path, NMNIST, 34, 34, False, []))
     assert len(events_of(recording(path, NMNIST, 35, 34, False, []))) == 2

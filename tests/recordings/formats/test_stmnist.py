@@ -90,16 +90,16 @@ def test_a_file_cut_short_is_an_error_or_its_beginning(tmp_path, compressed):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(
-        RecordingError, match=r"a\.mat: cut short or damaged at byte \d+, in column \d+ of 3000"
+        RecordingError, match=r"a\.mat: truncated or damaged at byte \d+, in column \d+ of 3000"
     ) as e:
         read(path)
-    assert str(e.value).endswith("--repair keeps the events before it")
+    assert str(e.value).endswith("--repair keeps the events before the damage")
     found, (note,) = read(path, repair=True)
     n = len(found[0])
     wanted = expected(spikes)
     assert len(wanted[0]) / 4 < n < len(wanted[0])
     assert_same(found, [x[:n] for x in wanted])
-    assert "cut short or damaged at byte" in note
+    assert "truncated or damaged at byte" in note
 
 
 def test_damaged_bytes_inside_the_compressed_matrix(tmp_path):
@@ -109,7 +109,7 @@ def test_damaged_bytes_inside_the_compressed_matrix(tmp_path):
     data[len(data) // 2 : len(data) // 2 + 64] = bytes(64)
     path.write_bytes(data)
     with pytest.raises(
-        RecordingError, match=r"a\.mat: (cut short or damaged|the check sum of spiketrain must be)"
+        RecordingError, match=r"a\.mat: (truncated or damaged|the checksum of spiketrain must match)"
     ):
         read(path)
 
@@ -122,7 +122,7 @@ def test_a_wrong_check_sum_is_not_overlooked(tmp_path, n):
     data[-1] ^= 1
     path.write_bytes(data)
     with pytest.raises(
-        RecordingError, match=r"a\.mat: (cut short or damaged|the check sum of spiketrain must be)"
+        RecordingError, match=r"a\.mat: (truncated or damaged|the checksum of spiketrain must match)"
     ):
         read(path)
     found, (note,) = read(path, repair=True)
@@ -136,7 +136,7 @@ def test_a_header_cut_short(tmp_path, n_bytes):
     savemat(path, {"spiketrain": matrix(30)})
     path.write_bytes(path.read_bytes()[:n_bytes])
     for repair in (False, True):
-        with pytest.raises(RecordingError, match=r"a\.mat: .*(cut short|holds no matrix)"):
+        with pytest.raises(RecordingError, match=r"a\.mat: .*(truncated|has no matrix)"):
             read(path, repair)
     with pytest.raises(RecordingError, match=r"a\.mat: "):
         Stmnist().frame(path)
@@ -145,11 +145,11 @@ def test_a_header_cut_short(tmp_path, n_bytes):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"other": np.ones((3, 3)), "more": "text"}, "holds no matrix 'spiketrain'; it holds other, more"),
+        ({"other": np.ones((3, 3)), "more": "text"}, "has no matrix 'spiketrain'; it has other, more"),
         ({"spiketrain": np.ones((100, 7))}, "spiketrain must be 101 x n real numbers, got 100 x 7"),
         ({"spiketrain": np.ones((101, 7, 2))}, "got 101 x 7 x 2"),
-        ({"spiketrain": np.ones((101, 7)) * 1j}, "got values of another kind"),
-        ({"spiketrain": "no numbers"}, "got values of another kind"),
+        ({"spiketrain": np.ones((101, 7)) * 1j}, "got values of another type"),
+        ({"spiketrain": "no numbers"}, "got values of another type"),
     ],
 )
 def test_another_matrix(tmp_path, content, message):
@@ -165,7 +165,7 @@ def test_a_matrix_whose_size_contradicts_its_shape(tmp_path):
     data = path.read_bytes()
     shape = np.array([N_ROWS, 30], "<i4").tobytes()
     path.write_bytes(data.replace(shape, np.array([N_ROWS, 31], "<i4").tobytes()))
-    with pytest.raises(RecordingError, match=r"cut short or damaged at byte .* in a header"):
+    with pytest.raises(RecordingError, match=r"truncated or damaged at byte .* in a header"):
         Stmnist().frame(path)
 
 
@@ -191,7 +191,7 @@ def test_columns_without_a_time(tmp_path):
     found, (note,) = read(path, repair=True)
     assert_same(found, expected(np.delete(spikes, [2, 5, 8], axis=1)))
     assert note.endswith(
-        "--repair drops columns without a time or with values that are no numbers (3 in all)"
+        "--repair drops columns without a time or with values that are not numbers (3 in all)"
     )
 
 
@@ -209,7 +209,7 @@ def test_a_stream_that_inflates_without_end_is_read_in_pieces(tmp_path):
     savemat(path, {})
     path.write_bytes(path.read_bytes() + np.array([15, len(packed)], "<u4").tobytes() + packed)
     tracemalloc.start()
-    with pytest.raises(RecordingError, match="holds no matrix"):
+    with pytest.raises(RecordingError, match="has no matrix"):
         Stmnist().frame(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
