@@ -139,7 +139,7 @@ def _folded(
         shares = [1 - settings.test, settings.test]
         test = dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "test")) == 1
         for code in np.setdiff1d(codes, codes[test]):
-            raise RecordingError(f"{where}: class '{classes[code]}' is too small for {sizes}")
+            raise RecordingError(f"{where}: class '{classes[code]}' has too few recordings for {sizes}")
     rest = np.flatnonzero(~test)
     _check_enough(codes[rest], groups[rest], classes, k, where, settings.group, f"k = {k}")
     part = np.full(len(codes), -1, dtype=np.int64)

@@ -146,7 +146,7 @@ def test_unlabelled_tables_keep_the_columns_they_have(tmp_path):
         ({"channels": ()}, "data.channels must contain at least one column"),
         (
             {"channels": ("left", "cloth")},
-            "must be sensor channels only, got 'cloth', which is a label column column",
+            "must be sensor channels only, got 'cloth', which is a label column",
         ),
         ({"channels": ("t",), "time_ms": "t"}, "must be sensor channels only, got 't'"),
         (
