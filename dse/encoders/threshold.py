@@ -211,7 +211,7 @@ class Threshold(Encoder):
         if unknown.any():
             raise ValueError(
                 f"encoder.matching own_label needs the label of recording {int(unknown.argmax())}, "
-                "which is in no set of the split"
+                "which is in no part of the split"
             )
 
 

@@ -3,7 +3,9 @@
     spiketrain (101, n): rows 0-99 the taxels, -1 (OFF), 0 or 1 (ON); row 100 the time in seconds
 
 Taxel k is column k mod 10 of row k div 10. Every non-zero entry is an event at its column's time, rounded to
-the microsecond. The matrix lies column by column, so it is inflated and read in blocks and never held whole.
+the microsecond. The matrix is stored column by column: it is inflated and read in blocks, and never in memory
+as a whole. scipy.io.loadmat is no substitute: one wrong byte in a type code makes it crash the interpreter
+(scipy 1.17), it gives nothing of a file that is cut short, and it allocates what a header declares.
 
 Sources: See et al., ST-MNIST, arXiv:2005.04319; MathWorks, MAT-File Format, chapter 1 (version 5).
 """
@@ -29,7 +31,7 @@ SIDE = 10
 N_ROWS = SIDE * SIDE + 1
 
 Read = Callable[[int], bytes]
-"""Up to so many bytes; none at the end."""
+"""Return up to n bytes; none at the end of the file."""
 Number = np.dtype[Any]
 
 _HEADER = 128
@@ -44,7 +46,7 @@ _CHUNK = 1 << 16
 
 
 class _Cut(Exception):
-    """The file ends, or its compressed bytes are damaged, before the matrix does."""
+    """The file ends, or its compressed bytes are damaged, before the end of the matrix."""
 
 
 @register("recordings.formats", "stmnist")
@@ -128,7 +130,7 @@ def _columns(read: Read, n: int, number: Number) -> tuple[Array, bool]:
 
 
 def _matrix(file: BinaryIO, name: str) -> tuple[int, Number, BinaryIO | _Inflated]:
-    """Find the matrix; return its columns, its number type, and the stream of its bytes from the first on.
+    """Return the number of columns of the matrix, its number type, and the stream of its values.
 
     Raises:
         RecordingError: another version, no such matrix, or one of another shape or kind.
@@ -189,7 +191,7 @@ def _part(read: Read, order: str) -> bytes:
 
 
 def _number(read: Read, order: str, n_columns: int) -> Number:
-    """Return the type of the values: MATLAB stores them in the smallest that holds them all."""
+    """Return the type of the values: MATLAB stores them in the smallest type that holds them all."""
     kind, size = struct.unpack(f"{order}II", _exactly(read, 8))
     number = np.dtype(order + _NUMBERS.get(kind, "V0"))
     if size != N_ROWS * n_columns * number.itemsize:
@@ -216,7 +218,7 @@ def _ends_well(stream: BinaryIO | _Inflated) -> bool:
 
 
 class _Inflated:
-    """The bytes of a zlib stream inside a file, inflated as they are asked for; damage is the end."""
+    """The bytes of a zlib stream inside a file, inflated on request; the stream ends where it is damaged."""
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self._file, self._left = file, size

@@ -169,6 +169,18 @@ def test_a_matrix_whose_size_contradicts_its_shape(tmp_path):
         Stmnist().frame(path)
 
 
+@pytest.mark.parametrize("code", [0, 8, 11, 14, 99])
+def test_an_unknown_type_of_the_values_is_damage(tmp_path, code):
+    """One wrong byte: scipy.io.loadmat crashes the interpreter on it."""
+    path = tmp_path / "a.mat"
+    savemat(path, {"spiketrain": np.ones((N_ROWS, 7))})
+    data = bytearray(path.read_bytes())
+    data[data.index(np.ones(2).tobytes()) - 8] = code
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"cut short or damaged at byte \d+, in a header"):
+        read(path)
+
+
 def test_version_7_3_is_named(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform".ljust(512) + b"\x89HDF\r\n\x1a\n")
