@@ -17,6 +17,9 @@ PEAK_MV, so nothing overflows, and an infinite current is a large one. Below FLO
 steeper than -2 / ms, where Euler steps of 1 ms swing ever wider about the resting point and end in spikes
 that no current asked for. v is held there; it comes back as u decays. `reference` knows no floor.
 
+It makes the spikes of simulated receptors (dse.encoders.receptors). No network is trained of it: the slope of
+v' grows without bound towards the peak, and with it every gradient through an Euler step.
+
 The table of the source prints c = -0.65; it is -65 mV, as in Izhikevich's own paper and in its figures.
 Sources: Izhikevich, IEEE Trans. Neural Netw. 14, 2003, and its published script (half_steps); Rasouli et al.,
 an extreme learning machine for texture recognition, Eqs. (1)-(3), Table II (REFERENCES.md).
