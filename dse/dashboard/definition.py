@@ -141,7 +141,7 @@ def _values(document: Document, folder: Path, faults: list[Fault]) -> dict[str, 
 
 def _check_views(views: Sequence[str] | None, report: Report) -> None:
     if views == ():
-        report(("views",), "views must name at least one part of the page, got []")
+        report(("views",), "views must contain at least one part of the page, got []")
     known = view_names() if views else []
     for place, name in enumerate(views or ()):
         if name not in known:
@@ -158,7 +158,9 @@ def _no_twins(data: Mapping[str, Any], report: Report) -> None:
     for path, names in lists.items():
         for place, name in enumerate(names if isinstance(names, list) else ()):
             if name in names[:place]:
-                report((*path, place), f"{dotted(path)} must name nothing twice, got {echo(name)} again")
+                report(
+                    (*path, place), f"{dotted(path)} must not contain a name twice, got {echo(name)} again"
+                )
     axes = [axis for axis in _AXES if front.get(axis) is not None]
     for place, axis in enumerate(axes):
         same = [other for other in axes[:place] if front[other] == front[axis]]
@@ -215,7 +217,7 @@ def definition_for(
         "has no budget of": [name for name in definition.budgets if name in columns and name not in budgets],
     }
     notes = [
-        f"This study {lacks} {', '.join(dict.fromkeys(names))}, which the page's definition names."
+        f"This study {lacks} {', '.join(dict.fromkeys(names))}, used in the page definition."
         for lacks, names in told.items()
         if names and columns
     ]

@@ -201,9 +201,7 @@ def _runs(study: Study, trial: int, repeats: int, notes: list[str]) -> list[_Run
         if _is_record(record):
             found.append(_Run(folder, record))
         else:
-            notes.append(
-                f"The record of repeat {repeat} cannot be read: the figures are of the other repeats."
-            )
+            notes.append(f"The record of repeat {repeat} cannot be read; the figures show the other repeats.")
     return found
 
 
@@ -440,7 +438,9 @@ def _examples(
 
 
 def _title(number: int, classes: Sequence[str], true: int, said: int) -> str:
-    return f"recording {number}: {classes[true]}" + (f", taken for {classes[said]}" if said != true else "")
+    return f"recording {number}: {classes[true]}" + (
+        f", classified as {classes[said]}" if said != true else ""
+    )
 
 
 def _first_of_each(label: Array, among: Array, most: int) -> list[int]:

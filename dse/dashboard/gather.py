@@ -207,12 +207,13 @@ def _state(
     if not len(points) and failed.any():
         return {
             "title": "Every trial failed",
-            "text": "No design was measured. The reasons are below; the first is often the cause of all.",
+            "text": "No design was measured. The reasons are listed below; the first is often the cause of "
+            "all others.",
         }
     if not len(points):
         return {
             "title": "No design yet",
-            "text": "This study has no finished trial. Run it, or let it run on.",
+            "text": "This study has no finished trial. Run it, or wait for the first trial.",
         }
     if not present:
         return {
@@ -229,7 +230,7 @@ def _remarks(
     if not len(points):
         return []
     remarks = [
-        f"Column {column} is missing from this study, so the front leaves it out."
+        f"Column {column} is missing from this study and is not used for the front."
         for column in wanted
         if column not in present
     ]
@@ -238,11 +239,13 @@ def _remarks(
         missing = int((~np.isfinite(values)).sum())
         if missing:
             remarks.append(
-                f"{missing} of {len(points)} points have no {column} and are not on any front of it."
+                f"{missing} of {len(points)} points have no value of {column} and are excluded from fronts "
+                "with it."
             )
         if len(points) > 1 and missing < len(points) and np.nanmin(values) == np.nanmax(values):
             remarks.append(
-                f"{column} is {short(float(np.nanmin(values)))} everywhere: it tells no design apart."
+                f"{column} is {short(float(np.nanmin(values)))} for all designs, so it does not distinguish "
+                "them."
             )
     if n_leaky := int((~honest(points)).sum()):
         remarks.append(
@@ -250,7 +253,7 @@ def _remarks(
             "has seen the labels."
         )
     if len(points) == 1:
-        remarks.append("One design point so far, so it is the front.")
+        remarks.append("There is one design point so far; it is the front.")
     if n_kept < len(points):
         remarks.append(
             f"{n_kept:,} of {len(points):,} points are shown: all of each front, a sample of the rest. "

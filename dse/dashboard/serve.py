@@ -68,11 +68,11 @@ class Download:
 
 
 def _no_design(trial: int) -> Page:
-    raise Refused(HTTPStatus.NOT_FOUND, "Nothing more is known of this design.")
+    raise Refused(HTTPStatus.NOT_FOUND, "No further details of this design are available.")
 
 
 def _no_bundle(trial: int, point: int, hardware: str) -> Download:
-    raise Refused(HTTPStatus.NOT_FOUND, "No design can be downloaded here.")
+    raise Refused(HTTPStatus.NOT_FOUND, "Designs cannot be downloaded from this page.")
 
 
 @dataclass(frozen=True)
@@ -182,9 +182,9 @@ class Live:
     def _unreadable(self, missing: Sequence[str]) -> Page:
         fault = f"{' and '.join(missing)} cannot be found" if missing else "The tables cannot be read"
         if self._good is None:
-            text = f"{fault}: they are damaged, or are being written. This page looks again when they change."
+            text = f"{fault}: they are damaged or being written. The page reads them again when they change."
             return {**self._waiting(), "state": {"title": "No table to read", "text": text}}
-        note = f"{fault} now. This is the study as it was read at {self._read_at}."
+        note = f"{fault} now. The page shows the study as read at {self._read_at}."
         return {**self._good, "notes": [note, *self._good["notes"]]}
 
 
@@ -237,7 +237,7 @@ class Server(ThreadingHTTPServer):
             self.address_family = family
             super().__init__(address[:2], _Handler)  # type: ignore[arg-type]
         except OSError as error:
-            busy = "; --port N takes another port, --port 0 any that is free"
+            busy = "; choose another port with --port N, or any free port with --port 0"
             why = f"{error.strerror}{busy if error.errno == errno.EADDRINUSE else ''}"
             raise OSError(error.errno, why, f"{host}:{port}") from error
         bound = ipaddress.ip_address(str(self.server_address[0]))

@@ -155,7 +155,7 @@ class _Designs:
             text = "This design cannot be deployed: its encoder reads the labels of the recordings."
             raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
         except ValueError as error:
-            text = "The study has changed since this point was evaluated; load the page again."
+            text = "The study has changed since this point was evaluated; reload the page."
             raise Refused(HTTPStatus.CONFLICT, text) from error
         except (StoreError, OSError) as error:
             text = "This design cannot be exported: an artefact is damaged, or the disk is full."
@@ -262,7 +262,7 @@ def _marks(study: Study) -> tuple[list[dict[str, Any]], list[str]]:
     try:
         return gather_marks(study), []
     except store.StoreError as error:
-        return [], [f"Published designs are not drawn beside: {error}."]
+        return [], [f"Published designs are not shown: {error}."]
 
 
 def _with_failures(study: Study, points: pandas.DataFrame) -> pandas.DataFrame:

@@ -72,7 +72,7 @@ def gather_breakdown(costs: Sequence[Cost]) -> Breakdown:
         ValueError: there are no costs, or they are of several inferences.
     """
     if not costs or any(np.size(cost.energy_uj.value) != 1 for cost in costs):
-        raise ValueError("costs must be one or more, of one inference each")
+        raise ValueError("costs must hold at least one cost of an inference")
 
     def mean(values: Iterable[Floats]) -> float:
         return float(np.mean([np.asarray(value).item() for value in values]))

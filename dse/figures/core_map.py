@@ -158,5 +158,5 @@ def _cells(shape: tuple[int, int], first: int, told: Sequence[str], colour: str)
 def _counted(core_map: CoreMap) -> str:
     told = f"{core_map.n_cores} of {core_map.on_chip} cores"
     if (core_map.low, core_map.high) != (core_map.n_cores, core_map.n_cores):
-        told += f"; {core_map.low} to {core_map.high} as compilers place it"
+        told += f"; {core_map.low} to {core_map.high} as placed by compilers"
     return told

@@ -220,7 +220,7 @@ def draw_isi(intervals: Intervals) -> plotly.graph_objects.Figure:
     figure.update_xaxes(title={"text": "interval (ms)"})
     # The shortest interval is most of them; the others would lie on the axis.
     figure.update_yaxes(type="log")
-    figure.update_yaxes(title={"text": "share of intervals"}, col=1)
+    figure.update_yaxes(title={"text": "fraction of intervals"}, col=1)
     return figure
 
 

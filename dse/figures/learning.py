@@ -66,7 +66,7 @@ def gather_learning(histories: Sequence[Mapping[str, Array]]) -> Learning:
         if any(len(history.get(name, ())) > 1 for history in known)
     }
     if not curves:
-        raise ValueError(f"histories must have {', '.join(CURVES)} of two epochs or more, got none of them")
+        raise ValueError(f"histories must have at least two epochs of one of {', '.join(CURVES)}, got none")
     return Learning(curves)
 
 

@@ -74,7 +74,7 @@ def gather_lengths(trials: pandas.DataFrame, read_outs: Sequence[Mapping[str, Ar
         ValueError: no trial is finished, no read-out, or the table has no sample length.
     """
     if not read_outs:
-        raise ValueError("read_outs must be those of at least one run, got none")
+        raise ValueError("read_outs must hold at least one run, got none")
     best = _best(trials)
     early_ms = np.asarray(read_outs[0]["decision_latency_ms"], dtype=np.float64)
     nothing = np.full(len(early_ms), np.nan)
@@ -99,7 +99,7 @@ def draw_lengths(lengths: Lengths) -> plotly.graph_objects.Figure:
     figure = make_subplots(rows=1, cols=len(QUANTITIES), subplot_titles=[axis_title(x) for x in QUANTITIES])
     sources = (
         ("trained per length", lengths.trained_ms, lengths.trained, "solid"),
-        ("one net, read out early", lengths.early_ms, lengths.early, "dash"),
+        ("one network, read out early", lengths.early_ms, lengths.early, "dash"),
     )
     for column, quantity in enumerate(QUANTITIES, 1):
         for index, (name, times, values, dash) in enumerate(sources):
@@ -130,7 +130,7 @@ def _best(trials: pandas.DataFrame) -> pandas.DataFrame:
         raise ValueError(f"trials must differ in {LENGTH}, got a table without it")
     finished = trials[np.isfinite(numbers(trials, "accuracy"))]
     if finished.empty:
-        raise ValueError("trials must hold at least one that is finished, got none")
+        raise ValueError("trials must hold at least one finished trial, got none")
     ordered = finished.sort_values(
         [LENGTH, "accuracy", "trial"], ascending=[True, False, True], kind="stable"
     )

@@ -86,7 +86,7 @@ def gather_parallel(
         ValueError: fewer than two columns, one twice or not in the table, or objectives as of `front_mask`.
     """
     if len(columns) < 2 or len(set(columns)) < len(columns):
-        raise ValueError(f"columns must be two or more different ones, got {list(columns)}")
+        raise ValueError(f"columns must be at least two distinct columns, got {list(columns)}")
     if unknown := [name for name in columns if name not in frame.columns]:
         raise ValueError(f"columns must be in the table, got {unknown}")
     on_front = _fronts(frame, objectives)

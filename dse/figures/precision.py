@@ -73,11 +73,11 @@ def gather_precision(points: pandas.DataFrame) -> Precision:
     early = np.isfinite(numbers(points, "phi")) | np.isfinite(numbers(points, "read_out_ms"))
     rows = points[~early & np.isfinite(numbers(points, BITS))]
     if rows.empty:
-        raise ValueError("points must hold at least one answer at the end of the window, got none")
+        raise ValueError("points must hold at least one decision at the end of the window, got none")
     for name in ("trial", "task", "hardware"):
         found = list(rows[name].unique()) if name in rows.columns else []
         if len(found) > 1:
-            raise ValueError(f"points must be of one {name}, got {', '.join(map(str, found))}")
+            raise ValueError(f"points must have one {name}, got {', '.join(map(str, found))}")
     bits, column = np.unique(numbers(rows, BITS), return_inverse=True)
     pruned, line = np.unique(numbers(rows, PRUNED), return_inverse=True)
 

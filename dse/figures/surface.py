@@ -93,8 +93,8 @@ def draw_surfaces(surfaces: Sequence[SurfaceMap]) -> plotly.graph_objects.Figure
         right = figure.get_subplot(1, column).xaxis.domain[1]
         for trace in _traces(surface, bar_x=right + 0.01):
             figure.add_trace(trace, row=1, col=column)
-        figure.update_xaxes(title_text="θ: share of spikes that decides", row=1, col=column)
-    figure.update_yaxes(title_text="φ: spikes before any decision", row=1, col=1)
+        figure.update_xaxes(title_text="θ: fraction of spikes for a decision", row=1, col=column)
+    figure.update_yaxes(title_text="φ: output spikes before a decision", row=1, col=1)
     return figure
 
 

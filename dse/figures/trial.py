@@ -106,7 +106,7 @@ def gather_trial(
     """
     n, n_pins = paths.px.shape[:2]
     if n < 2:
-        raise ValueError(f"paths must have two times or more, got {n}")
+        raise ValueError(f"paths must have at least two times, got {n}")
     n_moments = min(_MOST_MOMENTS, max(_FEWEST_MOMENTS, _PLACES // max(n_pins, 1)))
     every = slice(None, None, -(-(n - 1) // n_moments))
     order = np.lexsort((paths.px[0, :, 1], paths.px[0, :, 0]))

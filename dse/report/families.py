@@ -68,7 +68,7 @@ def compared(parts: Sequence[Found]) -> tuple[list[Row], list[str]]:
             rows += found[0]
             notes.append(f"{own[0].about}: {found[1]}")
     if not rows and _against(parts) is not None:
-        text = "spiking and other designs are of different splits, and do not compare"
+        text = "spiking and other designs use different splits and cannot be compared"
         notes.append(f"{parts[0].about}: {text}")
     return rows, notes
 

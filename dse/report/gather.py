@@ -18,11 +18,11 @@ from dse.study import pricing
 from dse.study.results import Study
 
 _HOW = (
-    "designs are chosen on validation: the most accurate, or one with more runs that is as accurate within "
-    "the standard errors; `test` is the same design on the test set",
+    "designs are selected on validation: the most accurate one, or one with more runs that is as accurate "
+    "within the standard errors; `test` is the same design on the test set",
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
-    "the recordings of the papers are not public: `published` stands beside, and is not reproduced",
+    "the recordings of the papers are not public: `published` is shown for comparison, not reproduced",
 )
 
 
@@ -57,7 +57,9 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     rows.sort(key=lambda row: order[row.system])  # stable: studies and tasks stay together
     notes = list(_HOW) if rows else []
     if any(part.of_movement for part in parts):
-        notes.append("published figures are of textures, those of E of velocity profiles, whatever our task")
+        notes.append(
+            "published figures are for textures, those of E for velocity profiles, independent of our task"
+        )
     for group in alike(parts):
         against, verdicts = compared(group)
         rows += against
@@ -72,7 +74,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
         rows += of_chips
         notes += verdicts
     notes += [
-        f"{part.name}, {part.task}: answered by classifiers of several tasks" for part in parts if part.joint
+        f"{part.name}, {part.task}: predicted by classifiers of several tasks" for part in parts if part.joint
     ]
     notes += [text for part in parts for text in _leaks(part)]
     for study in studies:
@@ -81,7 +83,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     silent = [name for name in published() if name not in told]
     if silent:
         missing = (f"{name} ({' or '.join(published()[name]['families'])})" for name in silent)
-        notes.append(f"nothing to show for these systems: {', '.join(missing)}")
+        notes.append(f"no designs for these systems: {', '.join(missing)}")
     return Report(rows, list(dict.fromkeys(notes)))
 
 
@@ -133,7 +135,7 @@ def _leaks(part: Found) -> list[str]:
     """Return why designs are transductive, one sentence per reason."""
     leaky = part.table.loc[part.table["transductive"], "trial"]
     why = [str(record(part.study.folder, int(trial)).get("transductive", "")) for trial in leaky]
-    told = "transductive designs, only in rows that say so"
+    told = "transductive designs appear only in rows marked as such"
     return [f"{part.name}, {part.task}: {why.count(text)} {told}: {text}" for text in dict.fromkeys(why)]
 
 

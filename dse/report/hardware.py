@@ -39,14 +39,17 @@ if TYPE_CHECKING:
     import pandas
 
 HOW = (
-    f"{HARDWARE}: the winner of a chip has the least energy, flat out, of the designs that fit and are as "
-    "accurate as the best that fits, within ±: the larger of the error over runs and that of so many "
-    "recordings (Wilson); rivals are set against it under the same draws of the chip's figures",
-    f"{HARDWARE}: equal accuracy is the highest that all chips reach on which a design fits; every chip has "
-    "its cheapest design that is as accurate, and the figures of two chips are drawn independently",
-    f"{HARDWARE}: low and high are ends of an energy's interval, or the 5 % and 95 % quantiles of a ratio, "
-    "as in sentences; beyond the uncertainty: both quantiles are on one side of 1; it is that of chips' "
-    "figures, not of activity over runs",
+    f"{HARDWARE}: the winner on a chip is the design with the least energy, flat out, among those that fit "
+    "and are as accurate as the best that fits, within ±, the larger of the standard error over runs and "
+    "Wilson's error for the number of recordings; rivals are compared under the same samples of the chip's "
+    "uncertain numbers",
+    f"{HARDWARE}: equal accuracy is the highest accuracy that all chips with a fitting design reach; for "
+    "each "
+    "chip the cheapest design of that accuracy is compared; the uncertain numbers of two chips are sampled "
+    "independently",
+    f"{HARDWARE}: low and high are the ends of an energy interval, or the 5 % and 95 % quantiles of a ratio; "
+    "beyond the uncertainty: both quantiles are on one side of 1; the uncertainty is that of the chips' "
+    "numbers, not of the activity over runs",
 )
 """What rows and sentences mean."""
 
@@ -142,7 +145,7 @@ def _over_winner(part: Found, own: Choice, rival: Choice, titles: Sequence[str])
 def _verdict(part: Found, level: Level, own: Choice, rival: Choice) -> str:
     """Return what a rival is to a chip's winner there, in words."""
     if not np.isfinite(rival.drawn_uj()).all():
-        return "cannot run here"
+        return "cannot run on this chip"
     if not rival.fits:
         return "does not fit"
     found, has_value = ratio(own.drawn_uj(), rival.drawn_uj()), own.chip.has_values

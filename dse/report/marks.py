@@ -37,7 +37,7 @@ def mark(system: str, part: Found, which: str, values: Mapping[str, float], more
     """
     paper = published()[system]
     title = f"{paper['title']}{f', {which}' if which else ''}"
-    other = "of textures, not of movements" if part.of_movement and system != "E" else ""
-    told = "; ".join(filter(None, ["on recordings that are not public, not reproduced here", other, more]))
+    other = "for textures, not for movements" if part.of_movement and system != "E" else ""
+    told = "; ".join(filter(None, ["on recordings that are not public; not reproduced here", other, more]))
     says = f"{title}: published ({paper['source']}), {told}"
     return Mark(f"{system}, {which}" if which else system, part.task, values, paper["source"], says)

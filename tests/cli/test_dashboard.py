@@ -154,7 +154,8 @@ def test_a_taken_port_is_one_line(
         assert main(["dashboard", str(study_folder(tmp_path)), "--port", str(port)]) == 2
     error = capsys.readouterr().err
     assert error == (
-        f"127.0.0.1:{port}: Address already in use; --port N takes another port, --port 0 any that is free\n"
+        f"127.0.0.1:{port}: Address already in use; choose another port with --port N, or any free port "
+        "with --port 0\n"
     )
 
 
@@ -233,4 +234,4 @@ def test_a_study_of_before_families_has_a_page_without_published_designs(tmp_pat
     made.points().drop(columns="family").to_parquet(made.folder / "points.parquet")
     page = held(write_page(made, tmp_path / "page.html"))
     assert page["marks"] == []
-    assert any("Published designs are not drawn beside: " in note for note in page["notes"])
+    assert any("Published designs are not shown: " in note for note in page["notes"])

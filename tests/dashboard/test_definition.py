@@ -92,7 +92,7 @@ sort: 3
             "sort. Did you mean 'title'?",
             "2: unknown views[1] 'tabel'; known: compare, design, front, parallel, progress, table. "
             "Did you mean 'table'?",
-            "2: views must name nothing twice, got 'front' again",
+            "2: views must not contain a name twice, got 'front' again",
             "5: front.y must be another column than front.x, got 'accuracy' twice",
             "6: unknown front.dimensions 4; known: 2, 3",
             "7: unknown key 'front.colour'; known: x, y, z, dimensions, log",
@@ -101,7 +101,7 @@ sort: 3
             "9: budgets.accuracy must be a number, got 'high'",
             "9: budgets.n_weights must be a finite number, got nan",
             "9: budgets.fits must be a number, got true",
-            "10: parallel must name nothing twice, got 'a' again",
+            "10: parallel must not contain a name twice, got 'a' again",
             "11: sort must be text, got 3",
         )
     ]
@@ -110,7 +110,7 @@ sort: 3
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("views: []", "views must name at least one part of the page, got []"),
+        ("views: []", "views must contain at least one part of the page, got []"),
         ("- front", "a page definition must be a mapping of keys to values, got ['front']"),
         ("title: [a", "not valid YAML"),
         ("title: a\ntitle: b", "duplicate key 'title', first on line 1"),
@@ -177,9 +177,9 @@ def test_a_page_holds_what_its_study_has() -> None:
         "sort": "fits",
     }
     assert notes == [
-        "This study has no n_cores, latency_ms, n_weights, which the page's definition names.",
-        "This study has no numbers to draw in family, which the page's definition names.",
-        "This study has no budget of energy_uj, which the page's definition names.",
+        "This study has no n_cores, latency_ms, n_weights, used in the page definition.",
+        "This study has no numbers to draw in family, used in the page definition.",
+        "This study has no budget of energy_uj, used in the page definition.",
     ]
     # What only says true or false is no number.
     assert definition_for(Definition(front=FrontView(x="fits")), COLUMNS, [])[0]["front"]["x"] is None
@@ -199,7 +199,7 @@ def test_a_gathered_page_has_its_definition_and_marks() -> None:
     assert page["definition"]["title"] == "</script>"
     assert page["definition"]["front"] | {"y": "energy_uj", "x": None} == page["definition"]["front"]
     assert page["definition"]["budgets"] == {"accuracy": 0.7}
-    assert "This study has no n_cores, which the page's definition names." in page["notes"]
+    assert "This study has no n_cores, used in the page definition." in page["notes"]
     assert page["marks"] == marks
     plain = gather_page(failed(), name="fabric", objectives=OBJECTIVES)
     assert (plain["definition"], plain["marks"]) == (definition_for(Definition(), {}, [])[0], [])

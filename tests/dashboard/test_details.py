@@ -235,9 +235,7 @@ def test_a_damaged_record_takes_its_repeat(copied, text):
     one = store.run_folder(copied.folder, trial, 1) / "record.json"
     one.write_text(text)
     document, task = details(copied)
-    assert document["notes"] == [
-        "The record of repeat 1 cannot be read: the figures are of the other repeats."
-    ]
+    assert document["notes"] == ["The record of repeat 1 cannot be read: the figures show the other repeats."]
     assert len(task["figures"]["learning"]["data"]) == 1
     (one.parent.parent / "repeat_0" / "record.json").write_text(text)
     document, task = details(copied)

@@ -86,9 +86,9 @@ def test_nothing_to_draw_is_said(frame, title):
     ("frame", "remark"),
     [
         (points().drop(columns="energy_uj"), "Column energy_uj is missing from this study"),
-        (points(n_weights=1000), "n_weights is 1\u202f000 everywhere: it tells no design apart."),
-        (points(energy_uj=[50, np.nan, 21, 5, np.inf]), "2 of 5 points have no energy_uj"),
-        (points().iloc[:1], "One design point so far"),
+        (points(n_weights=1000), "n_weights is 1\u202f000 for all designs, so it does not distinguish them."),
+        (points(energy_uj=[50, np.nan, 21, 5, np.inf]), "2 of 5 points have no value of energy_uj"),
+        (points().iloc[:1], "There is one design point so far"),
     ],
 )
 def test_remarks(frame, remark):

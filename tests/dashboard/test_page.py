@@ -392,9 +392,9 @@ def test_nothing_to_draw_has_a_face(opened, frame, text):
 @pytest.mark.parametrize(
     ("frame", "note", "n_front"),
     [
-        (points().iloc[:1], "One design point so far", 1),
+        (points().iloc[:1], "There is one design point so far", 1),
         (points().drop(columns="energy_uj"), "Column energy_uj is missing", 3),
-        (points(accuracy=0.5, energy_uj=1.0, n_weights=7), "tells no design apart", 5),
+        (points(accuracy=0.5, energy_uj=1.0, n_weights=7), "does not distinguish them", 5),
     ],
 )
 def test_poor_tables_are_drawn_with_a_note(opened, frame, note, n_front):

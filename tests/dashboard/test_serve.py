@@ -267,7 +267,7 @@ def test_the_own_machine_needs_none(server):
 
 
 def test_a_taken_port_is_said(server, folder):
-    with pytest.raises(OSError, match="Address already in use; --port N takes another port") as caught:
+    with pytest.raises(OSError, match="Address already in use; choose another port with --port N") as caught:
         Server(folder.live(), port=server.server_port)
     assert caught.value.filename == f"127.0.0.1:{server.server_port}"
 
@@ -292,7 +292,7 @@ def test_the_last_good_page_stays(server, folder, harm, capsys):
     kept = data(server)
     note, *others = kept.pop("notes")
     why = "points.parquet cannot be found" if harm == "missing" else "The tables cannot be read"
-    assert re.fullmatch(rf"{why} now. This is the study as it was read at \d\d:\d\d:\d\d.", note)
+    assert re.fullmatch(rf"{why} now. The page shows the study as read at \d\d:\d\d:\d\d.", note)
     assert others == good["notes"]
     assert kept == {key: value for key, value in good.items() if key != "notes"}
     assert len(capsys.readouterr().err.splitlines()) >= 1

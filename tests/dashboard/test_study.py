@@ -128,7 +128,7 @@ def test_a_point_that_was_not_evaluated_is_a_conflict(folder: Path, temporary: P
     with serving(copy) as server:
         status, _, body = ask(server, query())
     assert status == 409
-    assert body == b"The study has changed since this point was evaluated; load the page again.\n"
+    assert body == b"The study has changed since this point was evaluated; reload the page.\n"
     assert list(temporary.iterdir()) == []
 
 

@@ -66,5 +66,5 @@ def test_a_profile_of_intervals_has_a_total_without_a_value():
 def test_one_inference_at_a_time():
     grid = workload().mapped(lambda counts: np.stack([counts, counts]))
     for costs in ([], [cost(load("loihi1_silicon"), grid)]):
-        with pytest.raises(ValueError, match="costs must be one or more, of one inference each"):
+        with pytest.raises(ValueError, match="costs must hold at least one cost of an inference"):
             gather_breakdown(costs)

@@ -21,7 +21,10 @@ def test_repeats_of_different_lengths():
 def test_what_has_no_epochs_has_no_curve():
     assert list(gather_learning([LONG | {"loss": np.array([1.0])}]).curves) == ["accuracy_train"]
     for histories in ([], [{}], [{"accuracy_train": np.array([0.9])}], [{"members": np.array(4)}]):
-        with pytest.raises(ValueError, match="histories must have loss, accuracy_train, gradient_norm"):
+        with pytest.raises(
+            ValueError,
+            match="histories must have at least two epochs of one of loss, accuracy_train, gradient_norm",
+        ):
             gather_learning(histories)
 
 

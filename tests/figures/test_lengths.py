@@ -54,7 +54,7 @@ def test_drawing_has_a_panel_for_each_quantity(trials):
     traces = [(trace.name, list(trace.x), list(trace.y)) for trace in figure.data[:2]]
     assert traces == [
         ("trained per length", [100, 500], [0.6, 0.9]),
-        ("one net, read out early", [250, 500], [0.4, 0.8]),
+        ("one network, read out early", [250, 500], [0.4, 0.8]),
     ]
     assert [trace.error_y.array is not None for trace in figure.data] == [True] + [False] * 5
     assert [trace.showlegend for trace in figure.data] == [True, True] + [False] * 4
@@ -64,7 +64,7 @@ def test_nothing_to_show(trials):
     one = read_out([0.4, 0.8], [1, 2])
     with pytest.raises(ValueError, match=r"trials must differ in window\.n_steps"):
         gather_lengths(trials.drop(columns="window.n_steps"), [one])
-    with pytest.raises(ValueError, match="at least one that is finished"):
+    with pytest.raises(ValueError, match="at least one finished trial"):
         gather_lengths(trials.iloc[4:], [one])
-    with pytest.raises(ValueError, match="read_outs must be those of at least one run"):
+    with pytest.raises(ValueError, match="read_outs must hold at least one run"):
         gather_lengths(trials, [])

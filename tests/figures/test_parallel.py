@@ -85,8 +85,8 @@ def test_empty_and_one_row(n):
 @pytest.mark.parametrize(
     ("columns", "objectives", "message"),
     [
-        (["accuracy"], OBJECTIVES, "two or more different ones"),
-        (["accuracy", "accuracy"], OBJECTIVES, "two or more different ones"),
+        (["accuracy"], OBJECTIVES, "at least two distinct columns"),
+        (["accuracy", "accuracy"], OBJECTIVES, "at least two distinct columns"),
         (["accuracy", "cost"], OBJECTIVES, r"must be in the table, got \['cost'\]"),
         (COLUMNS, {"cost": "min"}, "unknown column 'cost'"),
     ],

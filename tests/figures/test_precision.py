@@ -62,10 +62,10 @@ def test_drawing_has_a_panel_for_each_cost_and_a_line_for_each_share(points):
     [
         (lambda p: p.drop(columns="weight_bits"), "must have a column weight_bits"),
         (lambda p: p.drop(columns="pruned_after"), "must have a column pruned_after"),
-        (lambda p: p.iloc[4:], "at least one answer at the end of the window, got none"),
-        (lambda p: p.assign(trial=[7, 8, 7, 7, 7, 7]), "of one trial, got 7, 8"),
-        (lambda p: p.assign(hardware=["a", "a", "b", "a", "a", "a"]), "of one hardware, got a, b"),
-        (lambda p: p.assign(task=["x", "x", "y", "x", "x", "x"]), "of one task, got x, y"),
+        (lambda p: p.iloc[4:], "at least one decision at the end of the window, got none"),
+        (lambda p: p.assign(trial=[7, 8, 7, 7, 7, 7]), "have one trial, got 7, 8"),
+        (lambda p: p.assign(hardware=["a", "a", "b", "a", "a", "a"]), "have one hardware, got a, b"),
+        (lambda p: p.assign(task=["x", "x", "y", "x", "x", "x"]), "have one task, got x, y"),
     ],
 )
 def test_what_cannot_be_shown(points, change, message):

@@ -93,7 +93,7 @@ def test_a_trial_without_events(walk):
 
 def test_one_moment_is_no_trial(block, walk):
     short = Walk(walk.t_s[:1], walk.px[:1], walk.s_mm[:1], walk.v_mm_s[:1])
-    with pytest.raises(ValueError, match="two times or more, got 1"):
+    with pytest.raises(ValueError, match="at least two times, got 1"):
         gather_trial(block, short, (40, 20), "short")
 
 

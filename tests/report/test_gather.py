@@ -62,7 +62,7 @@ def test_the_mean_of_several_runs_goes_before_a_lucky_one(tmp_path: Path) -> Non
     assert rows["t_c_ms, mlp"].ours is None and rows["accuracy, mlp"].ours == 0.95
     assert "accuracy, naive_bayes" not in rows
     assert knn_row.split == "train: repetition 0 1; validation: repetition 2 (train 20, validation 10)"
-    assert noted(found, "nothing to show for these systems: A (snn), C (hots)")
+    assert noted(found, "no designs for these systems: A (snn), C (hots)")
 
 
 def test_runs_that_agree_leave_the_error_of_few_recordings(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_profiles_are_the_other_system_and_counted_by_kind(tmp_path: Path) -> No
     assert not any("accelerating" in figure for figure in rows)
     # A constant column has no ranks.
     assert rows["Spearman of accuracy and n_weights, 2 designs"].ours is None
-    assert noted(found, "published figures are of textures, those of E of velocity profiles")
+    assert noted(found, "published figures are for textures, those of E for velocity profiles")
 
 
 def test_a_joint_net_is_marked_under_both_systems(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_joint_net_is_marked_under_both_systems(tmp_path: Path) -> None:
     assert rows["joint net: best accuracy: accuracy"].ours == 0.7
     assert rows["cascade: best accuracy: accuracy"].ours == 0.6
     assert not any(figure.startswith("best") for figure in rows)
-    assert noted(report([written]), "joint, texture: answered by classifiers of several tasks")
+    assert noted(report([written]), "joint, texture: predicted by classifiers of several tasks")
 
 
 def leaky(accuracy: float, family: str, **more: Any) -> dict[str, Any]:
@@ -195,7 +195,8 @@ def test_the_size_of_a_leak_is_told_and_the_leak_nowhere_else(tmp_path: Path) ->
     assert rows["first_spike_ms, mean, honest"].ours == 90
     assert not rows_of(found, "D") and not rows_of(found, "A"), "a leak is no answer of ours"
     assert noted(
-        found, "leaks, texture: 2 transductive designs, only in rows that say so: windows of a recording"
+        found,
+        "leaks, texture: 2 transductive designs appear only in rows marked as such: windows of a recording",
     )
 
 
@@ -281,7 +282,7 @@ def test_designs_of_different_splits_do_not_meet(tmp_path: Path) -> None:
     two = write(tmp_path / "others", [{"accuracy": 0.8, "family": "knn", "macs": 1.0}], other)
     found = report([one, two])
     assert not rows_of(found, FAMILIES)
-    assert noted(found, "texture on tiny.npz: spiking and other designs are of different splits")
+    assert noted(found, "texture on tiny.npz: spiking and other designs use different splits")
     assert (
         rows_of(found, "B")["accuracy, knn"].split == "stratified: validation 0.5 (train 20, validation 10)"
     )
@@ -299,7 +300,7 @@ def test_a_study_whose_designs_all_failed_has_its_reason(tmp_path: Path) -> None
     found = report([write(tmp_path / "bad", [], failed=3)])
     assert found.rows == []
     assert noted(found, "bad: 3 of 3 designs failed; the first: ValueError: hidden must be kind")
-    assert noted(found, "nothing to show for these systems: A (snn), B")
+    assert noted(found, "no designs for these systems: A (snn), B")
 
 
 def test_warnings_are_passed_on(tmp_path: Path) -> None:

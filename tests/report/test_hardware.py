@@ -207,7 +207,7 @@ def test_a_classifier_that_a_chip_cannot_run(tmp_path: Path, priced: dict[str, l
     spiking = rows_of(found, "spiking")
     assert spiking["winner: accuracy"].trial == 1
     assert not any(figure.startswith("winner of any") for figure in spiking)
-    assert note_of(found, "spiking").endswith("; the winner of any (knn, trial 0) cannot run here")
+    assert note_of(found, "spiking").endswith("; the winner of any (knn, trial 0) cannot run on this chip")
     assert rows_of(found, "any")["winner: accuracy"].family == "knn"
 
 

@@ -76,7 +76,7 @@ def test_marks_are_what_the_report_prints(tmp_path: Path, space: str, systems: s
             assert value in set().union(*map(printed, figures)), (mark["name"], column)
         assert mark["source"] == published()[mark["name"][0]]["source"]
         assert (
-            f"published ({mark['source']}), on recordings that are not public, not reproduced" in mark["says"]
+            f"published ({mark['source']}), on recordings that are not public; not reproduced" in mark["says"]
         )
 
 
@@ -132,8 +132,8 @@ def test_a_leak_and_another_task_are_told(tmp_path: Path) -> None:
         {"accuracy": 0.8, "task": "profile", "family": "knn", "macs": 1.0},
     ]
     marks = named(write(tmp_path / "other", designs, profile))
-    assert "transductive: it saw its answers" in marks["G"]["says"]
-    assert all("of textures, not of movements" in mark["says"] for mark in marks.values())
+    assert "transductive: it has seen the labels" in marks["G"]["says"]
+    assert all("for textures, not for movements" in mark["says"] for mark in marks.values())
     assert marks["B, knn on natural textures"]["values"] == {"accuracy": 0.6875, "t_c_ms": 500}
 
 
