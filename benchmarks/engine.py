@@ -31,7 +31,6 @@ from rich.table import Table
 import dse
 from benchmarks.recorded_touch import DESIGNS
 from dse import dataset, seeds
-from dse.config.sections import settings_class
 from dse.engine.events import gather
 from dse.engine.network import gradients
 from dse.models.snn.family import SNN
@@ -155,8 +154,8 @@ def main() -> None:
         sections = dse.load_space(name, DESIGNS[name]).resolve({})
         space = dse.load_space(name, DESIGNS[name])
         data, _ = dataset.build(sections, space.source.parent)
-        base = SNN(**{key: value for key, value in sections["model"].items() if key != "kind"})
-        training = settings_class("training")(**sections["training"])
+        base, training = sections.model, sections.training
+        assert isinstance(base, SNN)
         if asked.epochs:
             training = dataclasses.replace(training, epochs=asked.epochs)
         cases = [(text, data, dataclasses.replace(base, **keys)) for text, keys in VARIANTS.items()]

@@ -17,11 +17,11 @@ from benchmarks.peer_training import Task, TaskDesign
 from benchmarks.peers import Population
 from dse import dataset, seeds
 from dse.config import SearchSpace
-from dse.dataset.sections import component, section
 from dse.engine.events import dense, gather
+from dse.models.snn.family import SNN
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.train import PROBE_SAMPLES, train
-from dse.models.training import FitRequest, Generators, Training
+from dse.models.training import FitRequest, Generators
 from dse.neurons.surrogate import exponential
 from dse.recordings import RecordingError
 from dse.records import Dataset, Outcome
@@ -97,8 +97,8 @@ def designs(space: SearchSpace) -> list[FitRequest]:
     for number in range(N_DESIGNS):
         values = design_at(space, number)
         sections = space.resolve(values)
-        model = component("models", sections["model"])
-        found.append(FitRequest(model, section(Training, sections["training"]), _generators(space, values)))
+        assert isinstance(sections.model, SNN)
+        found.append(FitRequest(sections.model, sections.training, _generators(space, values)))
     return found
 
 

@@ -27,7 +27,7 @@ from sklearn.preprocessing import StandardScaler
 import dse
 import dse.config
 import dse.records
-from dse import dataset, registry, store
+from dse import dataset, store
 from dse.engine.events import dense, gather
 from dse.recordings.cutting import cut
 
@@ -152,12 +152,11 @@ def features(data: dse.records.Dataset, bins: int) -> np.ndarray:
 def spectra(space: dse.config.SearchSpace, n_steps: int) -> np.ndarray | None:
     """Return magnitudes of bins 1-16 per channel of the analog windows, mean removed; None for spikes."""
     sections = space.resolve({})
-    if sections["data"]["kind"] != "time_series":
+    if sections.kinds["data"] != "time_series":
         return None
-    keys = {key: value for key, value in sections["data"].items() if key != "kind"}
-    recordings = registry.known("recordings")["time_series"](**keys).read(space.source.parent)
-    window = sections["window"]
-    signals = cut(recordings, window["cut_steps"], window["every_steps"])
+    recordings = sections.data.read(space.source.parent)
+    signals = cut(recordings, sections.window.cut_steps, sections.window.every_steps)
+    assert isinstance(signals, dse.records.Signals)
     begins = signals.offsets[:-1] + (np.diff(signals.offsets) - n_steps) // 2
     windows = np.stack([signals.values[b : b + n_steps] for b in begins]).astype(float)
     magnitude = np.abs(np.fft.rfft(windows - windows.mean(axis=1, keepdims=True), axis=1))

@@ -11,6 +11,7 @@ A component may live outside `dse`: in a plugin, which is a module or a .py file
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import importlib
 import importlib.metadata
@@ -70,7 +71,12 @@ class Plugin:
 
 @dataclasses.dataclass(frozen=True)
 class Rule:
-    """What a value must be: bounds, choices, unit and meaning of one key."""
+    """What a value must be: bounds, choices, unit and meaning of one key.
+
+    component: section of the component that the key names, '' for a plain value. The component's own keys
+        stand beside the key, and the field holds the component that is built from them.
+    component_name: the component that is taken where the key is absent.
+    """
 
     doc: str
     unit: str = ""
@@ -80,6 +86,8 @@ class Rule:
     high_open: bool = False
     choices: tuple[Any, ...] = ()
     axis: bool = True
+    component: str = ""
+    component_name: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,8 +112,23 @@ class Column:
 
 
 def param(default: Any = dataclasses.MISSING, **rule: Any) -> Any:
-    """Declare a dataclass field with its `Rule` (keywords of Rule); without a default it is required."""
+    """Declare a dataclass field with its `Rule` (keywords of Rule); without a default it is required.
+
+    `param("cuba_lif", component="neurons", doc=...)` declares a field that holds a component of section
+    `neurons`. In YAML its key names the component, whose own keys stand beside it in the same mapping; in
+    Python the default is the component with its own defaults.
+    """
+    section = rule.get("component")
+    if section and default is not dataclasses.MISSING:
+        return dataclasses.field(
+            default_factory=functools.partial(_default_component, section, default),
+            metadata={"rule": Rule(**{"axis": False, "component_name": default} | rule)},
+        )
     return dataclasses.field(default=default, metadata={"rule": Rule(**rule)})
+
+
+def _default_component(section: str, name: str) -> object:
+    return known(section)[name]()
 
 
 def rule_of(field: dataclasses.Field[Any]) -> Rule:
@@ -172,6 +195,18 @@ def columns(needs: str | None = None) -> dict[str, Column]:
     objectives: Iterable[Any] = known("objectives").values()
     declared = [c for cls in objectives if needs in (None, cls.needs) for c in cls.columns]
     return {column.name: column for column in sorted(declared, key=lambda column: column.name)}
+
+
+def name_of(section: str, component: object) -> str:
+    """Return the name under which the class of a component is registered.
+
+    Raises:
+        ValueError: it is not registered in the section.
+    """
+    for name, cls in known(section).items():
+        if type(component) is cls:
+            return name
+    raise ValueError(f"{type(component).__name__} is not registered in section '{section}'")
 
 
 def load_plugin(name: str, base: Path | None = None) -> Plugin:

@@ -39,6 +39,6 @@ def save(data: Dataset, folder: Path) -> None:
     beside = folder.with_name(f"{folder.name} spikes")
     for each in (folder, beside):
         each.mkdir(parents=True)
-    list(write_spikes([part_of(data)], beside))
+    write_spikes([part_of(data)], beside)
     split = data.train, data.validation, data.test
     write_dataset(folder, beside.name, data.target, data.classes, split, {}, ["too easy"], data.heads)

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from dse.config import Sections
+from dse.config.contracts import Family
+from dse.config.settings import Training
 
 SPACE = """\
 study: tiny
@@ -28,6 +35,26 @@ objectives: [accuracy:max, n_weights:min]
 search: {sampler: grid, batch: 2}
 execution: {jobs: 1}
 """
+
+
+def sections(design: Mapping[str, Any] | Sections) -> Sections:
+    """Return a design's sections of plain data; absent ones have the simplest that do."""
+    if isinstance(design, Sections):
+        return design
+    written = {name: keys for name, keys in design.items() if keys is not None}
+    return Sections.from_plain({"model": {"kind": "snn"}, "training": {}, **written}, "a design of a test")
+
+
+RASTER: Mapping[str, Any] = {
+    "data": {"kind": "raster", "file": "x.npz", "step_ms": 5},
+    "task": {"target": "letter"},
+    "split": {"stratified": {"validation": 0.2}},
+}
+
+
+def design_of(model: Family, training: Training) -> Sections:
+    """Return a design on recordings that need not be there, because its data set is."""
+    return dataclasses.replace(sections(RASTER), model=model, training=training)
 
 
 def write_space(folder: Path, *changes: tuple[str, str], text: str = SPACE) -> Path:

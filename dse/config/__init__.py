@@ -9,6 +9,7 @@ from dse.config.axes import Axis
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.load import load_space
 from dse.config.locate import shipped_spaces
+from dse.config.resolved import Sections
 from dse.config.settings import ExecutionSettings
 from dse.config.space import DecisionGrid, Design, SearchSettings, SearchSpace
 
@@ -21,6 +22,7 @@ __all__ = [
     "Fault",
     "SearchSettings",
     "SearchSpace",
+    "Sections",
     "known_names",
     "load_space",
     "shipped_spaces",

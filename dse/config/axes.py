@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any
 
 from dse.config.faults import known_names
-from dse.config.values import INVALID, Report, dotted, echo, is_list, number_type
+from dse.config.values import INVALID, Report, dotted, echo, is_list, number_type, plain
 from dse.config.yaml_lines import Path
 
 _KEYS = ("choice", "range", "step", "log")
@@ -175,9 +175,10 @@ def _choice(
     if not isinstance(raw, list | tuple) or not raw:
         report(where, f"{name}.choice must be a list of one or more values, got {echo(raw)}")
         return INVALID
-    values = [read_value(value, (*where, index)) for index, value in enumerate(raw)]
-    if any(value is INVALID for value in values):
+    typed = [read_value(value, (*where, index)) for index, value in enumerate(raw)]
+    if any(value is INVALID for value in typed):
         return INVALID
+    values = list(map(plain, typed))  # a design is plain data: its seed and its row follow from it
     if listed and all(isinstance(value, tuple) and len(value) == 1 for value in values):
         values = [value[0] for value in values]  # plain numbers make a readable column of a table
     for index, value in enumerate(values):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from dse.records import (
     Signals,
     Spikes,
 )
+
+PLACES = ("file", "folder", "labels", "scene")
+"""Fields of a `Source` that name the place of recordings; the cache depends on their content, not on it."""
 
 Generators = Callable[..., np.random.Generator]
 """`rngs(purpose, *index)`: the random generator of one purpose of one design."""
@@ -196,6 +199,11 @@ class Family(Protocol):
         Raises:
             ValueError: the data set has other channels or another length than was trained on.
         """
+
+
+def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:
+    """Return whether a family's designs can train on the same batches."""
+    return hasattr(family, "fit_cohort")
 
 
 F = TypeVar("F")

@@ -16,7 +16,7 @@ from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
 from dse.config.settings import Decision, ExecutionSettings, Precision, Search
-from dse.config.space import DecisionGrid, PrecisionSettings, SearchSettings
+from dse.config.space import DecisionGrid, SearchSettings
 from dse.config.values import Report, echo, read_fields
 
 _BATCH = 8
@@ -43,7 +43,7 @@ def decision(raw: Any, report: Report) -> DecisionGrid | None:
     )
 
 
-def precision(raw: Any, report: Report) -> PrecisionSettings | None:
+def precision(raw: Any, report: Report) -> Precision | None:
     """Read at which precisions trained networks are evaluated; None after a fault."""
     values, good = read_fields(Precision, raw, ("precision",), report, read_fixed)
     for key in ("weight_bits", "pruned"):
@@ -53,7 +53,7 @@ def precision(raw: Any, report: Report) -> PrecisionSettings | None:
     if not good:
         return None
     rising = {key: tuple(sorted(set(values[key]))) for key in ("weight_bits", "pruned")}
-    return PrecisionSettings(**rising, within=values["within"])
+    return Precision(**rising, within=values["within"])
 
 
 def hardware(raw: Any, report: Report, base: Path) -> tuple[str, ...]:

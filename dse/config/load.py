@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from dse.config import goals, parts
+from dse.config.contracts import Source
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space, names_a_file
 from dse.config.parts import Part
-from dse.config.sections import FAMILIES, SECTIONS, components, front_end
+from dse.config.sections import FAMILIES, SECTIONS, front_end
 from dse.config.space import SearchSpace
-from dse.config.values import INVALID, Report, echo, read
+from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import Rule
@@ -71,26 +72,25 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     precision = goals.precision(data["precision"], report) if "precision" in data else None
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
-    folds = (found["split"].values.get("k_fold") or {}).get("k") if "split" in found else None
+    split = found.get("split")
+    k_fold = split.fixed.k_fold if split is not None and split.good else None
+    folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
     execution = goals.execution(data.get("execution"), report, check_device=check_data)
     if faults or decision is None or search is None or execution is None:
         return None
-    fixed = {section: part.values for section, part in found.items() if not part.entries}
-    entries = {section: part.entries for section, part in found.items() if part.entries}
     return SearchSpace(
-        study,
-        seed,
-        source,
-        fixed,
-        axes,
-        decision,
-        hardware,
-        objectives,
-        search,
-        execution,
-        entries,
-        precision,
+        study=study,
+        seed=seed,
+        source=source,
+        parts={name: found[name] for name in SECTIONS if name in found},
+        axes=axes,
+        decision=decision,
+        hardware=hardware,
+        objectives=objectives,
+        search=search,
+        execution=execution,
+        precision=precision,
     )
 
 
@@ -128,18 +128,21 @@ def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
 def _data_faults(found: Mapping[str, Part], raw: Any, base: Path) -> list[tuple[str, str]]:
     """Return (section, sentence) for what the headers of the data files show to be wrong."""
     data, test = found["data"], found.get("test")
-    keys = {key: value for key, value in data.values.items() if key != "kind"}
-    cls: Any = components("data")[data.values["kind"]]
+    values = data.values
     if not data.good:
         # Files can be checked without their numbers: a number at fault must not hide a wrong array name.
-        numbers = {f.name: 1 for f in dataclasses.fields(cls) if f.type == "float" and f.name not in keys}
-        if set(raw) - {"kind"} - keys.keys() - numbers.keys() or not numbers:
+        numbers = {
+            f.name: 1 for f in dataclasses.fields(data.cls) if f.type == "float" and f.name not in values
+        }
+        if set(raw) - {"kind"} - values.keys() - numbers.keys() or not numbers:
             return []
-        keys |= numbers
+        values = values | numbers
     try:
-        faults = [("data", message) for message in cls(**keys).check(base)]
+        source: Source = construct(data.cls, values)
+        faults = [("data", message) for message in source.check(base)]
         if test is not None and test.good:
-            faults += [("test", message) for message in cls(**keys | test.values).check(base)]
+            other: Source = construct(data.cls, values | test.values)
+            faults += [("test", message) for message in other.check(base)]
     except (TypeError, ValueError):  # a required key is missing, or a rule across keys: reported already
         return []
     return faults

@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from dse.config.axes import Axis, is_axis, parse_axis
 from dse.config.faults import known_names
 from dse.config.sections import WITH_AXES, components, settings_class
-from dse.config.settings import Task
-from dse.config.values import INVALID, Report, dotted, echo, read, read_fields, read_given, wanted
+from dse.config.values import (
+    INVALID,
+    Report,
+    blamed,
+    construct,
+    dotted,
+    echo,
+    plain,
+    read,
+    read_fields,
+    read_given,
+    wanted,
+)
 from dse.config.yaml_lines import Path
 from dse.registry import Rule
 
@@ -21,23 +34,45 @@ _MOST_COMBINATIONS = 1000
 
 @dataclass(frozen=True)
 class Part:
-    """A section: key -> value, and dotted name -> axis for the keys that vary.
+    """A section as it is written: its class, key -> value, and dotted name -> axis for the keys that vary.
 
-    entries: kind -> key -> value where the section is a choice of several components; `values` is empty then.
+    kind: name of the component; '' where the section is one dataclass.
     good: nothing in it was at fault; otherwise the keys at fault are missing.
+    entries: kind -> its part where the section is a choice of several components; `values` is empty then.
     """
 
+    cls: type
+    kind: str
     values: dict[str, Any]
     axes: dict[str, Axis]
     good: bool
-    entries: dict[str, dict[str, Any]] = field(default_factory=dict)
+    entries: dict[str, Part] = field(default_factory=dict)
+
+    def built(self, varied: Mapping[str, Any]) -> Any:
+        """Return the object of the section, given the values of the keys that vary.
+
+        Raises:
+            ValueError: its class refuses the values together.
+        """
+        return construct(self.cls, {**self.values, **varied}) if varied else self.fixed
+
+    @cached_property
+    def fixed(self) -> Any:
+        """The object of a section in which no key varies."""
+        return construct(self.cls, self.values)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the section as it is written in YAML, with every default."""
+        kind = {"kind": self.kind} if self.kind else {}
+        axes = {axis.place[1]: axis.to_plain() for axis in self.axes.values()}
+        return kind | {key: plain(value) for key, value in self.values.items()} | axes
 
 
 def settings(section: str, raw: Any, report: Report) -> Part:
     """Read a section that is one dataclass."""
     cls = settings_class(section)
     one = read_or_axis if section in WITH_AXES else read_fixed
-    return _apart((section,), cls, *read_fields(cls, raw, (section,), report, one), report)
+    return _apart((section,), cls, "", *read_fields(cls, raw, (section,), report, one), report)
 
 
 def component_class(path: Path, raw: Any, report: Report) -> type | None:
@@ -73,8 +108,7 @@ def component(path: Path, cls: type, raw: dict[str, Any], report: Report) -> Par
     """
     keys = {key: value for key, value in raw.items() if key != "kind"}
     one = read_or_axis if path[0] in WITH_AXES else read_fixed
-    part = _apart(path, cls, *read_fields(cls, keys, path, report, one), report)
-    return Part({"kind": raw["kind"]} | part.values, part.axes, part.good)
+    return _apart(path, cls, raw["kind"], *read_fields(cls, keys, path, report, one), report)
 
 
 def family(section: str, raw: Any, report: Report) -> Part | None:
@@ -94,11 +128,11 @@ def family(section: str, raw: Any, report: Report) -> Part | None:
     for index, entry in enumerate(entries):
         part = _entry(section, entry, (*where, index), len(entries) > 1, report)
         good &= part is not None and part.good
-        if part is not None and part.values["kind"] in parts:
+        if part is not None and part.kind in parts:
             good = False
-            report((*where, index), f"{section}.choice has '{part.values['kind']}' twice")
+            report((*where, index), f"{section}.choice has '{part.kind}' twice")
         elif part is not None:
-            parts[part.values["kind"]] = part
+            parts[part.kind] = part
     for key in raw:
         if key != "choice":
             good = False
@@ -111,7 +145,7 @@ def family(section: str, raw: Any, report: Report) -> Part | None:
         for kind, part in parts.items()
         for name, axis in part.axes.items()
     }
-    return Part({}, {kinds.name: kinds} | axes, good, {kind: part.values for kind, part in parts.items()})
+    return Part(object, "", {}, {kinds.name: kinds} | axes, good, parts)
 
 
 def _entry(section: str, raw: Any, place: Path, of_several: bool, report: Report) -> Part | None:
@@ -139,7 +173,7 @@ def test_file(cls: type, kind: str, raw: Any, report: Report) -> Part:
             report(("test", "kind"), f"test.kind must equal data.kind, {kind}, got {echo(raw['kind'])}")
         raw = {key: value for key, value in raw.items() if key != "kind"}
     values, good = read_given(cls, raw, ("test",), report, read_fixed)
-    return Part(values, {}, good)
+    return Part(cls, "", values, {}, good)
 
 
 def task(raw: Any, report: Report) -> Part:
@@ -149,13 +183,25 @@ def task(raw: Any, report: Report) -> Part:
         return part
     axis = part.axes.get("task.target")
     targets = (part.values["target"],) if axis is None else axis.values or ()
-    sign = "+" if part.values.get("joint") else "|"
-    name = _columns(targets[0], sign) if len(targets) == 1 else "target"
-    return Part(part.values | {"name": name}, part.axes, part.good)
+    several = len(targets) > 1
+    name = "target" if several else target_name(targets[0], joint=part.values.get("joint", False))
+    return dataclasses.replace(part, values=part.values | {"name": name})
+
+
+def target_name(target: Any, *, joint: bool) -> str:
+    """Return what a target is called: its columns, joined by + where each is reported too, else by |."""
+    parts = target if isinstance(target, tuple | list) else (target,)
+    columns = (
+        part["column"] if isinstance(part, Mapping) else getattr(part, "column", part) for part in parts
+    )
+    return ("+" if joint else "|").join(map(str, columns))
 
 
 def read_fixed(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     """Read a value where no axis may stand."""
+    if is_axis(value) and rule.component:
+        report(path, f"{dotted(path)} cannot be an axis: every component has keys of its own; name one")
+        return INVALID
     if is_axis(value) and "mapping" not in wanted(hint):
         report(path, f"{dotted(path)} cannot be an axis; it must be {wanted(hint)}")
         return INVALID
@@ -169,34 +215,23 @@ def read_or_axis(value: Any, hint: Any, rule: Rule, path: Path, report: Report) 
     return parse_axis(value, hint, path, report, lambda inner, where: read(inner, hint, rule, where, report))
 
 
-def _apart(path: Path, cls: type, values: dict[str, Any], good: bool, report: Report) -> Part:
+def _apart(path: Path, cls: type, kind: str, values: dict[str, Any], good: bool, report: Report) -> Part:
     """Return values and axes apart, after asking the class whether it accepts them together."""
     varied = {key: value for key, value in values.items() if isinstance(value, Axis)}
-    plain = {key: value for key, value in values.items() if key not in varied}
-    # Task is a reading aid of this package: nothing constructs it, and its columns are plain mappings.
-    messages = _refusals(cls, plain, varied) if good and cls is not Task else []
-    section, name = path[0], dotted(path)
+    fixed = {key: value for key, value in values.items() if key not in varied}
+    messages = _refusals(cls, fixed, varied) if good else []
     for message in messages:
-        # A component's own sentence begins with the key that it is about.
-        key = message.split(" ", 1)[0].removeprefix(f"{section}.")
-        text = message.removeprefix(f"{section}.") if key in values else message
-        prefix = f"{name}." if key in values else "" if message.startswith(str(section)) else f"{name}: "
-        report((*path, key) if key in values else path, prefix + text)
-    return Part(plain, {axis.name: axis for axis in varied.values()}, good and not messages)
+        report(*blamed(message, values, path))
+    return Part(cls, kind, fixed, {axis.name: axis for axis in varied.values()}, good and not messages)
 
 
-def _refusals(cls: type, plain: dict[str, Any], varied: dict[str, Axis]) -> list[str]:
+def _refusals(cls: type, fixed: dict[str, Any], varied: dict[str, Axis]) -> list[str]:
     """Return what the class says against its values, tried at every corner of the section's axes."""
     extremes = [[axis.wrapped(value) for value in axis.extremes()] for axis in varied.values()]
     messages: dict[str, None] = {}
     for combination in itertools.islice(itertools.product(*extremes), _MOST_COMBINATIONS):
         try:
-            cls(**plain | dict(zip(varied, combination, strict=True)))
+            construct(cls, fixed | dict(zip(varied, combination, strict=True)))
         except ValueError as error:
             messages.setdefault(str(error))
     return list(messages)
-
-
-def _columns(target: Any, sign: str) -> str:
-    parts = target if isinstance(target, tuple) else (target,)
-    return sign.join(part["column"] if isinstance(part, dict) else part for part in parts)

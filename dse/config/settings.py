@@ -23,11 +23,15 @@ class Column:
     abs: bool = param(False, doc="its absolute value")
 
 
+Target = str | Column | tuple[str | Column, ...]
+"""What is predicted: a label column, or a combination of several."""
+
+
 @dataclass(frozen=True)
 class Task:
     """What is predicted."""
 
-    target: str | Column | tuple[str | Column, ...] = param(  # noqa: RUF009
+    target: Target = param(  # noqa: RUF009
         doc="label column to predict, `{column: NAME, abs: true}` for its absolute value, or a list of "
         "these, whose combination is predicted"
     )
@@ -358,6 +362,11 @@ class Precision:
         high=1,
         axis=False,
     )
+
+    @property
+    def settings(self) -> tuple[tuple[int, float], ...]:
+        """Every (bits, pruned) but the one that is trained: 8 bits and nothing pruned."""
+        return tuple((b, p) for b in self.weight_bits for p in self.pruned if (b, p) != (8, 0.0))
 
 
 @dataclass(frozen=True)

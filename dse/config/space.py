@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from dse.config.axes import Axis, Branching, branchings, n_combinations
+from dse.config.contracts import Source
+from dse.config.parts import Part, target_name
+from dse.config.resolved import Sections
 from dse.config.sections import SECTIONS
-from dse.config.settings import ExecutionSettings
-from dse.config.values import echo
+from dse.config.settings import ExecutionSettings, Precision, Split
+from dse.config.values import echo, plain
 from dse.config.yaml_lines import dump
 
 Design = dict[str, Any]
@@ -30,24 +32,6 @@ class DecisionGrid:
 
     phi: np.ndarray
     theta: np.ndarray
-
-
-@dataclass(frozen=True)
-class PrecisionSettings:
-    """At which precisions trained designs on the front, and near it, are evaluated.
-
-    weight_bits: rising, 2 to 8. pruned: rising shares in [0, 1).
-    within: accuracy that a design may lie below the front.
-    """
-
-    weight_bits: tuple[int, ...]
-    pruned: tuple[float, ...]
-    within: float
-
-    @property
-    def settings(self) -> tuple[tuple[int, float], ...]:
-        """Every (bits, pruned) but the one that is trained: 8 bits and nothing pruned."""
-        return tuple((b, p) for b in self.weight_bits for p in self.pruned if (b, p) != (8, 0.0))
 
 
 @dataclass(frozen=True)
@@ -68,30 +52,28 @@ class SearchSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SearchSpace:
     """One study: everything of its YAML file, validated, defaults filled in.
 
     source: the file it was read from; data files are looked up beside it.
-    fixed: section -> key -> value, without the keys that are axes.
+    parts: section (data .. training) -> what is written there.
     axes: by dotted name, in the order of the sections; one with a condition follows the axis that it names.
     objectives: (column, 'max' or 'min').
-    entries: section -> kind -> key -> value, for the sections that are a choice of several components.
     precision: None where trained networks are evaluated as they are.
     """
 
     study: str
     seed: int
     source: Path
-    fixed: Mapping[str, Any]
+    parts: Mapping[str, Part]
     axes: Mapping[str, Axis]
     decision: DecisionGrid
     hardware: tuple[str, ...]
     objectives: tuple[tuple[str, str], ...]
     search: SearchSettings
     execution: ExecutionSettings
-    entries: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
-    precision: PrecisionSettings | None = None
+    precision: Precision | None = None
 
     @cached_property
     def branchings(self) -> list[Branching]:
@@ -103,6 +85,32 @@ class SearchSpace:
         """Number of designs, or None where an axis is a range without steps."""
         return n_combinations(self.axes.values())
 
+    @property
+    def data(self) -> Source:
+        """The recordings, which all designs share."""
+        return cast(Source, self.parts["data"].fixed)
+
+    @property
+    def split(self) -> Split:
+        """How the recordings are divided, in every design."""
+        return cast(Split, self.parts["split"].fixed)
+
+    @property
+    def choices(self) -> dict[str, tuple[str, ...]]:
+        """Section -> names of its components, for the sections that are a choice of several."""
+        return {name: tuple(part.entries) for name, part in self.parts.items() if part.entries}
+
+    def kind(self, section: str, design: Mapping[str, Any]) -> str:
+        """Return the name of the component that a section has in a design."""
+        return self.parts[section].kind or str(design[f"{section}.kind"])
+
+    def task_name(self, design: Mapping[str, Any]) -> str:
+        """Return what a design predicts: the task's name, or the columns of a target that is an axis."""
+        values = self.parts["task"].values
+        if "task.target" not in self.axes:
+            return str(values["name"])
+        return target_name(design["task.target"], joint=values["joint"])
+
     def active(self, design: Mapping[str, Any]) -> dict[str, Axis]:
         """Return the axes that a design has, which follow from its values on the axes of kinds."""
         return {
@@ -111,49 +119,55 @@ class SearchSpace:
             if axis.condition is None or design.get(axis.condition[0]) == axis.condition[1]
         }
 
-    def resolve(self, design: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the sections (data .. training) with a design's values in their places.
+    def resolve(self, design: Mapping[str, Any]) -> Sections:
+        """Return the sections of a design.
 
         Args:
             design: axis name -> value, one for every axis that its kinds have; a list of one may be written
                 as its element.
 
         Raises:
-            ValueError: an axis is missing, unknown, or the value is not on it.
+            ValueError: an axis is missing, unknown, or the value is not on it; or a component refuses values
+                that are legal one by one.
         """
         axes = self.active(design)
         if set(design) != set(axes):
             raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")
-        values = {name: _frozen(design[name]) for name in axes}
+        varied: dict[str, dict[str, Any]] = {}
         for name, axis in axes.items():
-            if not axis.contains(values[name]):
-                text = f"must be on its axis {axis.to_plain()}, got {echo(values[name])}"
+            value = _as_tuple(design[name])
+            if not axis.contains(value):
+                text = f"must be on its axis {axis.to_plain()}, got {echo(value)}"
                 raise ValueError(f"design: {name} {text}")
-        chosen = {section: kinds[values[f"{section}.kind"]] for section, kinds in self.entries.items()}
-        resolved = _sections(self.fixed, chosen)
-        for name, axis in axes.items():
             section, key = axis.place
-            resolved.setdefault(section, {})[key] = axis.wrapped(values[name])
-        return resolved
+            varied.setdefault(section, {})[key] = axis.wrapped(value)
+        objects: dict[str, Any] = {}
+        kinds: dict[str, str] = {}
+        for name, part in self.parts.items():
+            values = varied.get(name, {})
+            one = part.entries[values.pop("kind")] if part.entries else part
+            if name == "test":
+                objects[name] = self.parts["data"].built(one.values) if one.values else None
+            else:
+                objects[name] = one.built(values)
+            if one.kind:
+                kinds[name] = one.kind
+        return Sections(kinds=kinds, **objects)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the whole search space as plain data, as a file with every default written would hold it."""
-        sections = _sections(self.fixed, self.entries)
-        for name, axis in self.axes.items():
-            section, key = axis.place
-            if axis.condition is not None:
-                sections[section][axis.condition[1]][key] = axis.to_plain()
-            elif name != f"{section}.kind":
-                sections.setdefault(section, {})[key] = axis.to_plain()
-        sections |= {section: {"choice": list(sections[section].values())} for section in self.entries}
+        sections: dict[str, Any] = {}
+        for name, part in self.parts.items():
+            entries = [entry.to_plain() for entry in part.entries.values()]
+            sections[name] = {"choice": entries} if entries else part.to_plain()
         sections["decision"] = {"phi": self.decision.phi.tolist(), "theta": self.decision.theta.tolist()}
         if self.precision is not None:
-            sections["precision"] = dict(vars(self.precision))
+            sections["precision"] = plain(self.precision)
         sections["hardware"] = list(self.hardware)
         sections["objectives"] = [f"{name}:{direction}" for name, direction in self.objectives]
         search = {name: value for name, value in vars(self.search).items() if name != "options"}
         sections["search"] = search | dict(self.search.options)
-        sections["execution"] = dict(vars(self.execution))
+        sections["execution"] = plain(self.execution)
         ordered = {name: sections[name] for name in SECTIONS if name in sections}
         return {"study": self.study, "seed": self.seed} | ordered
 
@@ -162,12 +176,6 @@ class SearchSpace:
         return dump(self.to_plain())
 
 
-def _sections(*parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return copies of the sections of several mappings, in the order of a file."""
-    found = {section: keys for part in parts for section, keys in part.items()}
-    return {section: copy.deepcopy(found[section]) for section in SECTIONS if section in found}
-
-
-def _frozen(value: Any) -> Any:
+def _as_tuple(value: Any) -> Any:
     """Return lists as tuples: a design that went through JSON is the same design."""
-    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
+    return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value

@@ -1,4 +1,6 @@
-"""A plain value against a field's type annotation and `Rule`: one sentence per mistake.
+"""Plain values -> typed, frozen objects, with one sentence per mistake: the reader of every file of a user.
+
+`read_object` makes a dataclass of a mapping; `plain` is the way back.
 
 Understood annotations: bool, int, float, str, None, Any, Literal, unions, tuples, lists, mappings
 with text keys, and dataclasses (whose own fields are checked in turn).
@@ -7,17 +9,23 @@ with text keys, and dataclasses (whose own fields are checked in turn).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import types
 import typing
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
+import numpy as np
+
+from dse import registry
 from dse.config.faults import known_names
 from dse.config.yaml_lines import Path
 from dse.registry import Rule, rule_of
 
+T = TypeVar("T")
 Report = Callable[[Path, str], None]
+ReadOne = Callable[[Any, Any, Rule, Path, Report], Any]
 INVALID: Any = object()
 _SCALARS = {bool: "true or false", int: "an integer", float: "a number", str: "text", type(None): "null"}
 _LISTS = (tuple, list, Sequence)
@@ -51,7 +59,7 @@ def is_list(hint: Any) -> bool:
 def number_type(hint: Any) -> type | None:
     """Return float or int if a field (or the elements of its list) can hold such a number, else None."""
     if hint in (int, float):
-        return typing.cast(type, hint)
+        return cast(type, hint)
     found = {number_type(option) for option in get_args(hint) if option is not Ellipsis}
     return float if float in found else int if int in found else None
 
@@ -94,7 +102,7 @@ def read(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     """
     origin, args = get_origin(hint) or hint, get_args(hint)
     if hint is Any or hint is object:
-        return _plain(value)
+        return plain(value)
     if origin in (Union, types.UnionType):
         return _union(value, hint, rule, path, report)
     if origin is Literal:
@@ -102,11 +110,128 @@ def read(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     if is_list(hint):
         return _list(value, hint, rule, path, report)
     if dataclasses.is_dataclass(origin):
-        found, good = read_fields(typing.cast(type, origin), value, path, report)
-        return found if good else INVALID
+        found = read_object(cast(type, origin), value, path, report)
+        return INVALID if found is None else found
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return _mapping(value, args[1] if args else Any, rule, path, report)
     return _scalar(value, hint, rule, path, report)
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """One key of a mapping that a dataclass describes.
+
+    hint: type annotation of its field.
+    default: makes the value where the key is absent; None where it is required.
+    """
+
+    hint: Any
+    rule: Rule
+    default: Callable[[], Any] | None
+
+
+def keys_of(cls: type, written: Mapping[str, Any] | None = None) -> dict[str, Key]:
+    """Return the keys of a dataclass in the order of its fields.
+
+    A field that holds a component (`Rule.component`) is a key that names the component, followed by the
+    component's own keys; those of the default component where `written` names none that is known.
+
+    Raises:
+        ValueError: a component has a key that the dataclass or another of its components has too.
+    """
+    keys: dict[str, Key] = {}
+    for name, field in _fields(cls).items():
+        rule = rule_of(field)
+        found = {name: Key(_hints(cls)[name], rule, _default(field))}
+        if rule.component:
+            components = registry.known(rule.component)
+            named = (written or {}).get(name, rule.component_name)
+            own = components.get(named) if isinstance(named, str) else None
+            default = functools.partial(str, rule.component_name) if rule.component_name else None
+            found = {name: Key(str, dataclasses.replace(rule, choices=tuple(components)), default)}
+            found |= keys_of(own, written) if own else {}
+        if twice := sorted(found.keys() & keys.keys()):
+            raise ValueError(f"{name} must not name a component with a key of {cls.__name__}, '{twice[0]}'")
+        keys |= found
+    return keys
+
+
+def read_object(
+    cls: type[T],
+    value: Any,
+    path: Path,
+    report: Report,
+    read_one: ReadOne = read,
+    *,
+    also: Collection[str] = (),
+) -> T | None:
+    """Return the dataclass that a mapping describes; None after reporting every mistake in it.
+
+    The mapping's keys are the init fields of the dataclass, their annotations and rules (`registry.param`)
+    say what a value must be. A key that the dataclass does not have is a mistake, and the report names the
+    key that it may stand for; so is a required key that is absent, and whatever the dataclass itself refuses
+    with a ValueError, whose sentence begins with the key that it is about.
+
+    Args:
+        cls: the dataclass.
+        value: the mapping as written; None stands for an empty one.
+        path: keys that lead to the mapping; () is the whole document.
+        report: called with (path, sentence) for every mistake; `Document.fault` turns that into a fault with
+            file and line.
+        read_one: reads one field's value; `parts.read_fixed` refuses an axis in its place by name.
+        also: further keys, which somebody else reads.
+    """
+    values, good = read_fields(cls, value, path, report, read_one, also=also)
+    return _constructed(cls, values, path, report) if good else None
+
+
+def _constructed(cls: type[T], values: Mapping[str, Any], path: Path, report: Report) -> T | None:
+    try:
+        return construct(cls, values)
+    except ValueError as error:
+        report(*blamed(str(error), values, path))
+        return None
+
+
+def construct(cls: type[T], values: Mapping[str, Any]) -> T:
+    """Return the dataclass of the values of `read_fields`; lists and mappings of an axis are read here.
+
+    Raises:
+        ValueError: the class refuses the values.
+    """
+    fields: dict[str, Any] = {}
+    described: type = cls
+    for name, field in _fields(described).items():
+        if name not in values:
+            continue
+        rule, value = rule_of(field), values[name]
+        if rule.component:
+            component = registry.known(rule.component)[value]
+            fields[name] = construct(component, {key: values[key] for key in keys_of(component, values)})
+        elif _holds_dataclass(hint := _hints(described)[name]):
+            fields[name] = read(plain(value), hint, rule, (name,), _refuse)
+        else:
+            fields[name] = value
+    return cls(**fields)
+
+
+def blamed(message: str, values: Collection[str], path: Path) -> tuple[Path, str]:
+    """Return the place and the text of what a class says against its values.
+
+    Args:
+        message: a sentence that begins with the key that it is about, alone or after the section's name.
+        values: the keys of the class.
+        path: keys that lead to the class.
+    """
+    name = dotted(path)
+    section = str(path[0]) if path else ""
+    text = message
+    for prefix in dict.fromkeys((name, section)):
+        text = text.removeprefix(f"{prefix}.")
+    key = text.split(" ", 1)[0]
+    if key in values:
+        return (*path, key), f"{dotted((*path, key))}{text.removeprefix(key)}"
+    return path, message if not name or message.startswith(section) else f"{name}: {message}"
 
 
 def read_fields(
@@ -114,37 +239,29 @@ def read_fields(
     value: Any,
     path: Path,
     report: Report,
-    read_one: Callable[..., Any] = read,
+    read_one: ReadOne = read,
     *,
     also: Collection[str] = (),
 ) -> tuple[dict[str, Any], bool]:
-    """Return the keys of a dataclass as plain data, and whether all of it is right.
+    """Return the keys of a dataclass with their values, and whether all of it is right.
 
-    Keys with a mistake are left out; absent ones have their default.
-
-    Args:
-        cls: dataclass whose init fields are the allowed keys.
-        value: the mapping as written.
-        path: where it stands.
-        report: called with (path, sentence) for every mistake.
-        read_one: reads one field's value; `read` unless axes are allowed in its place.
-        also: further keys that somebody else reads.
+    Keys with a mistake are left out; absent ones have their default. `construct` makes the dataclass of them
+    (`read_object` does both). Arguments as in `read_object`.
     """
     result, good = read_given(cls, value, path, report, read_one, also=also)
-    given = value if isinstance(value, dict) else {}
-    for key, field in _fields(cls).items():
-        if key in given:
+    written = value if isinstance(value, dict) else {}
+    keys = keys_of(cls, written if good else None)
+    for name, key in keys.items():
+        if name in written:
             continue
-        if field.default is not dataclasses.MISSING:
-            result[key] = _plain(field.default)
-        elif field.default_factory is not dataclasses.MISSING:
-            result[key] = _plain(field.default_factory())
+        if key.default is not None:
+            result[name] = key.default()
         else:
-            doc = rule_of(field).doc
+            doc = key.rule.doc
             if value is None or isinstance(value, dict):
-                report(path, f"{dotted(path)}.{key} is required" + (f": {doc}" if doc else ""))
+                report(path, f"{dotted((*path, name))} is required" + (f": {doc}" if doc else ""))
             good = False
-    return {key: result[key] for key in _fields(cls) if key in result}, good
+    return {name: result[name] for name in keys if name in result}, good
 
 
 def read_given(
@@ -152,44 +269,84 @@ def read_given(
     value: Any,
     path: Path,
     report: Report,
-    read_one: Callable[..., Any] = read,
+    read_one: ReadOne = read,
     *,
     also: Collection[str] = (),
 ) -> tuple[dict[str, Any], bool]:
     """Return those keys of a dataclass that are written, and whether all are right (see `read_fields`)."""
-    name = dotted(path)
     if value is None:
         value = {}
     if not isinstance(value, dict):
+        name = dotted(path) or "the file"
         report(path, f"{name} must be a mapping of keys to values, got {echo(value)}")
         return {}, False
-    hints = typing.get_type_hints(cls)
-    known = _fields(cls)
+    try:
+        keys = keys_of(cls, value)
+    except ValueError as error:
+        report(*blamed(str(error), _fields(cls), path))
+        return {}, False
     result: dict[str, Any] = {}
     good = True
-    for key, given in value.items():
-        if key in known:
-            found = read_one(given, hints[key], rule_of(known[key]), (*path, key), report)
-            good &= found is not INVALID
-            result |= {} if found is INVALID else {key: found}
-        elif key not in also:
+    for name, given in value.items():
+        if name in keys:
+            one = read_one(given, keys[name].hint, keys[name].rule, (*path, name), report)
+            good &= one is not INVALID
+            result |= {} if one is INVALID else {name: one}
+        elif name not in also:
             good = False
-            report((*path, key), f"unknown key '{name}.{key}'; {known_names(key, [*known, *also])}")
+            report(
+                (*path, name), f"unknown key '{dotted((*path, name))}'; {known_names(name, [*keys, *also])}"
+            )
     return result, good
 
 
+def plain(value: Any) -> Any:
+    """Return a value as plain data: dataclasses as mappings, lists as tuples, numbers of numpy as Python's.
+
+    A component in a field is its name, with its own keys beside it, as it is written in YAML.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        keys: dict[str, Any] = {}
+        for name, field in _fields(type(value)).items():
+            inner, section = getattr(value, name), rule_of(field).component
+            keys |= (
+                {name: registry.name_of(section, inner), **plain(inner)} if section else {name: plain(inner)}
+            )
+        return keys
+    if isinstance(value, list | tuple):
+        return tuple(plain(element) for element in value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(element) for key, element in value.items()}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+@functools.cache
 def _fields(cls: type) -> dict[str, dataclasses.Field[Any]]:
     return {field.name: field for field in dataclasses.fields(cls) if field.init}
 
 
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, list | tuple):
-        return tuple(_plain(element) for element in value)
-    if isinstance(value, Mapping):
-        return {str(key): _plain(element) for key, element in value.items()}
-    return value
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
+
+
+def _default(field: dataclasses.Field[Any]) -> Callable[[], Any] | None:
+    if field.default is not dataclasses.MISSING:
+        return lambda: _as_tuple(field.default)
+    return None if field.default_factory is dataclasses.MISSING else field.default_factory
+
+
+def _as_tuple(value: Any) -> Any:
+    """Return a list as a tuple, as `read` does."""
+    return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value
+
+
+def _holds_dataclass(hint: Any) -> bool:
+    return dataclasses.is_dataclass(hint) or any(map(_holds_dataclass, get_args(hint)))
+
+
+def _refuse(path: Path, text: str) -> None:
+    raise ValueError(text)
 
 
 def _scalar(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dse.config.settings import Split, Window
+from dse.config.resolved import Sections
+from dse.config.settings import Target, Window
 from dse.dataset import cache, encoding
 from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key
-from dse.dataset.parts import Part, Result, Telling, cropped, place_signals, placed, seen_by_encoder
-from dse.dataset.sections import Resolved, component, section
+from dse.dataset.parts import (
+    Part,
+    Progress,
+    cropped,
+    place_signals,
+    placed,
+    seen_by_encoder,
+    silent,
+)
 from dse.recordings import RecordingError, Recordings, Source, leakage
 from dse.recordings.cutting import cut
 from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, target, target_columns
-from dse.records import Array, Dataset, Signals
+from dse.records import Bools, Dataset, Ints, Signals
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,20 +35,20 @@ class _Read:
     """Recordings of one file: what they are, where their channels lie, and which are in use, (n,) bool."""
 
     recordings: Recordings
-    positions: Array | None
-    used: Array
+    positions: Ints | None
+    used: Bools
 
 
 @dataclasses.dataclass(frozen=True)
 class _Labels:
     """What an encoder may learn from: codes (n,) of the data's recordings, training indices into them."""
 
-    codes: Array
+    codes: Ints
     n_classes: int
-    train: Array
+    train: Ints
 
 
-def prepare(resolved: Resolved, base: Path, root: Path, threads: int = 1) -> Telling[Path]:
+def prepare(design: Sections, base: Path, root: Path, threads: int = 1, progress: Progress = silent) -> Path:
     """Return the folder of the data set of a design in a cache, which is made if it is not there.
 
     Sample i is recording i of the data; recordings of a `test` file follow. Recordings in no part of the
@@ -49,128 +56,121 @@ def prepare(resolved: Resolved, base: Path, root: Path, threads: int = 1) -> Tel
     Designs that differ in labels alone share their spikes.
 
     Args:
-        resolved: sections data, task, split and, where needed, window, preprocessing, encoder, test.
+        design: its sections.
         base: folder that recordings are looked up beside.
         root: of the cache.
         threads: for trials that are simulated; the result is the same with any number.
+        progress: called with a sentence as recordings are read and their spikes written.
 
     Raises:
         RecordingError: anything wrong with the recordings or with what is asked of them.
         OSError: the cache cannot be written.
     """
-    key = dataset_key(resolved, base)
-    return (yield from cache.made(root, key, lambda folder: _filled(folder, resolved, base, root, threads)))
+    making = _Making(base, root, threads, progress)
+    return cache.made(root, dataset_key(design, base), lambda folder: _fill(folder, design, making))
 
 
-def _filled(
-    folder: Path, resolved: Resolved, base: Path, root: Path, threads: int
-) -> Generator[str, None, None]:
+@dataclasses.dataclass(frozen=True)
+class _Making:
+    """How data sets are made; see `prepare`."""
+
+    base: Path
+    root: Path
+    threads: int
+    progress: Progress
+
+
+def _fill(folder: Path, design: Sections, making: _Making) -> None:
     """Write a data set to a folder of the cache, after its spikes."""
-    recordings, positions = _read(component("recordings", resolved["data"]), base, resolved)
-    task, rule = resolved["task"], section(Split, resolved["split"])
-    leakage.guard(target_columns(task["target"]), rule.columns())
-    codes, classes = target(recordings.columns, task["target"])
-    train, validation, test = split(recordings.columns, codes, classes, rule)
-    window = section(Window, resolved.get("window"))
-    reasons = [leak(recordings.columns, rule, train, validation, test, window)]
+    recordings, positions = _read(design.data, making.base, design.window)
+    task = design.task
+    leakage.guard(target_columns(task.target), design.split.columns())
+    codes, classes = target(recordings.columns, task.target)
+    train, validation, test = split(recordings.columns, codes, classes, design.split)
+    reasons = [leak(recordings.columns, design.split, train, validation, test, design.window)]
     used = np.zeros(len(codes), dtype=bool)
     used[np.concatenate([train, validation, test])] = True
     codes, classes = _in_use(codes, classes, used)
-    joint = heads(recordings.columns, task["target"], codes) if task.get("joint") else ()
-    design = yield from cropped(recordings, resolved, train)
+    joint = heads(recordings.columns, task.target, codes) if task.joint else ()
+    fitted = cropped(recordings, design, train, making.progress)
     sources, targets = [_Read(recordings, positions, used)], [codes]
-    if resolved.get("test"):
+    if design.test is not None:
         if len(test):
             raise RecordingError(
                 "test recordings must come either from split.test or from the test file, not from both"
             )
-        other, places = _read(
-            component("recordings", {**resolved["data"], **resolved["test"]}), base, resolved
-        )
+        other, places = _read(design.test, making.base, design.window)
         sources.append(_Read(other, places, np.ones(other.n_recordings, dtype=bool)))
-        targets.append(_codes_of(other, task["target"], classes, "the test file"))
+        targets.append(_codes_of(other, task.target, classes, "the test file"))
         test = len(codes) + np.arange(len(targets[1]))
     labels = _Labels(codes, len(classes), train)
-    name, design, spikes = yield from _spikes(sources, design, labels, base, root, threads)
+    name, fitted, spikes = _spikes(sources, fitted, labels, making)
     stored = read_spikes(spikes)
     seen = {head.name: head.of_class[codes] for head in joint}
-    seen = seen or {" and ".join(target_columns(task["target"])): codes}
+    seen = seen or {" and ".join(target_columns(task.target)): codes}
     traps = [
         trap
-        for what, own in seen.items()
-        for trap in leakage.warnings(stored.lengths, stored.levels, own, train, validation, what)
+        for what, labels_of in seen.items()
+        for trap in leakage.warnings(stored.lengths, stored.levels, labels_of, train, validation, what)
     ]
-    if encoding.transductive(design.get("encoder")):
-        reasons.append(
-            f"encoder {design['encoder']['kind']} reads the labels of the recordings that it encodes"
-        )
+    reasons.append(fitted.reads_labels)
     write_dataset(
         folder, name, np.concatenate(targets), classes, (train, validation, test),
-        _fitted(resolved, design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
+        fitted.fitted_since(design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
     )  # fmt: skip
 
 
 def _spikes(
-    sources: Sequence[_Read], design: Resolved, labels: _Labels, base: Path, root: Path, threads: int
-) -> Telling[tuple[str, dict[str, Any], Path]]:
+    sources: Sequence[_Read], design: Sections, labels: _Labels, making: _Making
+) -> tuple[str, Sections, Path]:
     """Return the key of the spikes, the design with its encoder fitted, and the folder of the spikes.
 
     Recordings of events and rasters that pass an encoder have an entry without it too: designs that differ
     in the encoder share it.
     """
     used, first = [source.used for source in sources], sources[0].recordings
-    design, keys = dict(design), design.get("encoder")
 
-    def fill(place: Path) -> Generator[str, None, None]:
-        parts = []
-        for source in sources:
-            parts.append(
-                (yield from placed(source.recordings, design, source.used, threads, source.positions))
-            )
+    def fill(folder: Path) -> None:
+        parts = [
+            placed(x.recordings, design, x.used, making.threads, x.positions, making.progress)
+            for x in sources
+        ]
         _check_alike(parts)
-        yield from write_spikes(parts, place, threads)
+        write_spikes(parts, folder, making.threads, making.progress)
 
-    if keys and isinstance(first, Signals):
-        design["encoder"] = _learnt_from_signals(first, design, used[0], labels)
-    if not keys or isinstance(first, Signals):
-        name = spikes_key(design, base, used)
-        return name, design, (yield from cache.made(root, name, fill))
+    if isinstance(first, Signals):
+        design = _learnt_from_signals(first, design, used[0], labels)
+    if design.encoder is None or isinstance(first, Signals):
+        name = spikes_key(design, making.base, used)
+        return name, design, cache.made(making.root, name, fill)
 
-    bare = spikes_key({**design, "encoder": None}, base, used)
-    if encoding.learns(keys):
-        stored = read_spikes((yield from cache.made(root, bare, fill)))
-        design["encoder"] = encoding.learnt_from_spikes(
-            keys, stored, used[0], labels.codes, labels.n_classes, labels.train
+    bare = spikes_key(dataclasses.replace(design, encoder=None), making.base, used)
+    encoder = design.encoder
+    if encoder.learns:
+        stored = read_spikes(cache.made(making.root, bare, fill))
+        encoder = encoding.learnt_from_spikes(
+            encoder, stored, used[0], labels.codes, labels.n_classes, labels.train
         )
+        design = dataclasses.replace(design, encoder=encoder)
 
-    def fill_encoded(place: Path) -> Generator[str, None, None]:
-        stored = read_spikes((yield from cache.made(root, bare, fill)))
-        yield from write_spikes([encoding.encoded(stored, design["encoder"], np.concatenate(used))], place)
+    def fill_encoded(folder: Path) -> None:
+        stored = read_spikes(cache.made(making.root, bare, fill))
+        part = encoding.encoded(stored, encoder, np.concatenate(used))
+        write_spikes([part], folder, progress=making.progress)
 
-    name = spikes_key(design, base, used)
-    return name, design, (yield from cache.made(root, name, fill_encoded))
-
-
-def _learnt_from_signals(signals: Signals, design: Resolved, used: Array, labels: _Labels) -> dict[str, Any]:
-    if not encoding.learns(design["encoder"]):
-        return dict(design["encoder"])
-    window = section(Window, design.get("window"))
-    (start, _, _, n_steps), levels = place_signals(signals, window, used)
-    return encoding.learnt(
-        design["encoder"], seen_by_encoder(signals, window, levels), start, n_steps,
-        labels.codes, labels.n_classes, labels.train,
-    )  # fmt: skip
+    name = spikes_key(design, making.base, used)
+    return name, design, cache.made(making.root, name, fill_encoded)
 
 
-def _fitted(before: Resolved, after: Resolved) -> dict[str, dict[str, Any]]:
-    """Return the keys of each section that were fitted to the recordings."""
-    found = {}
-    for name in ("preprocessing", "encoder"):
-        old, new = before.get(name) or {}, after.get(name) or {}
-        changed = {key: value for key, value in new.items() if key not in old or old[key] != value}
-        if changed:
-            found[name] = changed
-    return found
+def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, labels: _Labels) -> Sections:
+    if design.encoder is None or not design.encoder.learns:
+        return design
+    (start, _, _, n_steps), levels = place_signals(signals, design.window, used)
+    shown = seen_by_encoder(signals, design.window, levels)
+    encoder = encoding.learnt(
+        design.encoder, shown, start, n_steps, labels.codes, labels.n_classes, labels.train
+    )
+    return dataclasses.replace(design, encoder=encoder)
 
 
 def find(root: Path, key: str) -> Dataset | None:
@@ -194,11 +194,11 @@ def find(root: Path, key: str) -> Dataset | None:
     return None
 
 
-def load_or_prepare(resolved: Resolved, base: Path, folder: Path, threads: int = 1) -> Dataset:
+def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1) -> Dataset:
     """Return a prepared data set; one that was evicted or damaged since is prepared again.
 
     Args:
-        resolved: as for `prepare`.
+        design: as for `prepare`.
         base: as for `prepare`.
         folder: of the data set in its cache.
         threads: as for `prepare`.
@@ -211,7 +211,7 @@ def load_or_prepare(resolved: Resolved, base: Path, folder: Path, threads: int =
         dataset = load(folder)
     except RecordingError:
         find(folder.parent, folder.name)  # removes what is damaged
-        prepared = _result(prepare(resolved, base, folder.parent, threads))
+        prepared = prepare(design, base, folder.parent, threads)
         if prepared != folder:
             raise RecordingError(f"{folder}: the recordings have changed since they were prepared") from None
         return load(prepared)
@@ -231,31 +231,31 @@ def transductive(folder: Path) -> str:
     return str(read_meta(folder)["transductive"])
 
 
-def as_prepared(resolved: Resolved, folder: Path) -> dict[str, Any]:
+def as_prepared(design: Sections, folder: Path) -> Sections:
     """Return a design with what its prepared data set has fitted to the recordings in place of how."""
-    found = read_meta(folder)["fitted"]
-    return {**resolved, **{name: {**resolved[name], **keys} for name, keys in found.items()}}
+    return design.with_fitted(read_meta(folder)["fitted"])
 
 
-def build(resolved: Resolved, base: Path, threads: int = 1) -> tuple[Dataset, list[str]]:
+def build(
+    design: Sections, base: Path, threads: int = 1, progress: Progress = silent
+) -> tuple[Dataset, list[str]]:
     """Return the data set of a design, kept nowhere, and what is suspicious about its recordings.
 
     Raises:
         RecordingError: as for `prepare`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        prepared = _result(prepare(resolved, base, Path(folder), threads))
+        prepared = prepare(design, base, Path(folder), threads, progress)
         return load(prepared), warnings(prepared)  # what is mapped stays when its file is gone
 
 
-def build_for(resolved: Resolved, base: Path, classes: Sequence[str]) -> tuple[Dataset, list[str]]:
+def build_for(design: Sections, base: Path, classes: Sequence[str]) -> tuple[Dataset, list[str]]:
     """Return a data set of new recordings, all of them in `test`, and what had to be repaired in them.
 
     They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
 
     Args:
-        resolved: as `as_prepared` returns it, with section `data` naming the new file; split and test are
-            not read.
+        design: as `as_prepared` returns it, with `data` naming the new file; split and test are not read.
         base: folder that the file is looked up beside.
         classes: those of the data that was trained on.
 
@@ -263,41 +263,28 @@ def build_for(resolved: Resolved, base: Path, classes: Sequence[str]) -> tuple[D
         RecordingError: anything wrong with the recordings, or labels that are none of the classes. A file
             that lacks a column of the target is no fault: its targets are -1.
     """
-    source: Source = component("recordings", resolved["data"])
-    recordings, positions = _read(source.with_columns_found(base), base, resolved)
-    n = recordings.n_recordings
-    settings = resolved["task"]["target"]
-    codes = np.full(n, -1, dtype=np.int64)
-    if set(target_columns(settings)) <= set(recordings.columns):
-        codes = _codes_of(recordings, settings, tuple(classes), "the new recordings")
+    recordings, positions = _read(design.data.with_columns_found(base), base, design.window)
+    n, wanted = recordings.n_recordings, design.task.target
+    codes: Ints = np.full(n, -1, dtype=np.int64)
+    if set(target_columns(wanted)) <= set(recordings.columns):
+        codes = _codes_of(recordings, wanted, tuple(classes), "the new recordings")
     every = np.ones(n, dtype=bool)
-    found = _kept_nowhere(_result(placed(recordings, resolved, every, positions=positions)))
-    if resolved.get("encoder") and not isinstance(recordings, Signals):
-        found = _kept_nowhere(encoding.encoded(found, resolved["encoder"], every))
+    stored = _kept_nowhere(placed(recordings, design, every, positions=positions))
+    if design.encoder is not None and not isinstance(recordings, Signals):
+        stored = _kept_nowhere(encoding.encoded(stored, design.encoder, every))
     none = np.zeros(0, dtype=np.int64)
-    return joined(found, tuple(classes), codes, none, none, np.arange(n)), found.notes
+    return joined(stored, tuple(classes), codes, none, none, np.arange(n)), stored.notes
 
 
 def _kept_nowhere(part: Part) -> Stored:
     """Return the spikes of a source; what is mapped stays when its file is gone."""
     with tempfile.TemporaryDirectory() as folder:
-        _result(write_spikes([part], Path(folder)))
+        write_spikes([part], Path(folder))
         return read_spikes(Path(folder))
 
 
-def _result(telling: Telling[Result]) -> Result:
-    """Return what a generator returns at its end."""
-    while True:
-        try:
-            next(telling)
-        except StopIteration as end:
-            result: Result = end.value
-            return result
-
-
-def _read(source: Source, base: Path, resolved: Resolved) -> tuple[Recordings, Array | None]:
+def _read(source: Source, base: Path, window: Window) -> tuple[Recordings, Ints | None]:
     """Return recordings, cut into pieces where that is asked for, and where their channels lie."""
-    window = section(Window, resolved.get("window"))
     recordings = cut(source.read(base), window.cut_steps, window.every_steps)
     return recordings, source.channel_positions(base)
 
@@ -315,15 +302,15 @@ def _check_alike(parts: Sequence[Part]) -> None:
             raise RecordingError("the test file must have the same channel positions as the data file")
 
 
-def _in_use(codes: Array, classes: tuple[str, ...], used: Array) -> tuple[Array, tuple[str, ...]]:
+def _in_use(codes: Ints, classes: tuple[str, ...], used: Bools) -> tuple[Ints, tuple[str, ...]]:
     kept = np.unique(codes[used])
     new = np.full(len(classes), -1, dtype=np.int64)
     new[kept] = np.arange(len(kept))
     return new[codes], tuple(classes[i] for i in kept)
 
 
-def _codes_of(recordings: Recordings, settings: Any, classes: tuple[str, ...], where: str) -> Array:
-    codes, names = target(recordings.columns, settings)
+def _codes_of(recordings: Recordings, wanted: Target, classes: tuple[str, ...], where: str) -> Ints:
+    codes, names = target(recordings.columns, wanted)
     for name in names:
         if name not in classes:
             raise RecordingError(f"{where}: class '{name}' is unknown; the classes are {', '.join(classes)}")

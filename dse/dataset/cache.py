@@ -20,13 +20,10 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
 
 from dse.store import atomic, is_temporary, remove
-
-Progress = TypeVar("Progress")
 
 MOST_GIB = 20.0
 """Limit where DSE_CACHE_GIB is not set, or a tenth of the disk if that is less."""
@@ -106,10 +103,8 @@ def mark_used(folder: Path) -> None:
         os.utime(folder / _ENTRY)
 
 
-def made(
-    root: Path, key: str, fill: Callable[[Path], Generator[Progress, None, None]]
-) -> Generator[Progress, None, Path]:
-    """Return the folder of an entry, which is made if it is not there; yield what `fill` yields.
+def made(root: Path, key: str, fill: Callable[[Path], None]) -> Path:
+    """Return the folder of an entry, which is made if it is not there.
 
     Args:
         root: from `opened_root`.
@@ -127,7 +122,7 @@ def made(
         with _locked(root):  # between these two lines the folder looks like a dead writer's
             part.mkdir()
             until_renamed.enter_context(_locked(part))
-        yield from fill(part)
+        fill(part)
         sizes = {path.name: path.stat().st_size for path in part.iterdir() if path.name != _LOCK}
         (part / _ENTRY).write_text(json.dumps(sizes), encoding="utf-8")
     tidy(root)

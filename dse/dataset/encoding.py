@@ -7,44 +7,33 @@ are shown to it a few at a time, but those that it learns from all at once.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from dse.config.contracts import Encoder
 from dse.dataset.files import Stored
-from dse.dataset.parts import Part, Rows, rows_of
-from dse.dataset.sections import Resolved, component, refusals
-from dse.records import Array, Signals, Spikes
+from dse.dataset.parts import Part, Rows, refusals, rows_of
+from dse.records import Bools, Ints, Signals, Spikes
 
 # Of signals that are shown to an encoder at a time; one recording may be more.
 _DENSE_BYTES = 2**24
 
 
-def _encoder(keys: Resolved) -> Encoder:
-    encoder: Encoder = component("encoders", keys)
-    return encoder
-
-
-def learns(keys: Resolved) -> bool:
-    """Return whether the encoder of a section learns from training recordings."""
-    return _encoder(keys).learns
-
-
-def transductive(keys: Resolved | None) -> bool:
-    """Return whether the encoder of a section, if there is one, reads the label of what it encodes."""
-    return _encoder(keys).transductive if keys else False
-
-
 def learnt(
-    keys: Resolved, signals: Signals, first: Array, n_steps: int, codes: Array, n_classes: int, train: Array
-) -> dict[str, Any]:
-    """Return section `encoder` with what the encoder learns from training recordings; as it is if nothing.
+    encoder: Encoder,
+    signals: Signals,
+    first: Ints,
+    n_steps: int,
+    codes: Ints,
+    n_classes: int,
+    train: Ints,
+) -> Encoder:
+    """Return an encoder with what it learns from training recordings; as it is if nothing.
 
     Labels of other recordings are shown to an encoder that says it is transductive, and to no other.
 
     Args:
-        keys: section `encoder`.
+        encoder: of section `encoder`.
         signals: the recordings.
         first: (n,) first step of the evaluated windows.
         n_steps: length of the windows.
@@ -55,55 +44,52 @@ def learnt(
     Raises:
         RecordingError: the encoder cannot learn from them.
     """
-    encoder = _encoder(keys)
     if not encoder.learns:
-        return dict(keys)
+        return encoder
     shown = codes
-    if not transductive(keys):
+    if not encoder.transductive:
         shown = np.full_like(codes, -1)
         shown[train] = codes[train]
     with refusals():
-        found = encoder.fitted(signals, first, n_steps, shown, n_classes, train)
-    return {"kind": keys["kind"], **_plain(vars(found))}
+        return encoder.fitted(signals, first, n_steps, shown, n_classes, train)
 
 
 def learnt_from_spikes(
-    keys: Resolved, stored: Stored, used: Array, codes: Array, n_classes: int, train: Array
-) -> dict[str, Any]:
-    """Return section `encoder` as `learnt` does, for recordings that are spikes.
+    encoder: Encoder, stored: Stored, used: Bools, codes: Ints, n_classes: int, train: Ints
+) -> Encoder:
+    """Return an encoder as `learnt` does, for recordings that are spikes.
 
     Args:
-        keys: section `encoder`.
+        encoder: of section `encoder`.
         stored: spikes of the recordings, and perhaps of a test file behind them.
         used: (n,) bool, recordings that have a window.
         codes: (n,) classes.
         n_classes: number of classes.
         train: indices of the training recordings.
     """
-    chosen = np.flatnonzero(used) if transductive(keys) else train
+    chosen = np.flatnonzero(used) if encoder.transductive else train
     lengths = _lengths(stored, np.isin(np.arange(len(stored.start)), chosen))
     signals = as_signals(stored.spikes, chosen, lengths[chosen])
-    own = np.flatnonzero(np.isin(chosen, train))
-    return learnt(keys, signals, stored.start[chosen], stored.n_steps, codes[chosen], n_classes, own)
+    of_train = np.flatnonzero(np.isin(chosen, train))
+    return learnt(encoder, signals, stored.start[chosen], stored.n_steps, codes[chosen], n_classes, of_train)
 
 
-def encoded(stored: Stored, keys: Resolved, used: Array) -> Part:
+def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
     """Return spikes that an encoder makes of stored spikes; windows mean the same steps as before.
 
     A recording is encoded from its first stored step on, until the end of its last window.
 
     Args:
         stored: spikes of recordings.
-        keys: section `encoder`, fitted.
+        encoder: fitted.
         used: (n,) bool, recordings that have windows; the others get no spikes.
 
     Raises:
         RecordingError: the encoder refuses them.
     """
-    encoder = _encoder(keys)
     lengths = _lengths(stored, used)
     # What reads the labels of certain recordings must find them all, in their order.
-    most = np.inf if transductive(keys) else _DENSE_BYTES
+    most = np.inf if encoder.transductive else _DENSE_BYTES
 
     def rows(threads: int) -> Iterator[Rows]:
         for some in _chunks(lengths * 4 * stored.spikes.n_channels, most):
@@ -126,7 +112,7 @@ def encoded(stored: Stored, keys: Resolved, used: Array) -> Part:
     )  # fmt: skip
 
 
-def as_signals(spikes: Spikes, chosen: Array, lengths: Array) -> Signals:
+def as_signals(spikes: Spikes, chosen: Ints, lengths: Ints) -> Signals:
     """Return recordings of spikes as signals that are 1 at a spike and 0 elsewhere, without columns.
 
     Args:
@@ -143,12 +129,12 @@ def as_signals(spikes: Spikes, chosen: Array, lengths: Array) -> Signals:
     return Signals(values, offsets, spikes.step_ms, {})
 
 
-def _lengths(stored: Stored, used: Array) -> Array:
+def _lengths(stored: Stored, used: Bools) -> Ints:
     """Return (n,) steps from the first that is stored to the end of the last window; 0 where not used."""
     return np.where(used, stored.high.astype(np.int64) + stored.n_steps, 0)
 
 
-def _chunks(n_bytes: Array, most: float) -> Iterator[Array]:
+def _chunks(n_bytes: Ints, most: float) -> Iterator[Ints]:
     """Yield the numbers of all recordings in order, as many at a time as stay below some bytes, or one."""
     begin, filled = 0, 0
     for i, size in enumerate(n_bytes.tolist()):
@@ -157,12 +143,3 @@ def _chunks(n_bytes: Array, most: float) -> Iterator[Array]:
             begin, filled = i, 0
         filled += size
     yield np.arange(begin, len(n_bytes))
-
-
-def _plain(value: Any) -> Any:
-    """Return fields as JSON would give them back, but for tuples, which stay tuples."""
-    if isinstance(value, dict):
-        return {str(key): _plain(x) for key, x in value.items()}
-    if isinstance(value, list | tuple):
-        return tuple(_plain(x) for x in value)
-    return value.item() if isinstance(value, np.generic) else value

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-from dse.dataset.parts import Part
+from dse.dataset.parts import Part, Progress, silent
 from dse.recordings import RecordingError
 from dse.records import Array, Dataset, Head, Spikes
 from dse.store import heads_document, heads_of
@@ -31,16 +31,14 @@ _OF_META = ("spikes", "classes", "fitted", "warnings", "heads", "transductive")
 _OF_DATASET = ("target", "train", "validation", "test")
 
 
-def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1) -> Generator[str, None, None]:
+def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress: Progress = silent) -> None:
     """Write the spikes and windows of several sources, laid end to end, one recording at a time.
 
     Args:
         parts: the data, and the test file if there is one; they agree in channels, step and window.
         folder: empty.
         threads: for trials that are simulated; the files are the same with any number.
-
-    Yields:
-        What goes on, in words.
+        progress: called with a sentence after every recording.
     """
     n_stored, n = max(part.n_stored for part in parts), sum(len(part.start) for part in parts)
     done, filled = 0, 0
@@ -57,7 +55,7 @@ def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1) -> Gener
                 more_channels(channels)
                 filled += len(channels)
                 done += 1
-                yield f"preparing data: {done} of {n} recordings"
+                progress(f"preparing data: {done} of {n} recordings")
     for name in _OF_WINDOWS:
         np.save(folder / f"{name}.npy", np.concatenate([getattr(part, name) for part in parts]))
     np.save(folder / "positions.npy", parts[0].positions.astype(np.int32))

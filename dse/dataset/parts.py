@@ -2,32 +2,49 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from dse import preprocessing
+from dse.config.contracts import Encoder
+from dse.config.resolved import Sections
 from dse.config.settings import Preprocessing, Window
-from dse.dataset.sections import Resolved, component, refusals, section
 from dse.preprocessing import Pooling
 from dse.recordings import EventSource, RecordingError, Recordings, Simulated
 from dse.recordings.pooling import pooling
 from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
-from dse.records import Array, Rasters, Signals, Spikes
+from dse.records import Array, Bools, Floats, Ints, Rasters, Signals, Spikes
 
 Result = TypeVar("Result")
-Telling = Generator[str, None, Result]
-"""Yields what goes on, in words, and returns a result."""
+Progress = Callable[[str], None]
+"""Called now and then with a sentence that says how far the work is."""
 
-Rows = tuple[Array, Array]
+Rows = tuple[Ints, Ints]
 """Spikes of one recording: how many in each of its first steps, and their channels."""
 
 # Results that may wait for a slower one before them, per thread.
 _AHEAD = 2
+
+
+def silent(sentence: str) -> None:
+    """Take in progress and show nothing."""
+
+
+@contextlib.contextmanager
+def refusals() -> Iterator[None]:
+    """Turn what an encoder refuses into a fault of the recordings."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except ValueError as error:
+        raise RecordingError(str(error)) from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,15 +60,15 @@ class Part:
     notes: called after that; what had to be repaired.
     """
 
-    start: Array
-    low: Array
-    high: Array
+    start: Ints
+    low: Ints
+    high: Ints
     n_steps: int
     n_stored: int
-    positions: Array
+    positions: Ints
     step_ms: float
-    lengths: Array
-    levels: Array | None
+    lengths: Ints
+    levels: Floats | None
     rows: Callable[[int], Iterator[Rows]]
     notes: Callable[[], list[str]] = list
 
@@ -62,27 +79,29 @@ class Part:
 
 def placed(
     recordings: Recordings,
-    resolved: Resolved,
-    used: Array,
+    design: Sections,
+    used: Bools,
     threads: int = 1,
-    positions: Array | None = None,
-) -> Telling[Part]:
+    positions: Ints | None = None,
+    progress: Progress = silent,
+) -> Part:
     """Return where the windows of a source lie; recorded events are read once for it, spikes are not made.
 
     Signals pass the encoder on their way; what the encoder of other recordings makes is `encoding.encoded`.
 
     Args:
         recordings: as read.
-        resolved: the design, its crop and its encoder fitted.
+        design: its crop and its encoder are fitted.
         used: (n,) bool, recordings that are in some part of the split; the others get no spikes.
         threads: for trials that are simulated.
         positions: (n_channels, 3) of signals and rasters; events have theirs from their addresses.
+        progress: called with a sentence after every recording that is surveyed.
 
     Raises:
         RecordingError: a window does not fit, or a section is absent or out of place.
     """
-    window = section(Window, resolved.get("window"))
-    _check_sections(recordings, resolved)
+    window = design.window
+    _check_sections(recordings, design)
     if window.remove_mean and not isinstance(recordings, Signals):
         raise RecordingError("window.remove_mean must be false for events and spikes, got true")
     if isinstance(recordings, Signals | Rasters):
@@ -90,37 +109,35 @@ def placed(
             raise ValueError("placed needs the positions of the channels of signals and rasters, got None")
         if isinstance(recordings, Rasters):
             return _of_rasters(recordings.spikes, window, used, positions)
-        return _of_signals(recordings, window, resolved["encoder"], used, positions)
-    return (yield from _of_events(recordings, window, pooling_of(recordings, resolved), used, threads))
+        assert design.encoder is not None  # signals are refused without one
+        return _of_signals(recordings, window, design.encoder, used, positions)
+    assert design.preprocessing is not None  # so are events
+    pools = pooling_of(recordings, design.preprocessing)
+    return _of_events(recordings, window, pools, used, threads, progress)
 
 
-def pooling_of(source: EventSource, resolved: Resolved) -> Pooling:
+def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
     """Return what section `preprocessing` means on a source's frame.
 
     Raises:
-        RecordingError: its keys exclude each other, or the frame cannot give what is asked of it.
+        RecordingError: the frame cannot give what is asked of it.
     """
     pins = source.pins() if isinstance(source, Simulated) else None
-    try:
-        settings = section(Preprocessing, resolved["preprocessing"])
-    except RecordingError:
-        raise
-    except ValueError as error:
-        raise RecordingError(f"preprocessing.{error}") from None
     return pooling(settings, source.width, source.height, pins)
 
 
-def cropped(source: Recordings, resolved: Resolved, train: Array) -> Telling[dict[str, Any]]:
+def cropped(source: Recordings, design: Sections, train: Ints, progress: Progress = silent) -> Sections:
     """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone.
 
     Args:
         source: the recordings.
-        resolved: the design.
+        design: its sections.
         train: indices of the training recordings.
+        progress: called with a sentence after every recording that is searched.
     """
-    keys = resolved.get("preprocessing") or {}
-    if keys.get("crop") != "pins" or isinstance(source, Rasters | Signals):
-        return dict(resolved)
+    settings = design.preprocessing
+    if settings is None or settings.crop != "pins" or isinstance(source, Rasters | Signals):
+        return design
     if isinstance(source, Simulated):
         crop = source.pins()
     else:
@@ -128,17 +145,17 @@ def cropped(source: Recordings, resolved: Resolved, train: Array) -> Telling[dic
         for done, i in enumerate(train, 1):
             more = preprocessing.count_pixels(source.blocks(int(i)), source.width, source.height)
             columns, rows = columns + more[0], rows + more[1]
-            yield f"locating pins: {done} of {len(train)} recordings"
+            progress(f"locating pins: {done} of {len(train)} recordings")
         crop = preprocessing.pin_rectangle(columns, rows)
-    return {**resolved, "preprocessing": {**keys, "crop": list(crop)}}
+    return dataclasses.replace(design, preprocessing=dataclasses.replace(settings, crop=crop))
 
 
-def _check_sections(recordings: Recordings, resolved: Resolved) -> None:
-    kind = resolved["data"]["kind"]
+def _check_sections(recordings: Recordings, design: Sections) -> None:
+    kind = design.kinds["data"]
     needed = {Signals: "encoder", Rasters: None}.get(type(recordings), "preprocessing")
-    if needed is not None and not resolved.get(needed):
+    if needed is not None and getattr(design, needed) is None:
         raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
-    if needed != "preprocessing" and resolved.get("preprocessing"):
+    if needed != "preprocessing" and design.preprocessing is not None:
         raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
 
 
@@ -169,8 +186,7 @@ def seen_by_encoder(signals: Signals, window: Window, levels: Array) -> Signals:
     return without_mean(signals, levels) if window.remove_mean else signals
 
 
-def _of_signals(signals: Signals, window: Window, encoding: Resolved, used: Array, positions: Array) -> Part:
-    encoder = component("encoders", encoding)
+def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools, positions: Ints) -> Part:
     (start, low, high, n_steps), levels = place_signals(signals, window, used)
     kept = np.where(used, high - low + n_steps, 0)
 
@@ -194,8 +210,13 @@ def rows_of(spikes: Spikes) -> Iterator[Rows]:
 
 
 def _of_events(
-    source: EventSource, window: Window, pooling: Pooling, used: Array, threads: int
-) -> Telling[Part]:
+    source: EventSource,
+    window: Window,
+    pooling: Pooling,
+    used: Bools,
+    threads: int,
+    progress: Progress,
+) -> Part:
     simulated = source if isinstance(source, Simulated) else None
     t0_us, lengths, onset = np.zeros((3, source.n_recordings), dtype=np.int64)
     if simulated is not None:
@@ -209,7 +230,7 @@ def _of_events(
         chosen = np.flatnonzero(used).tolist()
         for done, found in enumerate(in_order(survey, chosen, threads if simulated else 1)):
             i = chosen[done]
-            yield f"reading data: {done + 1} of {len(chosen)} recordings"
+            progress(f"reading data: {done + 1} of {len(chosen)} recordings")
             onset[i] = found.onset_bin
             if simulated is None:
                 if not found.n_events:

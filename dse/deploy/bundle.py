@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from dse import store
+from dse.config import ConfigError, Sections
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
 from dse.records import Array, Head, Network, Parameters
 from dse.store import StoreError
 
 _8_BIT = "_8bit"  # ends the names of 8-bit matrices
-SCHEMA = "dse/bundle/2"
+SCHEMA = "dse/bundle/3"
 _WEIGHTS = "weights.npz"
 
 
@@ -34,7 +35,7 @@ class Bundle:
     """A classifier that can be deployed.
 
     fitted: what was trained; the family of section model runs it.
-    sections: resolved data, task, window, preprocessing, encoder, model and training of its design.
+    sections: of its design, with what was fitted to the recordings.
     classes: names of the answers of the whole network.
     phi, theta: the decision rule; both None where the answer comes at a fixed time.
     read_out_ms: that time; None for the end of the window.
@@ -44,7 +45,7 @@ class Bundle:
     """
 
     fitted: Network | Parameters
-    sections: Mapping[str, Any]
+    sections: Sections
     classes: tuple[str, ...]
     phi: float | None
     theta: float | None
@@ -69,7 +70,7 @@ def write(bundle: Bundle, folder: Path) -> None:
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
         document = {
             "schema": SCHEMA,
-            "sections": bundle.sections,
+            "sections": bundle.sections.to_plain(),
             "classes": bundle.classes,
             "decision": {
                 "phi": bundle.phi,
@@ -113,7 +114,7 @@ def read(folder: str | Path) -> Bundle:
             fitted=store.fitted_of(
                 {k: x for k, x in store.load_arrays(path / _WEIGHTS).items() if not k.endswith(_8_BIT)}
             ),
-            sections=document["sections"],
+            sections=Sections.from_plain(document["sections"], str(path / "bundle.json")),
             classes=tuple(document["classes"]),
             phi=document["decision"]["phi"],
             theta=document["decision"]["theta"],
@@ -123,7 +124,7 @@ def read(folder: str | Path) -> Bundle:
             heads=store.heads_of(document["heads"]),
             head=document["decision"]["head"],
         )
-    except StoreError as error:
+    except (StoreError, ConfigError) as error:
         raise BundleError(str(error)) from error
     except (KeyError, TypeError, AttributeError) as error:
         raise BundleError(f"{path / 'bundle.json'}: key {error} is missing or invalid") from error
@@ -190,7 +191,7 @@ def _described(bundle: Bundle) -> tuple[str, str]:
     fitted = bundle.fitted
     if isinstance(fitted, Parameters):
         names = ", ".join(f"`own/{name}`" for name in fitted.arrays)
-        kind = bundle.sections["model"]["kind"]
+        kind = bundle.sections.kinds["model"]
         return (
             f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",
             f"`weights.npz` holds what the family stores: {names}.",

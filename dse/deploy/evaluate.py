@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from dse import dataset, store
-from dse.dataset import encoding
-from dse.dataset.sections import component
+from dse import dataset, registry, store
+from dse.config import ConfigError, Sections
+from dse.config.contracts import Source
 from dse.deploy.bundle import Bundle, BundleError, read, write
 from dse.measure import decision
 from dse.measure.confusion import confusion
@@ -22,12 +22,12 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.run import read_out
 from dse.models.snn.quantise import BITS, exponents, rounded
 from dse.recordings import RecordingError, npz
-from dse.recordings.scene import COLUMNS
+from dse.recordings.event_files import EventFiles
+from dse.recordings.events import EventFile
+from dse.recordings.scene import COLUMNS, SceneTrials
 from dse.records import Answers, Array, Dataset, Network, Response
 from dse.study import precision
 from dse.study.results import Study
-
-_SECTIONS = ("data", "task", "window", "preprocessing", "encoder", "model", "training")
 
 
 @dataclass(frozen=True)
@@ -103,22 +103,24 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
     """
     found = read(bundle)
     path = Path(data_file).absolute()
-    own = _at(path, found.sections["data"])
-    if repair and own["kind"] != "event_files":
-        raise RecordingError(
-            f"{path.name}: only event files can be repaired, got data of kind '{own['kind']}'"
-        )
-    sections = {**found.sections, "data": {**own, "repair": True} if repair else own}
+    source = _at(path, found.sections.data)
+    kind = registry.name_of("recordings", source)
+    if repair:
+        if not isinstance(source, EventFiles):
+            text = f"only event files can be repaired, got data of kind '{kind}'"
+            raise RecordingError(f"{path.name}: {text}")
+        source = dataclasses.replace(source, repair=True)
+    kinds = {**found.sections.kinds, "data": kind}
+    sections = dataclasses.replace(found.sections, data=source, kinds=kinds)
     data, notes = dataset.build_for(sections, path.parent, found.classes)
     if data.spikes.n_channels != found.fitted.n_channels:
         raise BundleError(
             f"{data_file}: must have {found.fitted.n_channels} input channels after preprocessing, "
             f"got {data.spikes.n_channels}"
         )
-    model = component("models", found.sections["model"])
     data = dataclasses.replace(data, heads=found.heads)
     try:
-        said = model.respond(found.fitted, data, data.test)
+        said = found.sections.model.respond(found.fitted, data, data.test)
     except ValueError as error:  # recordings of another length, for one
         raise BundleError(f"{data_file}: {error}") from None
     label, time_ms, decided = _answered(found, data, said)
@@ -175,31 +177,33 @@ def _confusion(label: Array, target: Array, n_classes: int) -> Array:
     return confusion(label[named], target[named], n_classes)
 
 
-def _at(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+def _at(path: Path, data: Source) -> Source:
     """Return section `data` for new recordings at a path; what was trained on a scene may meet a sensor.
 
     Raises:
         RecordingError: the file cannot be read.
     """
-    if data["kind"] not in ("scene", "event_files"):
-        return {**data, "file": str(path)}
-    if data["kind"] == "scene" and path.suffix in (".yaml", ".yml"):
-        return {**data, "scene": str(path)}
-    if data["kind"] == "scene" and path.suffix == ".npz" and "offsets" in npz.headers(path):
-        # As `dse simulate` writes them: several recordings, the frame beside them.
-        frame = {name: int(value) for name, value in npz.load(path, ("width", "height")).items()}
-        fields = {name: name for name in ("x", "y", "polarity")}
-        return {
-            "kind": "events",
-            "file": str(path),
-            **frame,
-            **fields,
-            "columns": {name: name for name in COLUMNS},
-        }
-    own = {"kind": "event_files"} if data["kind"] == "scene" else dict(data)
-    if path.is_dir():
-        return {**own, "folder": str(path)}
-    return {**own, "folder": str(path.parent), "pattern": glob.escape(path.name)}
+    if isinstance(data, SceneTrials):
+        if path.suffix in (".yaml", ".yml"):
+            return dataclasses.replace(data, scene=str(path))
+        if path.suffix == ".npz" and "offsets" in npz.headers(path):
+            # As `dse simulate` writes them: several recordings, the frame beside them.
+            frame = npz.load(path, ("width", "height"))
+            return EventFile(
+                file=str(path),
+                width=int(frame["width"]),
+                height=int(frame["height"]),
+                x="x",
+                y="y",
+                polarity="polarity",
+                columns={name: name for name in COLUMNS},
+            )
+        data = EventFiles(folder=str(path.parent))
+    if isinstance(data, EventFiles):
+        if path.is_dir():
+            return dataclasses.replace(data, folder=str(path))
+        return dataclasses.replace(data, folder=str(path.parent), pattern=glob.escape(path.name))
+    return dataclasses.replace(data, file=str(path))  # type: ignore[type-var]
 
 
 def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle:
@@ -220,9 +224,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     trial = int(point["trial"])
     phi, theta, read_out_ms = (_setting(point.get(name)) for name in ("phi", "theta", "read_out_ms"))
     records = study.runs(trial)
-    encoder = records[0].get("sections", {}).get("encoder")
-    if encoding.transductive(encoder):
-        why = f"encoder {encoder['kind']} reads the labels of the recordings that it encodes"
+    if "sections" in records[0] and (why := _sections_of(study, records[0]).reads_labels):
         raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
     head = str(point.get("task", "")) if point.get("task") in records[0].get("of_heads", {}) else ""
     setting = _precision(point)
@@ -250,7 +252,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned, "exponents": shared}
     made = Bundle(
         fitted=fitted,
-        sections={name: chosen["sections"][name] for name in _SECTIONS if chosen["sections"].get(name)},
+        sections=dataclasses.replace(_sections_of(study, chosen), test=None),
         classes=tuple(chosen["classes"]),
         phi=phi,
         theta=theta,
@@ -262,6 +264,18 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     )
     write(made, Path(folder))
     return made
+
+
+def _sections_of(study: Study, record: Mapping[str, Any]) -> Sections:
+    """Return the sections that a run was recorded with.
+
+    Raises:
+        BundleError: they name what is not there, such as a component of a plugin.
+    """
+    try:
+        return Sections.from_plain(record["sections"], f"{study.folder}: trial {record['trial']}")
+    except ConfigError as error:
+        raise BundleError(str(error)) from None
 
 
 def _precision(point: Mapping[str, Any]) -> precision.Setting:

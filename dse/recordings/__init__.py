@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from dse.config.contracts import EventSource, Recordings, Source
+from dse.config.contracts import PLACES, EventSource, Recordings, Source
 from dse.records import Ints
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ __all__ = [
     "Simulated",
     "Source",
 ]
-
-PLACES = ("file", "folder", "labels", "scene")
-"""Keys that name the place of recordings; the cache depends on their content, not on the place."""
 
 
 class RecordingError(ValueError):

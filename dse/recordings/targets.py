@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 
 from dse.config.faults import known_names
+from dse.config.settings import Column, Target
 from dse.recordings import RecordingError
 from dse.records import Array, Head, Ints
 
 
-def target(columns: Mapping[str, Array], settings: Any) -> tuple[Ints, tuple[str, ...]]:
+def target(columns: Mapping[str, Array], wanted: Target) -> tuple[Ints, tuple[str, ...]]:
     """Return codes (n,) int64 and the names of the classes, in the order of their values.
 
     Args:
         columns: label columns, each (n,).
-        settings: a column's name, `{column: name, abs: true}`, or a list of these, joined by `|`.
+        wanted: a column's name, a `Column`, or several of these, joined by `|`.
 
     Raises:
         RecordingError: an unknown column, `abs` of texts, or two combinations of one name.
     """
-    parts = [_values(columns, x) for x in _parts(settings)]
+    parts = [_values(columns, x) for x in _parts(wanted)]
     unique, inverse = zip(*(np.unique(x, return_inverse=True) for x in parts), strict=True)
     joint = np.ravel_multi_index(tuple(inverse), [len(x) for x in unique])
     present, codes = np.unique(np.asarray(joint), return_inverse=True)
@@ -35,18 +36,18 @@ def target(columns: Mapping[str, Array], settings: Any) -> tuple[Ints, tuple[str
     return codes.astype(np.int64), classes
 
 
-def heads(columns: Mapping[str, Array], settings: Any, codes: Ints) -> tuple[Head, ...]:
+def heads(columns: Mapping[str, Array], wanted: Target, codes: Ints) -> tuple[Head, ...]:
     """Return the parts of a joint target, each with its classes in the order that `target` gives them.
 
     Args:
         columns: label columns, each (n,).
-        settings: as for `target`: a list of two columns or more.
+        wanted: as for `target`: two columns or more.
         codes: (n,) joint classes, which are 0 .. and all in use; -1 for recordings that are not.
 
     Raises:
         RecordingError: a single column, or one column twice.
     """
-    names = target_columns(settings)
+    names = target_columns(wanted)
     if len(names) < 2:
         raise RecordingError(
             f"task.joint needs at least two columns in task.target, got {', '.join(map(str, names))}"
@@ -57,33 +58,33 @@ def heads(columns: Mapping[str, Array], settings: Any, codes: Ints) -> tuple[Hea
     used = np.flatnonzero(codes >= 0)
     _, first = np.unique(codes[used], return_index=True)
     parts = []
-    for name, part in zip(names, _parts(settings), strict=True):
+    for name, part in zip(names, _parts(wanted), strict=True):
         codes_of_part, classes = target(columns, part)
         present, of_class = np.unique(codes_of_part[used[first]], return_inverse=True)
         parts.append(Head(name, tuple(classes[i] for i in present), of_class.astype(np.int64)))
     return tuple(parts)
 
 
-def target_columns(settings: Any) -> tuple[str, ...]:
+def target_columns(wanted: Target) -> tuple[str, ...]:
     """Return the columns that a target is made of."""
-    return tuple(x["column"] if isinstance(x, Mapping) else x for x in _parts(settings))
+    return tuple(x.column if isinstance(x, Column) else x for x in _parts(wanted))
 
 
-def _parts(settings: Any) -> tuple[Any, ...]:
-    parts = tuple(settings) if isinstance(settings, list | tuple) else (settings,)
-    if not parts or any(isinstance(x, Mapping) and "column" not in x for x in parts):
-        raise RecordingError(f"task.target must be a column, got {settings!r}")
+def _parts(wanted: Target) -> tuple[str | Column, ...]:
+    parts = wanted if isinstance(wanted, tuple) else (wanted,)
+    if not parts:
+        raise RecordingError("task.target must be a column, got none")
     return parts
 
 
-def _values(columns: Mapping[str, Array], part: Any) -> Array:
-    name = part["column"] if isinstance(part, Mapping) else part
+def _values(columns: Mapping[str, Array], part: str | Column) -> Array:
+    name = part.column if isinstance(part, Column) else part
     if name not in columns:
         raise RecordingError(
-            f"task.target: no column '{name}' among data.columns; {known_names(str(name), columns)}"
+            f"task.target: no column '{name}' among data.columns; {known_names(name, columns)}"
         )
     values = columns[name]
-    if isinstance(part, Mapping) and part.get("abs", False):
+    if isinstance(part, Column) and part.abs:
         if values.dtype.kind not in "iuf":
             raise RecordingError(f"task.target: abs needs numbers, but column '{name}' holds {values.dtype}")
         return np.asarray(np.abs(values if values.dtype.kind == "f" else values.astype(np.int64)))

@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
+from dse.config import ConfigError, Sections
+from dse.config.contracts import PLACES, Family, Source
+from dse.config.values import plain
+from dse.recordings.targets import target_columns
 from dse.records import Array
 from dse.study import precision
 from dse.study.results import Study
@@ -64,10 +68,9 @@ class Found:
         own = self.table["family"].isin(list(families))
         return self.table[own & (self.table["transductive"] == transductive)]
 
-    def model(self, trial: int) -> Mapping[str, Any]:
-        """Return the settings of a design's family."""
-        found: Mapping[str, Any] = record(self.study.folder, trial)["sections"]["model"]
-        return found
+    def model(self, trial: int) -> Family:
+        """Return the family of a design, whose fields are its settings."""
+        return sections_of(self.study.folder, trial).model
 
     def classes(self, trial: int) -> list[str]:
         """Return the classes of this task."""
@@ -102,10 +105,13 @@ def found(study: Study) -> list[Found]:
         task = str(named)
         first = record(study.folder, int(rows["trial"].iloc[0]))
         joint = task in first.get("of_heads", {})
-        sections = first["sections"]
-        target = (task,) if joint else _columns(sections["task"])
-        n = int(first.get("samples", {}).get("validation", 0))
-        parts.append(Found(study, task, rows, target, _data(sections["data"]), _split(first), joint, n))
+        sections = sections_of(study.folder, int(rows["trial"].iloc[0]))
+        target = (task,) if joint else target_columns(sections.task.target)
+        counts = first.get("samples", {})
+        n = int(counts.get("validation", 0))
+        parts.append(
+            Found(study, task, rows, target, _data(sections.data), _split(sections, counts), joint, n)
+        )
     return parts
 
 
@@ -133,6 +139,18 @@ def record(study: Path, trial: int) -> Mapping[str, Any]:
     if not isinstance(content, dict) or "sections" not in content:
         raise store.StoreError(f"{path}: is not the record of a run")
     return content
+
+
+def sections_of(study: Path, trial: int) -> Sections:
+    """Return the sections of a design, as its first run recorded them.
+
+    Raises:
+        StoreError: the record is missing or damaged, or names a component that is not known here.
+    """
+    try:
+        return Sections.from_plain(record(study, trial)["sections"], f"{study}: trial {trial}")
+    except ConfigError as error:
+        raise store.StoreError(str(error)) from None
 
 
 def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
@@ -193,24 +211,17 @@ def _plain(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _columns(task: Mapping[str, Any]) -> tuple[str, ...]:
-    target = task["target"]
-    parts = target if isinstance(target, list | tuple) else [target]
-    return tuple(x["column"] if isinstance(x, Mapping) else str(x) for x in parts)
+def _data(source: Source) -> str:
+    """Return where recordings lie."""
+    return str(next((place for name in PLACES if (place := getattr(source, name, None))), ""))
 
 
-def _data(section: Mapping[str, Any]) -> str:
-    place = next((section[name] for name in ("file", "folder", "scene") if section.get(name)), "")
-    return str(place)
-
-
-def _split(record: Mapping[str, Any]) -> str:
+def _split(sections: Sections, counts: Mapping[str, int]) -> str:
     """Return how the recordings of a run were divided, such as `train: repetition 0 (322); ...`."""
-    keys, counts = record["sections"]["split"], record.get("samples", {})
+    keys = plain(sections.split)
     parts = ("train", "validation", "test")
     sizes = ", ".join(f"{part} {counts[part]}" for part in parts if counts.get(part))
-    own_file = record["sections"].get("test")
-    beside = f"; test: {Path(_data(own_file)).name}" if own_file else ""
+    beside = f"; test: {Path(_data(sections.test)).name}" if sections.test is not None else ""
     rule = next((name for name in ("k_fold", "stratified", "leave_out") if keys.get(name)), None)
     if rule is None:
         chosen = [f"{part}: {_chosen(keys[part])}" for part in parts if keys.get(part)]

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from dse.dataset.encoding import transductive as reads_labels
-from dse.report.designs import Found, best_of, record
+from dse.report.designs import Found, best_of, sections_of
 from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured
 
@@ -43,8 +42,7 @@ def chosen(
 
 def _by_encoder(part: Found, trial: int) -> bool:
     """Return whether the encoder of a design reads labels."""
-    told = record(part.study.folder, int(trial))
-    return reads_labels(told["sections"].get("encoder"))
+    return bool(sections_of(part.study.folder, int(trial)).reads_labels)
 
 
 def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chosen | None) -> list[Row]:

@@ -19,8 +19,8 @@ def n_designs_of_each(space: SearchSpace, section: str) -> dict[str, int | None]
     """Return kind -> number of designs, for a section that is a choice of several components."""
     found: dict[str, int | None] = {}
     name = f"{section}.kind"
-    for kind in space.entries[section]:
-        others = [(name, other) for other in space.entries[section] if other != kind]
+    for kind in space.choices[section]:
+        others = [(name, other) for other in space.choices[section] if other != kind]
         found[kind] = n_combinations(
             Axis(name, (kind,)) if axis.name == name else axis
             for axis in space.axes.values()
@@ -99,7 +99,7 @@ def corners(space: SearchSpace, sections: Collection[str], most: int) -> Iterato
         sections: whose axes vary.
         most: designs at most, and one per combination of kinds at least.
     """
-    parents = {f"{section}.kind": tuple(kinds) for section, kinds in space.entries.items()}
+    parents = {f"{section}.kind": kinds for section, kinds in space.choices.items()}
     kinds = list(itertools.product(*parents.values()))
     for combination in kinds:
         own = dict(zip(parents, combination, strict=True))

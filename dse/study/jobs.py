@@ -6,23 +6,23 @@ A job carries paths and settings only; spikes are read from the prepared data se
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Generator, Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from dse import dataset, seeds, store
+from dse.config.contracts import FitRequest, Generators, trains_in_cohorts
+from dse.config.resolved import Sections
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes
 from dse.measure.run import Measurement, measure
-from dse.models.training import FitRequest
 from dse.records import Answers, Array, Dataset, Operations, Outcome, Response, Workload
 from dse.search.cohorts import Demand
 from dse.study.workers import Failure
-
-T = TypeVar("T")
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
@@ -41,11 +41,11 @@ _TELL_S = 0.5
 class Preparation:
     """Prepare data sets that have most of their work in common, one after the other.
 
-    designs: key of the data set -> resolved design. base: what recordings lie beside.
+    designs: key of the data set -> sections of its design. base: what recordings lie beside.
     cache: root of the cache. threads: for trials that are simulated.
     """
 
-    designs: Mapping[str, Mapping[str, Any]]
+    designs: Mapping[str, Sections]
     base: Path
     cache: Path
     threads: int = 1
@@ -55,7 +55,7 @@ class Preparation:
 class Run:
     """Train a design once.
 
-    sections: the design resolved. model, training: the components of those sections.
+    sections: of the design.
     data: folder of the prepared data set, named as its key; base: folder that recordings lie beside.
     folder: where the run is published.
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
@@ -65,9 +65,7 @@ class Run:
     repeat: int
     design: Mapping[str, Any]
     seed: int
-    sections: Mapping[str, Any]
-    model: Any
-    training: Any
+    sections: Sections
     data: Path
     base: Path
     folder: Path
@@ -87,8 +85,8 @@ class Cohort:
 
 def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     """Return what training a run asks of a worker; a family without `fit_cohort` trains one at a time."""
-    model, training = run.model, run.training
-    if not hasattr(model, "fit_cohort"):
+    model, training = run.sections.model, run.sections.training
+    if not trains_in_cohorts(model):
         return Demand((run.trial, run.repeat), 0, PROCESS_BYTES, 1.0)
     n_used = data.train.size + data.validation.size + data.test.size
     n_events = len(data.spikes.channel) / max(1, n_used * data.spikes.n_steps) * data.n_steps
@@ -114,26 +112,22 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
     for key, sections in job.designs.items():
         try:
             with store.explained(job.cache):
-                telling = dataset.prepare(sections, job.base, job.cache, job.threads)
-                yield from _now_and_then(telling)
+                yield from _prepared(job, sections)
         except store.StoreError:
             raise  # a full disk is nobody's failure
         except Exception as error:
             yield key, Failure.of(error)
 
 
-def _now_and_then(telling: Generator[str, None, T]) -> Generator[str, None, T]:
-    """Yield what a generator tells, not too often; return what it returns."""
-    due = time.monotonic() + _TELL_S
-    while True:
-        try:
-            text = next(telling)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        if time.monotonic() >= due:
-            yield text
-            due = time.monotonic() + _TELL_S
+def _prepared(job: Preparation, sections: Sections) -> Iterator[str]:
+    """Prepare a data set on a thread; yield the latest sentence about it now and then."""
+    latest: deque[str] = deque(maxlen=1)
+    with ThreadPoolExecutor(1) as pool:
+        made = pool.submit(dataset.prepare, sections, job.base, job.cache, job.threads, latest.append)
+        while not wait([made], _TELL_S).done:
+            if latest:
+                yield latest.pop()
+        made.result()
 
 
 def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
@@ -164,26 +158,27 @@ def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
         yield number, why
     if missing:
         raise RuntimeError(
-            f"{type(job.runs[0].model).__name__}.fit_cohort left out designs {sorted(missing)}"
+            f"{type(job.runs[0].sections.model).__name__}.fit_cohort left out designs {sorted(missing)}"
         )
 
 
 def _outcomes(job: Cohort, data: Dataset) -> Iterator[tuple[int, Outcome | Exception]]:
     first = job.runs[0]
-    if not hasattr(first.model, "fit_cohort"):
-        return ((number, run.model.fit(data, run.training, _own(run))) for number, run in enumerate(job.runs))
+    family = first.sections.model
+    if not trains_in_cohorts(family):
+        return (
+            (number, run.sections.model.fit(data, run.sections.training, _own(run)))
+            for number, run in enumerate(job.runs)
+        )
 
     def shared(purpose: str, *index: int) -> np.random.Generator:
         return seeds.generator(first.seed, {}, purpose, first.repeat, *index)
 
-    designs = [FitRequest(run.model, run.training, _own(run)) for run in job.runs]
-    found: Iterator[tuple[int, Outcome | Exception]] = type(first.model).fit_cohort(
-        data, designs, shared, job.device, job.threads
-    )
-    return found
+    designs = [FitRequest(run.sections.model, run.sections.training, _own(run)) for run in job.runs]
+    return family.fit_cohort(data, designs, shared, job.device, job.threads)
 
 
-def _own(run: Run) -> Any:
+def _own(run: Run) -> Generators:
     """Return the random generators of a run, by purpose."""
 
     def rngs(purpose: str, *index: int) -> np.random.Generator:
@@ -192,7 +187,7 @@ def _own(run: Run) -> Any:
     return rngs
 
 
-def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Mapping[str, Any], leak: str) -> None:
+def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Sections, leak: str) -> None:
     """Measure a run and write its record and its arrays.
 
     Args:
@@ -208,7 +203,7 @@ def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Mapping[str, A
         "repeat": job.repeat,
         "design": dict(job.design),
         "seed": job.seed,
-        "sections": sections,
+        "sections": sections.to_plain(),
         "classes": list(data.classes),
         "heads": {head.pop("name"): head for head in store.heads_document(data.heads)},
         "data": job.data.name,

@@ -25,7 +25,7 @@ from dse import dataset, store
 from dse.measure.run import measure
 from dse.models.snn.quantise import BITS, rounded
 from dse.neurons.fixed_point import STATE_LIMIT
-from dse.records import Array, Dataset, Network, Outcome
+from dse.records import Array, Dataset, Network, Outcome, Response
 from dse.study import jobs
 from dse.study.workers import Failure
 
@@ -164,8 +164,9 @@ def _evaluate(
     if not isinstance(network, Network):
         raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
     fewer = rounded(network, *setting)
-    validation = run.model.respond(fewer, data, data.validation)
-    test = run.model.respond(fewer, data, data.test) if data.test.size else None
+    validation = run.sections.model.respond(fewer, data, data.validation)
+    test = run.sections.model.respond(fewer, data, data.test) if data.test.size else None
+    assert isinstance(validation, Response)  # a network answers with spikes
     health = {
         "peak_state": validation.peak_state,
         "overflows_24_bit": validation.peak_state > STATE_LIMIT,

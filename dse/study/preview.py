@@ -6,6 +6,7 @@ import itertools
 from typing import Any
 
 from dse.config import SearchSpace
+from dse.config.contracts import trains_in_cohorts
 from dse.recordings.files import locate
 from dse.search.space import corners, n_designs, n_designs_of_each
 
@@ -27,20 +28,20 @@ def preview(space: SearchSpace) -> dict[str, Any]:
     points = settings * max(1, len(space.hardware))
     row: dict[str, Any] = {
         "study": space.study,
-        "task": space.fixed["task"]["name"],
+        "task": space.parts["task"].values["name"],
         "axes": list(space.axes),
         "designs": grid,
-        **{f"{section}_designs": n_designs_of_each(space, section) for section in space.entries},
+        **{f"{section}_designs": n_designs_of_each(space, section) for section in space.choices},
         "trained": n_trials,
         "runs": n_trials * space.search.repeats,
         "sampler": space.search.sampler,
         "design_points": n_trials * points,
-        "data": space.fixed["data"].get("scene"),
+        "data": getattr(space.data, "scene", None),
     }
     size = 0
     for kind in ("file", "folder"):
-        if kind in space.fixed["data"]:
-            path = locate(space.fixed["data"][kind], space.source.parent, kind)
+        if place := getattr(space.data, kind, None):
+            path = locate(place, space.source.parent, kind)
             row["data"] = str(path)
             size = path.stat().st_size if path.is_file() else 0  # event files are read when they are needed
     return row if size > _MOST_BYTES else row | _from_data(space)
@@ -48,9 +49,7 @@ def preview(space: SearchSpace) -> dict[str, Any]:
 
 def _from_data(space: SearchSpace) -> dict[str, Any]:
     """Return recordings, classes and the range of the number of weights, as far as they are known early."""
-    from dse.config.settings import Split, Window
     from dse.dataset.parts import pooling_of
-    from dse.dataset.sections import component, section
     from dse.recordings import RecordingError, Simulated
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
@@ -58,13 +57,12 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
     from dse.records import Events, Rasters, Signals
 
     first = space.resolve(next(corners(space, (), 1)))
-    window = section(Window, first.get("window"))
-    read = component("recordings", first["data"]).read(space.source.parent)
-    recordings = cut(read, window.cut_steps, window.every_steps)
-    codes, classes = target(recordings.columns, first["task"]["target"])
-    if first["task"]["joint"]:
-        heads(recordings.columns, first["task"]["target"], codes)
-    parts = split(recordings.columns, codes, classes, section(Split, first["split"]))
+    read = first.data.read(space.source.parent)
+    recordings = cut(read, first.window.cut_steps, first.window.every_steps)
+    codes, classes = target(recordings.columns, first.task.target)
+    if first.task.joint:
+        heads(recordings.columns, first.task.target, codes)
+    parts = split(recordings.columns, codes, classes, first.split)
     if isinstance(recordings, Events):
         for i in sorted(itertools.chain(*parts)):
             if recordings.offsets[i] == recordings.offsets[i + 1]:
@@ -76,24 +74,24 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
         found["repairs"] = notes
     weights: set[int] = set()
     for design in corners(space, _SIZING, _MOST_COMBINATIONS):
-        resolved = space.resolve(design)
+        sections = space.resolve(design)
+        settings, encoder, model = sections.preprocessing, sections.encoder, sections.model
         if isinstance(recordings, Signals | Rasters):
             n_channels = recordings.n_channels
-        elif resolved["preprocessing"]["crop"] != "pins" or isinstance(recordings, Simulated):
-            n_channels = pooling_of(recordings, resolved).n_channels
+        elif settings is not None and (settings.crop != "pins" or isinstance(recordings, Simulated)):
+            n_channels = pooling_of(recordings, settings).n_channels
         else:  # the crop follows from the events, which are not read just for this
             return found
-        model = component("models", resolved["model"])
-        if resolved.get("encoder"):
+        if encoder is not None:
             try:
-                n_channels = component("encoders", resolved["encoder"]).n_channels(n_channels)
+                n_channels = encoder.n_channels(n_channels)
             except ValueError:  # they follow from what it learns, and nothing is learnt just for this
                 return found
-        if not hasattr(model, "fit_cohort"):  # only networks know it before training
+        if not trains_in_cohorts(model):  # only networks know it before training
             return found
-        settings = resolved["task"]["target"]
-        own, names = target(recordings.columns, settings)
-        parts_of = heads(recordings.columns, settings, own) if resolved["task"]["joint"] else ()
+        wanted = sections.task.target
+        own, names = target(recordings.columns, wanted)
+        parts_of = heads(recordings.columns, wanted, own) if sections.task.joint else ()
         n_outputs = sum(len(head.classes) for head in parts_of) or len(names)
         weights.add(model.n_weights(n_channels, n_outputs))
     return found | {"n_weights_low": min(weights), "n_weights_high": max(weights)}

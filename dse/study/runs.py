@@ -16,9 +16,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dse import dataset, registry, seeds, store
+from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
-from dse.config.sections import settings_class
+from dse.config.resolved import Sections
 from dse.dataset import cache
 from dse.hardware.profile import Profile
 from dse.recordings import RecordingError
@@ -38,6 +38,25 @@ _OVER_BUDGET = "MemoryBudget"
 # Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
 # rises with the number of designs, where a CPU has all of the gain from some eight of them.
 _LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Data:
+    """The data sets of some designs and folds.
+
+    sections, keys: of every design and fold whose sections are legal.
+    failures: key -> why there is no such data set.
+    refused: why a design and fold has no sections.
+    """
+
+    sections: dict[_Member, Sections]
+    keys: dict[_Member, str]
+    failures: dict[str, Failure]
+    refused: dict[_Member, Failure]
+
+    def failure(self, member: _Member) -> Failure | None:
+        """Return why a design and fold cannot be trained, None where it can."""
+        return self.refused.get(member) or self.failures.get(self.keys[member])
 
 
 class Runs:
@@ -150,14 +169,15 @@ class Runs:
         """
         wanted, lacking = self._to_round(entries, settings)
         done, n_settings = 0, sum(map(len, lacking.values()))
-        sections, keys, failures = self._data(wanted)
+        data = self._data(wanted)
         jobs = []
         for entry, repeat in wanted:
             member = entry.trial, self._fold(repeat)
-            if why := failures.get(keys[member]):
+            if why := data.failure(member):
                 self._progress.note(f"precision: trial {entry.trial} cannot be evaluated: {why.reason}")
             else:
-                run = self._run(entry, repeat, sections[member], self._cache / keys[member])
+                folder = self._cache / data.keys[member]
+                run = self._run(entry, repeat, data.sections[member], folder)
                 jobs.append(precision.Job(run, lacking[entry.trial, repeat]))
         for job, ended in self._workers.stream(precision.evaluate, jobs):
             if isinstance(ended, Failure):
@@ -275,58 +295,57 @@ class Runs:
 
     def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[trial.Run]:
         """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
-        sections, keys, failures = self._data(wanted)
-        needed = set(keys.values())
-        first = next(iter(failures.values()), None)
-        if first is not None and not self._records and len(failures) == len(needed):
+        data = self._data(wanted)
+        needed = set(data.keys.values())
+        first = next(iter(data.failures.values()), None)
+        if first is not None and not self._records and len(data.failures) == len(needed):
             told = first.error == RecordingError.__name__
             raise RecordingError(first.message if told else f"data cannot be prepared: {first.reason}")
-        self._warn(needed - failures.keys())
+        self._warn(needed - data.failures.keys())
         runs = []
         for entry, repeat in wanted:
             member = entry.trial, self._fold(repeat)
-            key = keys[member]
-            why = failures.get(key)
+            why = data.failure(member)
             if why is None:
-                try:
-                    runs.append(self._run(entry, repeat, sections[member], self._cache / key))
-                except ValueError as error:  # keys that are legal one by one and not together
-                    why = Failure(type(error).__name__, str(error))
-            if why is not None:
+                folder = self._cache / data.keys[member]
+                runs.append(self._run(entry, repeat, data.sections[member], folder))
+            else:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
 
-    def _data(
-        self, wanted: Sequence[tuple[Entry, int]]
-    ) -> tuple[dict[_Member, dict[str, Any]], dict[_Member, str], dict[str, Failure]]:
-        """Prepare the data sets of some runs.
-
-        Returns:
-            The sections and the key of the data set of every design and fold; why a key has no data set.
-        """
+    def _data(self, wanted: Sequence[tuple[Entry, int]]) -> _Data:
+        """Prepare the data sets of some runs."""
         designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in wanted}
-        sections = {member: self._resolved(design, member[1]) for member, design in designs.items()}
+        sections, refused = {}, {}
+        for member, design in designs.items():
+            try:
+                sections[member] = self._resolved(design, member[1])
+            except ValueError as error:  # keys that are legal one by one and not together
+                refused[member] = Failure(type(error).__name__, str(error))
         base = self._space.source.parent
-        keys = {member: dataset.dataset_key(resolved, base) for member, resolved in sections.items()}
-        return sections, keys, self._prepare({key: sections[m] for m, key in keys.items()})
+        keys = {member: dataset.dataset_key(design, base) for member, design in sections.items()}
+        failures = self._prepare({key: sections[m] for m, key in keys.items()})
+        return _Data(sections, keys, failures, refused)
 
     def _fold(self, repeat: int) -> int | None:
         """Return the fold that a repeat validates on; None without cross-validation."""
-        k_fold = self._space.fixed["split"].get("k_fold")
-        return None if k_fold is None else repeat % int(k_fold["k"])
+        k_fold = self._space.split.k_fold
+        return None if k_fold is None else repeat % k_fold.k
 
-    def _resolved(self, design: Mapping[str, Any], fold: int | None) -> dict[str, Any]:
-        """Return the sections of a design, with its fold."""
-        resolved = self._space.resolve(design)
-        if fold is not None:
-            resolved["split"]["k_fold"]["fold"] = fold
-        return resolved
+    def _resolved(self, design: Mapping[str, Any], fold: int | None) -> Sections:
+        """Return the sections of a design, with its fold.
 
-    def _prepare(self, needed: Mapping[str, Mapping[str, Any]]) -> dict[str, Failure]:
+        Raises:
+            ValueError: a component refuses keys that are legal one by one.
+        """
+        sections = self._space.resolve(design)
+        return sections if fold is None else sections.on_fold(fold)
+
+    def _prepare(self, needed: Mapping[str, Sections]) -> dict[str, Failure]:
         """Make the data sets that are not in the cache; return those that cannot be made.
 
         Args:
-            needed: key -> resolved design.
+            needed: key -> sections of a design.
         """
         failures: dict[str, Failure] = {}
         missing = [key for key in needed if not self._is_prepared(key)]
@@ -345,7 +364,7 @@ class Runs:
         return failures
 
     def _preparations(
-        self, needed: Mapping[str, Mapping[str, Any]], missing: Sequence[str]
+        self, needed: Mapping[str, Sections], missing: Sequence[str]
     ) -> list[trial.Preparation]:
         """Return the jobs: designs that may share spikes in one; jobs share the threads there are."""
         groups: dict[str, list[str]] = {}
@@ -362,16 +381,13 @@ class Runs:
         with store.explained(self._cache):
             return dataset.find(self._cache, key) is not None
 
-    def _run(self, entry: Entry, repeat: int, resolved: Mapping[str, Any], data: Path) -> trial.Run:
-        model = {key: value for key, value in resolved["model"].items() if key != "kind"}
+    def _run(self, entry: Entry, repeat: int, sections: Sections, data: Path) -> trial.Run:
         return trial.Run(
             trial=entry.trial,
             repeat=repeat,
             design=entry.design,
             seed=self._space.seed,
-            sections=resolved,
-            model=registry.known("models")[resolved["model"]["kind"]](**model),
-            training=settings_class("training")(**resolved["training"]),
+            sections=sections,
             data=data,
             base=self._space.source.parent,
             folder=store.run_folder(self._folder, entry.trial, repeat),
@@ -395,8 +411,8 @@ class Runs:
     def _check_data(self, entry: Entry, record: Record) -> None:
         if "data" not in record:
             return
-        resolved = self._resolved(entry.design, self._fold(record["repeat"]))
-        key = dataset.dataset_key(resolved, self._space.source.parent)
+        sections = self._resolved(entry.design, self._fold(record["repeat"]))
+        key = dataset.dataset_key(sections, self._space.source.parent)
         if key != record["data"]:
             text = (
                 f"data: the recordings differ from those that trial {entry.trial} was trained on; "

@@ -64,17 +64,12 @@ def named(space: SearchSpace, trial: int, records: Sequence[Record]) -> dict[str
 
 def family(space: SearchSpace, design: Mapping[str, Any]) -> str:
     """Return the kind of a design's model."""
-    return str(design["model.kind"] if "model.kind" in space.axes else space.fixed["model"]["kind"])
+    return space.kind("model", design)
 
 
 def task_name(space: SearchSpace, design: Mapping[str, Any]) -> str:
     """Return what a design predicts: the task's name, or the columns of its target where that is an axis."""
-    if "task.target" not in space.axes:
-        return str(space.fixed["task"]["name"])
-    target = design["task.target"]
-    parts = target if isinstance(target, list | tuple) else [target]
-    sign = "+" if space.fixed["task"].get("joint") else "|"
-    return sign.join(part["column"] if isinstance(part, Mapping) else str(part) for part in parts)
+    return space.task_name(design)
 
 
 def _cell(axis: Axis, value: Any) -> Any:

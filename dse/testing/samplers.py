@@ -89,7 +89,7 @@ def _space() -> SearchSpace:
         study="small",
         seed=5,
         source=Path("small.yaml"),
-        fixed={"model": {"kind": "snn"}, "training": {}},
+        parts={},
         axes={axis.name: axis for axis in axes},
         decision=DecisionGrid(np.array([0]), np.array([0.5])),
         hardware=(),

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from dse import registry
-from dse.config import ConfigError, SearchSpace, load_space, shipped_spaces
+from dse.config import ConfigError, SearchSpace, Sections, load_space, shipped_spaces
 from dse.config.sections import components, front_end
+from dse.config.settings import Task, Training
 from dse.recordings import EventSource
 from dse.recordings.scene import Trials
 from dse.records import Events, Rasters, Signals
@@ -40,10 +41,10 @@ def test_a_file_without_faults(tmp_path: Path) -> None:
     assert space.hardware == ("loihi1_silicon",)
     assert (space.search.sampler, space.search.n_trials, space.search.batch) == ("grid", None, 2)
     assert space.execution.jobs == 1
-    assert space.fixed["task"] == {"target": "fabric", "joint": False, "name": "fabric"}
-    assert "hidden" not in space.fixed["model"]
-    assert space.fixed["training"]["epochs"] == 1
-    assert set(space.fixed["training"]) > {"epochs", "learning_rate"}  # defaults are written out
+    assert space.parts["task"].fixed == Task("fabric", joint=False, name="fabric")
+    assert "hidden" not in space.parts["model"].values
+    assert space.parts["training"].fixed == Training(epochs=1, batch_size=8)
+    assert set(space.to_plain()["training"]) > {"epochs", "learning_rate"}  # defaults are written out
 
 
 def test_a_grid_is_proposed_at_once_and_others_in_batches(tmp_path: Path) -> None:
@@ -289,7 +290,7 @@ def test_overrides(tmp_path: Path) -> None:
     space = load_space(path, {"model.hidden": "{choice: [7]}", "execution.jobs": "2", "task.name": "touch"})
     assert space.axes["model.hidden"].values == (7,)
     assert space.execution.jobs == 2
-    assert space.fixed["task"]["name"] == "touch"
+    assert space.parts["task"].values["name"] == "touch"
 
 
 def test_faults_of_overrides_come_last_and_name_the_key(tmp_path: Path) -> None:
@@ -330,7 +331,12 @@ def test_a_missing_data_file_says_where_it_was_looked_for(
 
 def test_the_test_file_takes_the_other_keys_from_data(tmp_path: Path) -> None:
     path = write_space(tmp_path, ("encoder:", "test: {file: touch.npz}\nencoder:"))
-    assert load_space(path, check_data=True).fixed["test"] == {"file": "touch.npz"}
+    space = load_space(path, check_data=True)
+    assert space.to_plain()["test"] == {"file": "touch.npz"}
+    sections = space.resolve({"encoder.thresholds": (1.0, 2.0), "model.hidden": 4})
+    assert sections.test == sections.data == space.data
+    assert sections.to_plain()["test"] == {"file": "touch.npz"}
+    assert Sections.from_plain(sections.to_plain(), "a design") == sections
     (fault,) = faults_of(path, {"test.file": "other.npz"}, check_data=True)
     assert fault.startswith("--set test.file: ") and "other.npz" in fault
 
@@ -346,7 +352,7 @@ def test_the_test_file_takes_the_other_keys_from_data(tmp_path: Path) -> None:
 )
 def test_a_task_is_called_after_its_columns(tmp_path: Path, target: str, name: str) -> None:
     space = load_space(write_space(tmp_path, ("target: fabric", f"target: {target}")))
-    assert space.fixed["task"]["name"] == name
+    assert space.parts["task"].values["name"] == name
     assert ("task.target" in space.axes) == target.startswith("{choice")
 
 

@@ -64,7 +64,7 @@ def test_values_take_the_type_of_their_field() -> None:
 
 
 def test_unions_take_each_of_their_forms() -> None:
-    inner = {"column": "c", "scale": 2.0}
+    inner = Inner("c", 2.0)
     assert values_of({"target": "speed"})["target"] == "speed"
     assert values_of({"target": {"column": "c", "scale": 2}})["target"] == inner
     assert values_of({"target": ["s", {"column": "c", "scale": 2}]})["target"] == ("s", inner)

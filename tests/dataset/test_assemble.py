@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from dse.dataset import build, build_for, cache, load, prepare, transductive
-from dse.dataset.assemble import _result
+from dse.config import ConfigError
+from dse.dataset import cache, load, transductive
 from dse.encoders.send_on_delta import send_on_delta
 from dse.recordings import RecordingError
+from tests.dataset.plain import build, build_for, prepare
 
 RNG = np.random.default_rng(8)
 LENGTHS = RNG.integers(40, 60, 12)
@@ -245,9 +246,9 @@ def test_events_from_their_contact_onset(events):
          "split cannot use column 'fabric'"),
         ("folder", DESIGN, {"task": {"target": "velocity"}}, "task.target: no column 'velocity'"),
         ("folder", DESIGN, {"data": {**DESIGN["data"], "kind": "series"}},
-         "no component 'series'; known: event_files, events,"),
+         "unknown data.kind 'series'; known: event_files, events,"),
         ("folder", DESIGN, {"encoder": {"kind": "send_on_delta", "theta": 2}},
-         "unexpected keyword argument 'theta'"),
+         "unknown key 'encoder.theta'; known: "),
         ("folder", DESIGN, {"test": {"file": "absent.npz"}}, "data file 'absent.npz' not found"),
         ("folder", DESIGN,
          {"test": {"file": "x.npz"}, "split": {"stratified": {"validation": 0.3, "test": 0.3}}},
@@ -255,7 +256,7 @@ def test_events_from_their_contact_onset(events):
     ],
 )  # fmt: skip
 def test_faults_are_one_clear_line(request, fixture, design, change, message):
-    with pytest.raises(RecordingError, match=message) as error:
+    with pytest.raises((RecordingError, ConfigError), match=message) as error:
         build(design | change, request.getfixturevalue(fixture))
     assert "\n" not in str(error.value)
 
@@ -371,7 +372,7 @@ def test_pieces_of_one_recording_in_two_parts_are_said_to_leak(folder, kind):
     found = {}
     for group in (None, "recording"):
         design = PIECES | {"split": {kind: {**rule, "group": group}}}
-        prepared = _result(prepare(design, folder, folder / "cache"))
+        prepared = prepare(design, folder, folder / "cache")
         data, found[group] = load(prepared), transductive(prepared)
     assert "are in train and in validation" in found[None]
     assert found["recording"] == ""
@@ -385,7 +386,7 @@ def test_folds_share_their_spikes(folder):
     held, parts = [], []
     for fold in range(3):
         design = DESIGN | {"split": {"k_fold": {"k": 3, "group": "repetition", "fold": fold}}}
-        prepared = _result(prepare(design, folder, folder / "cache"))
+        prepared = prepare(design, folder, folder / "cache")
         data = load(prepared)
         held.append(data.spikes.channel.filename)
         parts.append(data.validation)

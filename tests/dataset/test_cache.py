@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Generator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,16 +22,10 @@ ROOT = Path(__file__).resolve().parents[2]
 def entry(root: Path, key: str, size: int = 1000) -> Path:
     """Make an entry with a file of some bytes; return its folder."""
 
-    def fill(folder: Path) -> Generator[str, None, None]:
+    def fill(folder: Path) -> None:
         (folder / "data").write_bytes(b"x" * size)
-        yield "working"
 
-    made = cache.made(root, key, fill)
-    while True:
-        try:
-            assert next(made) == "working"
-        except StopIteration as end:
-            return Path(end.value)
+    return cache.made(root, key, fill)
 
 
 def keys(root: Path) -> set[str]:
@@ -86,13 +79,10 @@ def test_what_was_made_is_there(root: Path) -> None:
     assert (folder / "data").read_bytes() == b"x" * 1000
     assert cache.find(root, "b") is None
 
-    def never(folder: Path) -> Generator[None, None, None]:
+    def never(folder: Path) -> None:
         raise AssertionError("what is there is not made again")
-        yield
 
-    with pytest.raises(StopIteration) as end:
-        next(cache.made(root, "a", never))
-    assert end.value.value == folder
+    assert cache.made(root, "a", never) == folder
 
 
 @pytest.mark.parametrize("damage", ["cut", "longer", "lost", "no sizes", "torn sizes", "odd sizes"])
@@ -173,9 +163,7 @@ def fill(folder):
     print("writing", flush=True)
     while not (root.parent / "go").exists():
         time.sleep(0.005)
-        yield
-for _ in (made := cache.made(root, "a", fill)):
-    pass
+cache.made(root, "a", fill)
 print("made", flush=True)
 """
 
@@ -216,28 +204,26 @@ def test_a_full_disk_leaves_nothing(root: Path, monkeypatch: pytest.MonkeyPatch,
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    def fill(folder: Path) -> Generator[None, None, None]:
+    def fill(folder: Path) -> None:
         (folder / "data").write_bytes(b"x")
         if moment == "in a write":
             full()
-        yield
 
     if moment == "at the rename":
         monkeypatch.setattr("dse.store.files.os.replace", full)
     with pytest.raises(OSError, match="No space left"):
-        list(cache.made(root, "a", fill))
+        cache.made(root, "a", fill)
     assert keys(root) == set() and not parts(root)
 
 
 def test_a_writer_that_is_given_up_leaves_nothing(root: Path) -> None:
-    def fill(folder: Path) -> Generator[None, None, None]:
+    def fill(folder: Path) -> None:
         (folder / "data").write_bytes(b"x")
-        yield
+        assert len(parts(root)) == 1
+        raise KeyboardInterrupt
 
-    made = cache.made(root, "a", fill)
-    next(made)
-    assert len(parts(root)) == 1
-    made.close()
+    with pytest.raises(KeyboardInterrupt):
+        cache.made(root, "a", fill)
     assert keys(root) == set() and not parts(root)
 
 

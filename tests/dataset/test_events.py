@@ -12,16 +12,18 @@ import numpy as np
 import pytest
 
 from dse import preprocessing, registry
+from dse.config import ConfigError
 from dse.config.settings import Preprocessing
-from dse.dataset import as_prepared, build, build_for, cache, find, load, load_or_prepare, prepare, warnings
-from dse.dataset.assemble import _result
+from dse.dataset import cache, find, load, warnings
 from dse.dataset.files import read_meta, write_spikes
-from dse.dataset.parts import Part, in_order, placed
+from dse.dataset.parts import Part, in_order
 from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 from dse.records import Array, Block
 from tests.dataset.encoders import encoders  # noqa: F401
+from tests.dataset.plain import as_prepared, build, build_for, load_or_prepare, placed, prepare
 from tests.saved_data import in_a_row
+from tests.spaces import sections
 
 SIZE = 12
 COLUMNS = {"texture": "texture", "speed": "speed", "part": "part"}
@@ -218,7 +220,7 @@ def test_a_recording_without_events_is_named():
 def test_keys_that_exclude_each_other_are_a_fault_of_the_recordings():
     Kind.there["scene"] = Scene()
     design = DESIGN | {"preprocessing": {"bin_ms": 1, "pool": 2, "padding": 2}}
-    with pytest.raises(RecordingError, match=r"^preprocessing\.padding must be smaller than pool"):
+    with pytest.raises(ConfigError, match=r": preprocessing\.padding must be smaller than pool"):
         build(design, Path())
 
 
@@ -240,7 +242,7 @@ def test_any_number_of_threads_gives_the_same_bytes(tmp_path: Path):
     for threads in (1, 2, 5):
         root = tmp_path / str(threads)
         root.mkdir()
-        _result(prepare(design, Path(), root, threads))
+        prepare(design, Path(), root, threads)
         found.append({path.name: tree(path) for path in root.iterdir() if path.is_dir()})
     assert len(found[0]) == 2
     assert found[0] == found[1] == found[2]
@@ -290,7 +292,7 @@ def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, th
     )  # fmt: skip
     tracemalloc.start()
     try:
-        list(write_spikes([part], tmp_path, threads))
+        write_spikes([part], tmp_path, threads)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -314,26 +316,26 @@ def test_texture_and_speed_share_their_spikes(tmp_path: Path):
     cache.tidy(tmp_path)
     found = []
     for each in (design, speed, design):
-        prepared = _result(prepare(each, Path(), tmp_path))
+        prepared = prepare(each, Path(), tmp_path)
         found.append(load(prepared))
     assert len(scene.made) == 16
     assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 2}
     texture, speeds, again = found
     assert texture.target.tolist() == again.target.tolist() != speeds.target.tolist()
     assert texture.spikes.channel.filename == speeds.spikes.channel.filename
-    _result(prepare(design | {"preprocessing": {"bin_ms": 2}}, Path(), tmp_path))
+    prepare(design | {"preprocessing": {"bin_ms": 2}}, Path(), tmp_path)
     assert len(scene.made) == 32
 
 
 def test_a_data_set_without_its_spikes_is_made_again(tmp_path: Path):
     scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
-    prepared = _result(prepare(DESIGN, Path(), tmp_path))
+    prepared = prepare(DESIGN, Path(), tmp_path)
     key = prepared.name
     assert find(tmp_path, key) is not None and find(tmp_path, "unknown") is None
     cache.discard(tmp_path, read_meta(prepared)["spikes"])
     assert find(tmp_path, key) is None
-    _result(prepare(DESIGN, Path(), tmp_path))
+    prepare(DESIGN, Path(), tmp_path)
     assert len(scene.made) == 32
 
 
@@ -341,7 +343,7 @@ def test_a_data_set_without_its_spikes_is_made_again(tmp_path: Path):
 def test_a_worker_that_misses_an_entry_makes_it_again(tmp_path: Path, which: str):
     scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
-    folder = _result(prepare(DESIGN, Path(), tmp_path))
+    folder = prepare(DESIGN, Path(), tmp_path)
     before = load_or_prepare(DESIGN, Path(), folder)
     assert len(scene.made) == 16
     for name in entries(tmp_path)[which]:
@@ -367,7 +369,7 @@ def test_recordings_that_changed_since_they_were_prepared(tmp_path: Path):
 def test_what_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: str):
     Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
-    first = _result(prepare(DESIGN, Path(), tmp_path))
+    first = prepare(DESIGN, Path(), tmp_path)
     key, before = first.name, load(first)
     good = np.array(before.spikes.channel)
     folder = tmp_path / entries(tmp_path)[which][0]
@@ -376,7 +378,7 @@ def test_what_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: s
     )
     file.write_bytes(b"?" * file.stat().st_size)  # of the right size: only reading it tells
     assert find(tmp_path, key) is None
-    again = _result(prepare(DESIGN, Path(), tmp_path))
+    again = prepare(DESIGN, Path(), tmp_path)
     assert np.array_equal(load(again).spikes.channel, good)
 
 
@@ -389,11 +391,11 @@ PINS = DESIGN | {
 def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
     source = Kind.there["files"] = Recorded(16)
     cache.tidy(tmp_path)
-    prepared = _result(prepare(PINS, Path(), tmp_path))
+    prepared = prepare(PINS, Path(), tmp_path)
     data, used = load(prepared), as_prepared(PINS, prepared)
     assert warnings(prepared) == ["recording 1 was repaired"]
-    assert used["preprocessing"] == {"bin_ms": 1, "crop": [4, 4, 4, 4]}
-    assert used["data"] == PINS["data"]
+    assert used.preprocessing == Preprocessing(bin_ms=1.0, crop=(4, 4, 4, 4))
+    assert used.data == sections(PINS).data
     assert data.spikes.n_channels == 2 * 16
     assert source.read[:8] == list(range(8)), "the crop is fitted to the training recordings alone"
     fixed, _ = build(used, Path())
@@ -409,19 +411,22 @@ def test_a_scene_knows_its_pins(tmp_path: Path):
     Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
     design = PINS | {"data": DESIGN["data"]}
-    prepared = _result(prepare(design, Path(), tmp_path))
-    assert as_prepared(design, prepared)["preprocessing"]["crop"] == [4, 4, 4, 4]
+    prepared = prepare(design, Path(), tmp_path)
+    assert as_prepared(design, prepared).preprocessing.crop == (4, 4, 4, 4)
     assert load(prepared).spikes.n_channels == 32
     plain = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [2, 2, 3, 3]}}
-    prepared = _result(prepare(plain, Path(), tmp_path))
-    assert as_prepared(plain, prepared) == plain
+    prepared = prepare(plain, Path(), tmp_path)
+    assert as_prepared(plain, prepared) == sections(plain)
 
 
 def test_what_goes_on_is_told():
     used = np.arange(16) % 2 == 0
-    telling = placed(Recorded(16), DESIGN, used)
-    assert list(telling)[:2] == ["reading data: 1 of 8 recordings", "reading data: 2 of 8 recordings"]
-    assert not list(placed(Scene(), DESIGN, used))
+    sentences: list[str] = []
+    placed(Recorded(16), DESIGN, used, progress=sentences.append)
+    assert sentences[:2] == ["reading data: 1 of 8 recordings", "reading data: 2 of 8 recordings"]
+    sentences.clear()
+    placed(Scene(), DESIGN, used, progress=sentences.append)
+    assert not sentences
 
 
 @pytest.mark.usefixtures("encoders")
@@ -433,7 +438,7 @@ def test_a_scene_is_simulated_once_for_all_encoders(tmp_path: Path):
     for number, encoder in enumerate(
         ({"kind": "counting"}, {"kind": "counting", "every": 2}, {"kind": "levels"})
     ):
-        prepared = _result(prepare(DESIGN | {"encoder": encoder}, Path(), tmp_path, threads=2))
+        prepared = prepare(DESIGN | {"encoder": encoder}, Path(), tmp_path, threads=2)
         data = load(prepared)
         assert len(scene.made) == 32
         assert np.array_equal(data.start, plain.start) and data.n_steps == plain.n_steps

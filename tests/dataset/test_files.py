@@ -4,10 +4,12 @@ import os
 import numpy as np
 import pytest
 
+from dse.config import Sections
 from dse.dataset import as_prepared, load, transductive, warnings
 from dse.dataset.files import read_spikes, write_dataset, write_spikes
 from dse.recordings import RecordingError
 from dse.records import Dataset, Head, Spikes
+from tests.dataset.encoders import Levels, encoders  # noqa: F401
 from tests.saved_data import part_of, save
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -18,6 +20,15 @@ DATASET = Dataset(
     train=np.array([0]), validation=np.array([1]), test=NONE,
     positions=np.array([[0, 3, 0], [1, 3, 0], [0, 3, 1]], dtype=np.int32),
 )  # fmt: skip
+
+
+DESIGN = {
+    "data": {"kind": "raster", "file": "x.npz", "step_ms": 5},
+    "task": {"target": "letter"},
+    "split": {"stratified": {"validation": 0.2}},
+    "model": {"kind": "snn"},
+    "training": {},
+}
 
 
 def same(a, b):
@@ -51,8 +62,9 @@ def test_sources_are_laid_end_to_end_with_rows_for_the_longest(tmp_path):
     second = dataclasses.replace(
         DATASET, spikes=longer, start=window, start_low=window, start_high=window, n_steps=1
     )
-    told = list(write_spikes([part_of(DATASET), part_of(second)], tmp_path))
-    assert told == [f"preparing data: {i} of 3 recordings" for i in (1, 2, 3)]
+    sentences: list[str] = []
+    write_spikes([part_of(DATASET), part_of(second)], tmp_path, progress=sentences.append)
+    assert sentences == [f"preparing data: {i} of 3 recordings" for i in (1, 2, 3)]
     found = read_spikes(tmp_path)
     assert found.spikes.n_steps == 3
     assert found.spikes.row_offsets.tolist() == [0, 1, 1, 1, 3, 3, 3, 5, 5, 7]
@@ -78,11 +90,12 @@ def test_a_damaged_folder_is_named(tmp_path, damage):
         load(tmp_path / "key")
 
 
+@pytest.mark.usefixtures("encoders")
 def test_heads_and_reasons_come_back(tmp_path):
     head = Head("texture", ("x", "y"), np.array([1, 0]))
     save(DATASET, tmp_path / "key")
     split = DATASET.train, DATASET.validation, DATASET.test
-    fitted = {"encoder": {"levels": ((1.5, 2.0), (0.0, -1.0)), "name": "e"}}
+    fitted = {"encoder": {"peeks": True, "levels": ((1.5, 2.0), (0.0, -1.0))}}
     write_dataset(
         tmp_path / "key", "key spikes", DATASET.target, DATASET.classes, split, fitted, [], (head,), "reads"
     )
@@ -90,7 +103,7 @@ def test_heads_and_reasons_come_back(tmp_path):
     [found] = load(tmp_path / "key").heads
     same(head, found)
     assert transductive(tmp_path / "key") == "reads"
-    plain = {"encoder": {"kind": "threshold"}, "data": {}}
-    assert as_prepared(plain, tmp_path / "key") == {
-        "encoder": {"kind": "threshold", "levels": [[1.5, 2.0], [0.0, -1.0]], "name": "e"}, "data": {}
-    }  # fmt: skip
+    design = Sections.from_plain({**DESIGN, "encoder": {"kind": "levels"}}, "a design")
+    prepared = as_prepared(design, tmp_path / "key")
+    assert prepared.encoder == Levels(peeks=True, levels=((1.5, 2.0), (0.0, -1.0)))
+    assert dataclasses.replace(prepared, encoder=design.encoder) == design

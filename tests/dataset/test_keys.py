@@ -1,22 +1,22 @@
 import numpy as np
 import pytest
 
-from dse.dataset import dataset_key, same_spikes
-from dse.dataset.keys import spikes_key
 from dse.recordings import RecordingError
+from tests.dataset.plain import dataset_key, same_spikes, spikes_key
 
 DESIGN = {
     "data": {"kind": "raster", "file": "x.npz", "step_ms": 5, "columns": {"letter": "label"}},
     "task": {"name": "letters", "target": "letter"},
     "split": {"stratified": {"validation": 0.2}},
     "window": {"n_steps": 20},
-    "model": {"hidden": [100]},
+    "model": {"kind": "snn", "hidden": [100]},
 }
+ENCODER = {"kind": "send_on_delta", "thresholds": [1]}
 OF_SPIKES = (
     {"window": {"n_steps": 21}},
     {"data": {**DESIGN["data"], "step_ms": 6}},
     {"test": {"file": "x.npz"}},
-    {"encoder": {"kind": "e"}},
+    {"encoder": ENCODER},
     {"preprocessing": {"bin_ms": 1}},
 )
 OF_LABELS = (
@@ -38,7 +38,7 @@ def folders(tmp_path):
 def test_the_key_follows_content_and_sections_alone(folders):
     key = dataset_key(DESIGN, folders / "a")
     assert dataset_key(DESIGN, folders / "b") == key != dataset_key(DESIGN, folders / "c")
-    assert dataset_key(DESIGN | {"model": {"hidden": [7]}}, folders / "a") == key
+    assert dataset_key(DESIGN | {"model": {"kind": "snn", "hidden": [7]}}, folders / "a") == key
     assert dataset_key(DESIGN | {"task": {"name": "x", "target": "letter"}}, folders / "a") == key
     for change in (*OF_SPIKES, *OF_LABELS):
         assert dataset_key(DESIGN | change, folders / "a") != key, change
@@ -98,4 +98,4 @@ def test_positions_belong_to_the_spikes(folders):
 
 def test_pooled_events_are_most_of_the_work_whatever_encodes_them():
     events = DESIGN | {"preprocessing": {"bin_ms": 1}}
-    assert same_spikes(events | {"encoder": {"kind": "e"}}) == same_spikes(events)
+    assert same_spikes(events | {"encoder": ENCODER}) == same_spikes(events)

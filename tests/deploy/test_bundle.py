@@ -14,6 +14,7 @@ from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, weights, write
 from dse.neurons.fixed_point import quantise
 from dse.records import Head, Layer, Network, Parameters
 from tests.layers import cuba_parameters
+from tests.spaces import RASTER, sections
 
 
 @pytest.fixture
@@ -25,7 +26,7 @@ def made() -> Bundle:
     network = Network((Layer(weight, ring, cuba_parameters(decay, decay, 80)),), 2, (0,), 1, "integer")
     return Bundle(
         fitted=network,
-        sections={"data": {"kind": "raster"}, "model": {"kind": "snn", "hidden": [3]}},
+        sections=sections({**RASTER, "model": {"kind": "snn", "hidden": [3]}}),
         classes=("felt", "silk", "wool"),
         phi=4.0,
         theta=0.7,
@@ -74,6 +75,10 @@ def test_exporting_again_replaces_a_bundle_and_nothing_else(made: Bundle, tmp_pa
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
 
 
+WITHOUT_TASK = {**RASTER, "model": {"kind": "snn"}, "training": {}}
+WITHOUT_TASK.pop("task")
+
+
 def _edit(**changes: Any) -> Any:
     def edit(folder: Path) -> None:
         path = folder / "bundle.json"
@@ -106,6 +111,7 @@ def _cut(name: str) -> Any:
         (lambda folder: (folder / "bundle.json").write_text("[]"), "is not a bundle of dse"),
         (_edit(schema="dse/bundle/9"), f"schema is dse/bundle/9, but this version of dse reads {SCHEMA}"),
         (_edit(schema="other"), "is not a bundle of dse"),
+        (_edit(sections=WITHOUT_TASK), r"bundle\.json: section 'task' is required"),
         (_edit(classes=None), r"bundle\.json: key 'classes' is missing or invalid"),
         (_edit(decision=[1]), r"bundle\.json: key .* is missing or invalid"),
     ],
@@ -124,11 +130,10 @@ def test_another_family_answers_at_a_time_for_one_head(made: Bundle, tmp_path: P
         Head("speed", ("slow", "fast"), np.array([0, 1, 0])),
     )
     fitted = Parameters({"counts": np.arange(6).reshape(2, 3), "names": np.array(["a", "b"])}, 4)
-    sections = {"model": {"kind": "knn"}}
     given = replace(
         made,
         fitted=fitted,
-        sections=sections,
+        sections=sections({**RASTER, "model": {"kind": "knn"}}),
         phi=None,
         theta=None,
         read_out_ms=250.0,

@@ -384,7 +384,8 @@ def on_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_scene_is_answered_with_the_crop_that_was_trained(on_scene: Path) -> None:
     sections = bundle.read(on_scene / "bundle").sections
     pins = Trials(load_scene(str(on_scene / "fingertip.yaml"))).pins()
-    assert sections["preprocessing"]["crop"] == list(pins) != [0, 0, 96, 64]
+    assert sections.preprocessing is not None
+    assert sections.preprocessing.crop == pins != (0, 0, 96, 64)
     found = evaluate(on_scene / "bundle", on_scene / "fingertip.yaml")
     record = results.open(on_scene / "results" / "scene").runs(0)[0]
     validation = load(usual_root() / record["data"]).validation

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from dse import registry
-from dse.dataset.sections import section
+from dse.config import values
 from dse.encoders.sampled import moving_average
 from dse.encoders.threshold import Threshold, statistics
 from dse.records import Signals, Spikes
@@ -226,4 +226,5 @@ def test_what_is_learnt_survives_json():
     signals = recorded([1, 1], [3, 4], [2, 2])
     for matching in ("nearest", "tolerance", "own_label"):
         encoder = fitted(Threshold(matching), signals, [0, 1, 1], np.array([0, 1]))
-        assert section(Threshold, json.loads(json.dumps(dataclasses.asdict(encoder)))) == encoder
+        stored = json.loads(json.dumps(values.plain(encoder)))
+        assert values.read_object(Threshold, stored, (), pytest.fail) == encoder

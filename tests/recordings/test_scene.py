@@ -175,7 +175,7 @@ def test_no_such_scene(tmp_path: Path) -> None:
 def test_a_search_space_of_a_scene(base: Path) -> None:
     path = base / "space.yaml"
     path.write_text(SPACE, encoding="utf-8")
-    assert load_space(path, check_data=True).fixed["data"]["scene"] == "tiny.yaml"
+    assert load_space(path, check_data=True).data.scene == "tiny.yaml"  # type: ignore[attr-defined]
     path.write_text(SPACE.replace("tiny.yaml", "tin.yaml"), encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         load_space(path, check_data=True)

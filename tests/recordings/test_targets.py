@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from dse.config.settings import Column
 from dse.recordings import RecordingError
 from dse.recordings.targets import heads, target, target_columns
 
@@ -16,21 +17,21 @@ def test_a_column_in_the_order_of_its_values():
     codes, classes = target(COLUMNS, "fabric")
     assert (codes.dtype, codes.tolist(), classes) == (np.int64, [0, 1, 0, 1], ("silk", "wool"))
     assert target(COLUMNS, "force")[1] == ("0.5", "2", "10")
-    assert target(COLUMNS, {"column": "velocity"})[1] == ("-100", "-20", "20", "100")
+    assert target(COLUMNS, Column("velocity"))[1] == ("-100", "-20", "20", "100")
 
 
 def test_absolute_values():
-    codes, classes = target(COLUMNS, {"column": "velocity", "abs": True})
+    codes, classes = target(COLUMNS, Column("velocity", abs=True))
     assert (codes.tolist(), classes) == ([1, 0, 1, 0], ("20", "100"))
-    assert target(COLUMNS, {"column": "small", "abs": True})[1] == ("0", "127", "128")
+    assert target(COLUMNS, Column("small", abs=True))[1] == ("0", "127", "128")
 
 
 def test_combinations_hold_only_what_occurs():
-    codes, classes = target(COLUMNS, ["fabric", {"column": "velocity", "abs": True}])
+    codes, classes = target(COLUMNS, ("fabric", Column("velocity", abs=True)))
     assert (codes.tolist(), classes) == ([0, 1, 0, 1], ("silk|100", "wool|20"))
     codes, classes = target(COLUMNS, ("fabric", "velocity"))
     assert [classes[i] for i in codes] == ["silk|-100", "wool|20", "silk|100", "wool|-20"]
-    assert target_columns(["fabric", {"column": "velocity", "abs": True}]) == ("fabric", "velocity")
+    assert target_columns(("fabric", Column("velocity", abs=True))) == ("fabric", "velocity")
     assert target_columns("fabric") == ("fabric",)
 
 
@@ -38,9 +39,8 @@ def test_combinations_hold_only_what_occurs():
     ("settings", "message"),
     [
         ("fabrik", r"task.target: no column 'fabrik' among data.columns; .*Did you mean 'fabric'\?"),
-        ({"column": "fabric", "abs": True}, "task.target: abs needs numbers, but column 'fabric' holds <U4"),
-        ([], r"task.target must be a column, got \[\]"),
-        ({"abs": True}, "task.target must be a column, got {'abs': True}"),
+        (Column("fabric", abs=True), "task.target: abs needs numbers, but column 'fabric' holds <U4"),
+        ((), "task.target must be a column, got none"),
     ],
 )
 def test_faults(settings, message):
@@ -51,10 +51,10 @@ def test_faults(settings, message):
 def test_two_combinations_of_one_name_are_refused():
     columns = {"a": np.array(["x|y", "x"]), "b": np.array(["z", "y|z"])}
     with pytest.raises(RecordingError, match=r"same name 'x\|y\|z'"):
-        target(columns, ["a", "b"])
+        target(columns, ("a", "b"))
 
 
-JOINT = ["fabric", {"column": "velocity", "abs": True}]
+JOINT = ("fabric", Column("velocity", abs=True))
 
 
 def test_heads_have_the_classes_of_their_columns():
@@ -77,7 +77,7 @@ def test_heads_have_the_classes_of_their_columns():
 
 def test_heads_leave_out_what_is_in_no_part_of_the_split():
     columns = {"fabric": np.array(["a", "b", "c"]), "velocity": np.array([3, 1, 2])}
-    fabric, velocity = heads(columns, ["fabric", "velocity"], np.array([0, -1, 1]))
+    fabric, velocity = heads(columns, ("fabric", "velocity"), np.array([0, -1, 1]))
     assert (fabric.classes, fabric.of_class.tolist()) == (("a", "c"), [0, 1])
     assert (velocity.classes, velocity.of_class.tolist()) == (("2", "3"), [1, 0])
 
@@ -86,8 +86,8 @@ def test_heads_leave_out_what_is_in_no_part_of_the_split():
     ("settings", "message"),
     [
         ("fabric", "task.joint needs at least two columns in task.target, got fabric"),
-        (["fabric"], "at least two columns in task.target, got fabric"),
-        (["velocity", JOINT[1]], "distinct columns in task.target, got 'velocity' twice"),
+        (("fabric",), "at least two columns in task.target, got fabric"),
+        (("velocity", JOINT[1]), "distinct columns in task.target, got 'velocity' twice"),
     ],
 )
 def test_a_joint_target_has_several_columns(settings, message):

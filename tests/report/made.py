@@ -15,10 +15,11 @@ from dse.study import results
 from dse.study.results import Study
 
 SECTIONS = {
-    "data": {"kind": "raster", "file": "recordings/tiny.npz"},
+    "data": {"kind": "raster", "file": "recordings/tiny.npz", "step_ms": 1},
     "task": {"name": "texture", "target": "fabric"},
     "split": {"train": {"repetition": [0, 1]}, "validation": {"repetition": [2]}},
     "model": {"kind": "snn", "hidden": [8], "true_rate": 0.5},
+    "training": {},
 }
 LENGTHS_MS = np.array([250.0, 500.0, 1000.0])
 
@@ -72,7 +73,8 @@ def write(
             ]
         rows += points
         own = {**SECTIONS, **(sections or {})}
-        own["model"] = {**own["model"], "kind": row["family"], **model}
+        settings = own["model"] if row["family"] == own["model"]["kind"] else {}
+        own["model"] = {**settings, "kind": row["family"], **model}
         record = {
             "trial": trial,
             "sections": own,

@@ -283,9 +283,8 @@ def test_designs_of_different_splits_do_not_meet(tmp_path: Path) -> None:
     found = report([one, two])
     assert not rows_of(found, FAMILIES)
     assert noted(found, "texture on tiny.npz: spiking and other designs use different splits")
-    assert (
-        rows_of(found, "B")["accuracy, knn"].split == "stratified: validation 0.5 (train 20, validation 10)"
-    )
+    told = rows_of(found, "B")["accuracy, knn"].split
+    assert told == "stratified: validation 0.5, test 0.0 (train 20, validation 10)"
 
 
 def test_accuracies_within_their_errors_are_a_draw(tmp_path: Path) -> None:
@@ -336,7 +335,10 @@ def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
             {"train": {"a": [0, 1, 2, 3, 4, 5]}, "validation": {"a": [6]}},
             "train: a 0 to 5; validation: a 6 (train",
         ),
-        ({"train": {"a": ["x", "y", "z", "u", "v"]}}, 'train: a "x", "y", "z", ... (5) (train'),
+        (
+            {"train": {"a": ["x", "y", "z", "u", "v"]}, "validation": {"a": "w"}},
+            'train: a "x", "y", "z", ... (5); validation: a w (train',
+        ),
     ],
 )
 def test_splits_in_words(tmp_path: Path, split: dict[str, Any], told: str) -> None:

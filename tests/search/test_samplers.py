@@ -291,8 +291,8 @@ def test_a_design_has_the_axes_of_its_kinds(name: str, mixed: SearchSpace) -> No
     for design in designs:
         assert list(design) == list(mixed.active(design))
         mixed.resolve(design)
-    assert {design["model.kind"] for design in designs} == set(mixed.entries["model"])
-    assert {design["encoder.kind"] for design in designs} == set(mixed.entries["encoder"])
+    assert {design["model.kind"] for design in designs} == set(mixed.choices["model"])
+    assert {design["encoder.kind"] for design in designs} == set(mixed.choices["encoder"])
 
 
 @pytest.mark.parametrize("name", OPEN)

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config import Axis, Design, SearchSpace, load_space
+from dse.config.parts import Part
 from dse.search.space import corners, design_at, grid, index_of, n_designs, n_designs_of_each
 from tests import families
 from tests.spaces import write_space
@@ -73,7 +74,7 @@ FAMILIES = ("encoder", "model")
 def conditional(space: SearchSpace, shape: list[Any]) -> SearchSpace:
     """Return a space with an axis for each number of a shape, and a choice of kinds for each list."""
     axes: dict[str, Axis] = {}
-    entries: dict[str, dict[str, dict[str, Any]]] = {}
+    entries: dict[str, dict[str, Part]] = {}
     sections = iter(FAMILIES)
     for number, below in enumerate(shape):
         section = None if isinstance(below, int) else next(sections, None)
@@ -83,13 +84,24 @@ def conditional(space: SearchSpace, shape: list[Any]) -> SearchSpace:
             continue
         kind = Axis(f"{section}.kind", tuple(f"k{i}" for i in range(len(below))))
         axes[kind.name] = kind
-        entries[section] = {name: {"kind": name, "still": 1} for name in kind.values or ()}
+        entries[section] = {}
         for name, sizes in zip(kind.values or (), below, strict=True):
+            entries[section][name] = part_of(name, [f"b{i}" for i in range(len(sizes))])
             for i, size in enumerate(sizes):
                 axis = Axis(f"{section}.{name}.b{i}", tuple(range(size)), condition=(kind.name, name))
                 axes[axis.name] = axis
-    fixed = {"task": {"name": "any"}, "training": {"still": 2}}
-    return dataclasses.replace(space, axes=axes, entries=entries, fixed=fixed)
+    parts = dict(space.parts) | {"training": part_of("", [f"a{i}" for i in range(len(shape))])}
+    for section in FAMILIES:
+        several = entries.get(section, {})
+        parts[section] = dataclasses.replace(part_of("" if several else "only", []), entries=several)
+    return dataclasses.replace(space, axes=axes, parts=parts)
+
+
+def part_of(kind: str, keys: list[str]) -> Part:
+    """Return a section of integer keys, in which one more does not vary."""
+    fields = [(key, int, dataclasses.field(default=0)) for key in (*keys, "still")]
+    made = dataclasses.make_dataclass("Made", fields, frozen=True)
+    return Part(made, kind, {"still": 1}, {}, good=True)
 
 
 def enumerated(space: SearchSpace) -> Iterator[Design]:
@@ -119,14 +131,14 @@ def test_a_conditional_grid_is_that_of_plain_recursion(
     for index in {0, total - 1, data.draw(st.integers(0, total - 1))}:
         assert index_of(found, design_at(found, index)) == index
         resolved = found.resolve(design_at(found, index))
-        for section in found.entries:
-            assert resolved[section]["kind"] == design_at(found, index)[f"{section}.kind"]
+        for section in found.choices:
+            assert resolved.kinds[section] == design_at(found, index)[f"{section}.kind"]
     if total < 2000:
         assert grid(found) == list(enumerated(found))
         assert all(list(design) == list(found.active(design)) for design in grid(found))
-    for section in found.entries:
+    for section in found.choices:
         each = n_designs_of_each(found, section)
-        assert list(each) == list(found.entries[section])
+        assert list(each) == list(found.choices[section])
         assert sum(n or 0 for n in each.values()) == total
 
 
@@ -135,7 +147,7 @@ def test_corners_are_designs_of_every_kind(space: SearchSpace, shape: list[Any])
     found = conditional(space, shape)
     designs = list(corners(found, FAMILIES, 50))
     kinds = [tuple(design.get(f"{section}.kind") for section in FAMILIES) for design in designs]
-    assert len(set(kinds)) == math.prod(len(entries) for entries in found.entries.values())
+    assert len(set(kinds)) == math.prod(len(entries) for entries in found.choices.values())
     assert len({index_of(found, design) for design in designs}) == len(designs) <= max(50, len(set(kinds)))
     plain = [name for name in found.axes if name.startswith("training.")]
     assert all(design[name] == 0 for design in designs for name in plain)

@@ -23,6 +23,7 @@ from dse.study import jobs
 from dse.study.workers import Workers
 from tests.joint_data import joint
 from tests.saved_data import in_a_row, save
+from tests.spaces import design_of
 
 
 def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
@@ -44,9 +45,7 @@ def run(folder: Path, model: Any, number: int = 0, **training: Any) -> jobs.Run:
         repeat=0,
         design={"number": number},
         seed=1,
-        sections={},
-        model=model,
-        training=Training(**training),
+        sections=design_of(model, Training(**training)),
         data=folder / "data",
         base=folder,
         folder=folder / f"run {number}",
@@ -103,10 +102,10 @@ def test_what_a_family_is_asked(tmp_path: Path) -> None:
     )
     one = run(tmp_path, model, epochs=3, batch_size=2)
     found = jobs.demand(one, unused, 3)
-    assert asked["memory"] == (5, 2, 4, one.training)
-    assert asked["workspace"] == (5, 2, 4, one.training, 3)
+    assert asked["memory"] == (5, 2, 4, one.sections.training)
+    assert asked["workspace"] == (5, 2, 4, one.sections.training, 3)
     per_window = len(data.spikes.channel) / (4 * 10) * 4  # four samples in use, windows of 4 of 10 steps
-    assert asked["cost"] == (5, 2, 4, per_window, 3, one.training)
+    assert asked["cost"] == (5, 2, 4, per_window, 3, one.sections.training)
     assert (found.memory_bytes, found.cost, found.key) == (1000, 2.5, (one.data, 0, SimpleNamespace, 7))
     heads = tuple(Head(name, ("x", "y"), np.array([0, 1])) for name in "abc")
     jobs.demand(one, dataclasses.replace(unused, heads=heads))

@@ -31,7 +31,7 @@ from dse.study.workers import Workers
 from tests.joint_data import joint
 from tests.models.snn.test_family import toy
 from tests.saved_data import save
-from tests.spaces import write_space
+from tests.spaces import design_of, write_space
 
 SETTINGS = ((4, 0.0), (2, 0.0), (4, 0.5))
 
@@ -45,9 +45,7 @@ def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> trial
         repeat=0,
         design={},
         seed=1,
-        sections={"model": {"kind": type(model).__name__}},
-        model=model,
-        training=Training(epochs=2, batch_size=9, learning_rate=0.1),
+        sections=design_of(model, Training(epochs=2, batch_size=9, learning_rate=0.1)),
         data=folder / "data",
         base=folder,
         folder=folder / name,
@@ -84,7 +82,7 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: tr
     assert [x.setting for x in rows(run.folder)] == sorted(SETTINGS)
     for found in rows(run.folder):
         fewer = rounded(network, *found.setting)
-        said = run.model.respond(fewer, data, data.validation)
+        said = run.sections.model.respond(fewer, data, data.validation)
         outcome = Outcome(fewer, said, None, {})
         alone = measure(outcome, data, np.array(run.phi), np.array(run.theta), (), found.weight_bits)
         columns = found.numbers["columns"]

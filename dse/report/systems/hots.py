@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dse.config.contracts import Family
 from dse.report.designs import Found, best
 from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured, published
@@ -31,12 +32,16 @@ def marks(parts: Sequence[Found]) -> Iterator[Mark]:
             yield mark("C", part, f"{_layers(n)} on {textures} textures", {"accuracy": paper[figure][n]})
 
 
+def _layers_of(model: Family) -> int:
+    return int(getattr(model, "layers", 0))
+
+
 def _by_layers(parts: Sequence[Found]) -> Iterator[tuple[Found, int, pandas.Series[Any]]]:
     """Yield the best design of each printed number of layers."""
     paper = published()["C"]
     for part in parts:
         designs = part.of(paper["families"])
-        layers = designs["trial"].map(lambda trial, part=part: int(part.model(int(trial))["layers"]))
+        layers = designs["trial"].map(lambda trial, part=part: _layers_of(part.model(int(trial))))
         for n in paper["accuracy"]:
             chosen = best(designs[layers == n])
             if chosen is not None:

@@ -30,7 +30,7 @@ def rows(parts: Sequence[Found]) -> list[Row]:
     runs = part.arrays(int(row["trial"]), "read_out")
     accuracy = np.mean([run["accuracy"] for run in runs], axis=0)
     earliest = float(runs[0]["decision_latency_ms"][accuracy.argmax()])
-    hidden = float(np.sum(part.model(int(row["trial"]))["hidden"]))
+    hidden = float(np.sum(getattr(part.model(int(row["trial"])), "hidden", 0)))
     return [
         *found,
         replace(

@@ -85,9 +85,9 @@ def _peak(part: Found, system: str, peak: pandas.Series[Any], kind: str) -> Iter
     """Yield the printed settings of the most accurate network beside ours."""
     model = part.model(int(peak["trial"]))
     for name, printed in published()[system]["peak"].items():
-        if name in model:
+        if hasattr(model, name):
             base = measured(part, system, f"{kind}best accuracy: {name}", printed, peak)
-            yield replace(base, ours=number(np.sum(model[name])), se=None, test=None)
+            yield replace(base, ours=number(np.sum(getattr(model, name))), se=None, test=None)
 
 
 def _groups(part: Found, peak: pandas.Series[Any], printed: dict[str, float], kind: str) -> Iterator[Row]:

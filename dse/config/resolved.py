@@ -1,0 +1,142 @@
+"""A design with everything that it follows from, as typed objects: the sections data .. training."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self, cast
+
+from dse.config import parts
+from dse.config.contracts import PLACES, Encoder, Family, Source
+from dse.config.faults import ConfigError, Fault
+from dse.config.sections import SECTIONS, SETTINGS
+from dse.config.settings import Preprocessing, Split, Task, Training, Window
+from dse.config.values import dotted, plain, read_object
+from dse.config.yaml_lines import Path as Keys
+
+_COMPONENTS = ("data", "encoder", "model")
+_FITTED = ("preprocessing", "encoder")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sections:
+    """The sections of one design.
+
+    kinds: names of the components: of data and model, and of encoder where there is one.
+    test: where recordings of a final test lie, if they are not part of the data.
+    preprocessing: of event recordings; encoder: of signals, and perhaps of what is spikes already.
+    """
+
+    kinds: Mapping[str, str]
+    data: Source
+    task: Task
+    window: Window
+    split: Split
+    test: Source | None = None
+    preprocessing: Preprocessing | None = None
+    encoder: Encoder | None = None
+    model: Family
+    training: Training
+
+    @property
+    def reads_labels(self) -> str:
+        """Why the design says nothing about new recordings: its encoder must know labels; '' where it can."""
+        if self.encoder is None or not self.encoder.transductive:
+            return ""
+        return f"encoder {self.kinds['encoder']} reads the labels of the recordings that it encodes"
+
+    def to_plain(self) -> dict[str, dict[str, Any]]:
+        """Return the sections as plain data, as they are recorded; `from_plain` is the way back."""
+        sections: dict[str, dict[str, Any]] = {}
+        for name in (name for name in SECTIONS if getattr(self, name, None) is not None):
+            kind = {"kind": self.kinds[name]} if name in self.kinds else {}
+            sections[name] = kind | plain(getattr(self, name))
+        if "test" in sections:
+            data = sections["data"]
+            sections["test"] = {
+                key: value
+                for key, value in sections["test"].items()
+                if value != data[key] or (key in PLACES and value is not None)
+            }
+        return sections
+
+    @classmethod
+    def from_plain(cls, sections: Mapping[str, Any], where: str) -> Self:
+        """Return the sections of plain data.
+
+        Args:
+            sections: of `to_plain`, with lists or tuples.
+            where: what errors are about, such as a file.
+
+        Raises:
+            ConfigError: a section is missing, or is none of the components that are known.
+        """
+        faults: list[Fault] = []
+
+        def report(path: Keys, message: str) -> None:
+            faults.append(Fault(where, 0, message))
+
+        values = {name: _read(name, raw, report) for name, raw in sections.items() if name != "test"}
+        fields = {name: part.built({}) for name, part in values.items() if part is not None and part.good}
+        data = values.get("data")
+        if sections.get("test") and data is not None and data.good:
+            test = parts.test_file(data.cls, data.kind, sections["test"], report)
+            fields["test"] = data.built(test.values)
+        fields.setdefault("window", Window())
+        for name in ("data", "task", "split", "model", "training"):
+            if name not in sections:
+                report((), f"section '{name}' is required")
+        if faults:
+            raise ConfigError(faults)
+        kinds = {name: part.kind for name, part in values.items() if part is not None and part.kind}
+        return cls(kinds=kinds, **fields)
+
+    def on_fold(self, fold: int) -> Self:
+        """Return the design with another fold of its cross-validation to validate on."""
+        if self.split.k_fold is None:
+            raise ValueError("a design without split.k_fold has no folds")
+        k_fold = dataclasses.replace(self.split.k_fold, fold=fold)
+        return dataclasses.replace(self, split=dataclasses.replace(self.split, k_fold=k_fold))
+
+    def with_fitted(self, fitted: Mapping[str, Mapping[str, Any]]) -> Self:
+        """Return the design with keys of `preprocessing` and `encoder` that were fitted to recordings.
+
+        Args:
+            fitted: section -> key -> plain value, as `fitted_since` returns it.
+
+        Raises:
+            ValueError: there is no such section, or its class refuses a value.
+        """
+        changed = {}
+        for name, keys in fitted.items():
+            section = getattr(self, name) if name in _FITTED else None
+            if section is None:
+                raise ValueError(f"a design without section '{name}' has nothing fitted in it")
+            changed[name] = read_object(type(section), plain(section) | dict(keys), (name,), _refuse)
+        return dataclasses.replace(self, **cast(Any, changed))
+
+    def fitted_since(self, before: Sections) -> dict[str, dict[str, Any]]:
+        """Return section -> key -> plain value of what has been fitted to recordings since."""
+        fitted = {}
+        for name in _FITTED:
+            old, new = plain(getattr(before, name)) or {}, plain(getattr(self, name)) or {}
+            if keys := {key: value for key, value in new.items() if old.get(key) != value}:
+                fitted[name] = keys
+        return fitted
+
+
+def _read(name: str, raw: Any, report: Any) -> parts.Part | None:
+    if name in _COMPONENTS:
+        found = parts.component_class((name,), raw, report)
+        return None if found is None else parts.component((name,), found, raw, report)
+    if name == "task":
+        return parts.task(raw, report)
+    if name in SETTINGS:
+        return parts.settings(name, raw, report)
+    report((name,), f"unknown section '{dotted((name,))}'")
+    return None
+
+
+def _refuse(path: Keys, text: str) -> None:
+    raise ValueError(text)
