@@ -5,7 +5,7 @@
 Taxel k is column k mod 10 of row k div 10. Every non-zero entry is an event at its column's time, rounded to
 the microsecond. The matrix is stored column by column: it is inflated and read in blocks, and never in memory
 as a whole. scipy.io.loadmat is no substitute: one wrong byte in a type code makes it crash the interpreter
-(scipy 1.17), it gives nothing of a file that is cut short, and it allocates what a header declares.
+(scipy 1.17), it returns nothing of a truncated file, and it allocates what a header declares.
 
 Sources: See et al., ST-MNIST, arXiv:2005.04319; MathWorks, MAT-File Format, chapter 1 (version 5).
 """
@@ -71,7 +71,7 @@ class Stmnist:
         return SIDE, SIDE
 
     def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
-        """Yield the events; `broken` hears of columns that have no time, and of a matrix cut short.
+        """Yield the events; `broken` hears of columns that have no time, and of a truncated matrix.
 
         Raises:
             RecordingError: the file cannot be opened or holds no such matrix, or `broken` raised it.
