@@ -19,50 +19,50 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 _LISTS = {
-    "hardware": "hardware profiles for energy and latency: shipped ones by name, or YAML files of your own",
-    "objectives": "columns to minimise or maximise, each as NAME:min or NAME:max",
+    "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
+    "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
 }
 _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
 _MOTIONS = "scene.motions"
 _FIGURES = "figures"
 _PAGE = {
-    "page": "page definition of `dse dashboard --page FILE`: parts of the page and what it shows first",
-    "page.front": "the figure of the front",
+    "page": "Page definition of `dse dashboard --page FILE`: parts of the page and initial settings.",
+    "page.front": "The figure of the front on the page.",
 }
 _SCENE = {
-    "scene": "scene file: simulated touch, used by data of kind scene",
-    "scene.sensor": "shipped sensors: the numbers of sensor and camera, each with its evidence",
-    "scene.textures": "shipped textures: numbers, each with its evidence",
-    _MOTIONS: "velocity profiles; `kind` names a component",
-    "scene.camera": "the event camera that watches the pins",
+    "scene": "Scene file: simulated touch, used by data of kind scene.",
+    "scene.sensor": "Shipped sensors: the numbers of sensor and camera, each with its evidence.",
+    "scene.textures": "Shipped textures: numbers, each with its evidence.",
+    _MOTIONS: "Velocity profiles; `kind` names a component.",
+    "scene.camera": "The event camera that watches the pins.",
     "scene.variation": "how trials with the same texture, motion and force differ; standard deviations "
     "unless stated",
-    "scene.method": "steps of the simulation: a trade-off of speed and error",
+    "scene.method": "Steps of the simulation: a trade-off of speed and error.",
 }
 
 
 def sections() -> list[Row]:
     """Return the sections of a search space, those of a page, then those of a scene: name and meaning."""
     docs = {
-        "data": "the recordings; `kind` names a component",
-        "test": "a separate test file or folder: the keys of data that differ for it",
+        "data": "The recordings; `kind` names a component.",
+        "test": "A separate test file or folder: the keys of data that differ for it.",
         "encoder": "turns recordings into input spikes; required for sampled signals; `kind` names a "
         "component, `choice` lists several as an axis",
-        "model": "the classifier; `kind` names a component, `choice` lists several as an axis",
+        "model": "The classifier; `kind` names a component, `choice` lists several as an axis.",
         **_LISTS,
     }
     listed = [{"section": name, "doc": docs.get(name) or _doc(settings_class(name))} for name in SECTIONS]
     listed.append(
-        {"section": _SAMPLERS, "doc": "algorithms that propose designs; selected by search.sampler"}
+        {"section": _SAMPLERS, "doc": "Algorithms that propose designs; search.sampler selects one."}
     )
     listed.append(
         {
             "section": _FORMATS,
-            "doc": "formats of event files; data.format selects one (default: recognised from the file)",
+            "doc": "Formats of event files; data.format selects one (default: recognised from the file).",
         }
     )
-    listed.append({"section": _FIGURES, "doc": "figures of a study: `dse figure RESULTS NAME --out FILE`"})
+    listed.append({"section": _FIGURES, "doc": "Figures of a study: `dse figure RESULTS NAME --out FILE`."})
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 

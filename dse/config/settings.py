@@ -401,7 +401,7 @@ class Search:
 
 @dataclass(frozen=True)
 class ExecutionSettings:
-    """How the work is distributed; results are bit-identical on one kind of device."""
+    """How the work is distributed; results are bit-identical for any number of processes and threads."""
 
     jobs: int = param(1, doc="number of worker processes", low=1, axis=False)
     threads: int = param(

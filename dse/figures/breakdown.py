@@ -47,7 +47,7 @@ class Breakdown:
 @register("figures", "energy")
 @dataclass(frozen=True)
 class EnergyFigure:
-    """Energy of an inference by cause, of the full read-out of a trial on a chip."""
+    """Energy per inference by cause, for the full read-out of a trial on a chip."""
 
     hardware: str = param(doc="profile that costs are on", axis=False)
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)

@@ -33,7 +33,7 @@ class Confusion:
 @register("figures", "confusion")
 @dataclass(frozen=True)
 class ConfusionFigure:
-    """Which class was taken for which, over the runs of a trial; of validation samples."""
+    """Confusion matrix of a trial on the validation samples, summed over its runs."""
 
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
 

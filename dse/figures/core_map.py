@@ -50,7 +50,7 @@ class CoreMap:
 @register("figures", "cores")
 @dataclass(frozen=True)
 class CoresFigure:
-    """Cores of a chip that the layers of a trial's network take."""
+    """Cores of a chip that the layers of a trial occupy."""
 
     hardware: str = param(doc="profile of the chip", axis=False)
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)

@@ -47,7 +47,7 @@ class Trade:
 @register("figures", "trade")
 @dataclass(frozen=True)
 class TradeFigure:
-    """Two columns of the full read-outs, labelled by a parameter: what a parameter buys and costs."""
+    """Trade-off: two columns of the full read-outs, with points labelled by a parameter."""
 
     parameter: str = param(doc="column that labels the points, such as encoder.gain", axis=False)
     x: str = param("energy_uj", doc="column of the cost", axis=False)

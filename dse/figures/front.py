@@ -80,7 +80,7 @@ def design_columns(frame: pandas.DataFrame) -> list[str]:
 @register("figures", "front")
 @dataclass(frozen=True)
 class FrontFigure:
-    """Design points in the plane or space of two or three columns, the front of each task joined."""
+    """Design points over two or three columns, with the front of each task."""
 
     columns: tuple[str, ...] = param(
         (), doc="two or three columns, x first; absent: the first objectives of the study", axis=False

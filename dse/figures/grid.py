@@ -53,7 +53,7 @@ class Grid:
 @register("figures", "grid")
 @dataclass(frozen=True)
 class GridFigure:
-    """Mean of a column over each two values of two axes, as a heat map of trials."""
+    """Heat map: mean of a column over the trials at each pair of values of two axes."""
 
     x: str = param(doc="column of the horizontal axis, such as model.hidden", axis=False)
     y: str = param(doc="column of the vertical axis", axis=False)

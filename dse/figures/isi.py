@@ -66,7 +66,7 @@ class Distances:
 @register("figures", "intervals")
 @dataclass(frozen=True)
 class IntervalsFigure:
-    """Intervals between the spikes that a trial was trained on: a histogram per class and plane."""
+    """Histograms of the intervals between spikes that a trial was trained on, per class and plane."""
 
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
     bins: int = param(40, doc="bins of the histogram", low=1, axis=False)
@@ -84,7 +84,7 @@ class IntervalsFigure:
 @register("figures", "intervals_by_sample")
 @dataclass(frozen=True)
 class SampleIntervalsFigure(IntervalsFigure):
-    """The same intervals, a dot per sample: their mean against their coefficient of variation."""
+    """Intervals between spikes, one dot per sample: mean and coefficient of variation."""
 
     def draw(self, record: Intervals) -> plotly.graph_objects.Figure:
         return draw_isi_samples(record)
@@ -93,7 +93,7 @@ class SampleIntervalsFigure(IntervalsFigure):
 @register("figures", "distances")
 @dataclass(frozen=True)
 class DistancesFigure:
-    """How far classes lie apart over time in the spikes that a trial was trained on."""
+    """Distance between classes over time, in the spikes that a trial was trained on."""
 
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
     every_ms: float = param(20.0, doc="time between looks", unit="ms", low=0, low_open=True, axis=False)

@@ -36,7 +36,7 @@ class Learning:
 @register("figures", "learning")
 @dataclass(frozen=True)
 class LearningFigure:
-    """Loss, accuracy and gradient of a trial over the epochs, a line per run."""
+    """Loss, accuracy and gradient norm of a trial over the epochs, one line per run."""
 
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
 

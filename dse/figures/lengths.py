@@ -42,7 +42,7 @@ class Lengths:
 @register("figures", "lengths")
 @dataclass(frozen=True)
 class LengthsFigure:
-    """Sample length: the best trial of each length, beside the longest one that is read out early."""
+    """Accuracy over sample length: the best trial of each length, and the longest one read out early."""
 
     def gather(self, results: Results) -> Lengths:
         trials = results.trials

@@ -55,7 +55,7 @@ class Parallel:
 @register("figures", "parallel")
 @dataclass(frozen=True)
 class ParallelFigure:
-    """Design points as lines across several columns; those on the front stand out."""
+    """Parallel coordinates: design points as lines over several columns, with the front highlighted."""
 
     columns: tuple[str, ...] = param(
         (), doc="columns, left to right; absent: the axes of the search space and the objectives", axis=False

@@ -41,7 +41,7 @@ class Precision:
 @register("figures", "precision")
 @dataclass(frozen=True)
 class PrecisionFigure:
-    """Accuracy of a trial with fewer bits per weight and fewer weights, and what they cost."""
+    """Accuracy and cost of a trial with fewer bits per weight and pruned weights."""
 
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
     task: str = param("", doc="of a joint net, its head; absent: the first", axis=False)

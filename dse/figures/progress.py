@@ -60,7 +60,7 @@ class Progress:
 @register("figures", "progress")
 @dataclass(frozen=True)
 class ProgressFigure:
-    """Hypervolume of the front over the number of trials, in the order of their numbers."""
+    """Hypervolume of the front over the number of trials, in order of their numbers."""
 
     def gather(self, results: Results) -> Progress:
         finished = [int(trial) for trial in sorted(results.trials["trial"])]

@@ -60,7 +60,7 @@ class Recording:
 @register("figures", "recording")
 @dataclass(frozen=True)
 class RecordingFigure:
-    """What a network did on one recording: output spikes, confidence, spikes of each layer."""
+    """Activity of a network on one recording: output spikes, confidence, spikes of each layer."""
 
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
     sample: int = param(0, doc="place among the validation recordings", low=0, axis=False)

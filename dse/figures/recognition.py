@@ -40,7 +40,7 @@ class Recognition:
 @register("figures", "recognition")
 @dataclass(frozen=True)
 class RecognitionFigure:
-    """Accuracy over input length, a curve for the most accurate trial of each family and task."""
+    """Accuracy over input length, one curve for the most accurate trial of each family and task."""
 
     def gather(self, results: Results) -> tuple[Recognition, ...]:
         trials = results.trials[results.trials["status"] == "finished"]

@@ -37,7 +37,7 @@ class SurfaceMap:
 @register("figures", "surface")
 @dataclass(frozen=True)
 class SurfaceFigure:
-    """One quantity of a trial over the settings (phi, theta) of the decision maker."""
+    """Accuracy or latency of a trial over the decision parameters phi and theta."""
 
     quantity: str = param("accuracy", doc="what is drawn", choices=QUANTITIES, axis=False)
     trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
