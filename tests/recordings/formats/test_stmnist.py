@@ -177,7 +177,7 @@ def test_an_unknown_type_of_the_values_is_damage(tmp_path, code):
     data = bytearray(path.read_bytes())
     data[data.index(np.ones(2).tobytes()) - 8] = code
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=r"a\.mat: damaged or cut off at byte \d+, in a header"):
+    with pytest.raises(RecordingError, match=r"truncated or damaged at byte \d+, in a header"):
         read(path)
 
 
