@@ -1,0 +1,165 @@
+"""Objectives and a figure of an installed module are used from the command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse import registry
+from dse.cli import main
+from dse.testing import check_figure, check_objective
+from tests.spaces import write_space
+
+PLUGIN = '''
+"""Components of a user's own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+
+from dse.figures import Results
+from dse.measure.objectives import FullReadOut, Points
+from dse.registry import Column, param, register
+
+
+@register("objectives", "recall_worst")
+@dataclass(frozen=True)
+class RecallWorst:
+    """Recall of the class that is recognised worst."""
+
+    needs = "full_read_out"
+    columns = (Column("recall_worst", "", "max", "Recall of the class that is recognised worst."),)
+
+    def measure(self, answer: FullReadOut) -> Mapping[str, float]:
+        right, n = np.diag(answer.confusion), answer.confusion.sum(axis=1)
+        return {"recall_worst": float((right[n > 0] / n[n > 0]).min())}
+
+
+@register("objectives", "additions_per_right")
+@dataclass(frozen=True)
+class AdditionsPerRight:
+    """Additions for one right answer."""
+
+    needs = "points"
+    columns = (Column("additions_per_right", "", "min", "Additions per right answer, NaN without one."),)
+
+    def measure(self, points: Points) -> Mapping[str, np.ndarray]:
+        right = np.where(points.accuracy > 0, points.accuracy, np.nan)
+        return {"additions_per_right": points.load.synaptic_operations / right}
+
+
+@dataclass(frozen=True)
+class Bars:
+    trials: np.ndarray
+    values: np.ndarray
+
+
+@register("figures", "bars")
+@dataclass(frozen=True)
+class BarsFigure:
+    """A column of every trial as a bar."""
+
+    column: str = param("recall_worst", doc="column of the trials", axis=False)
+
+    def gather(self, results: Results) -> Bars:
+        trials = results.trials
+        return Bars(trials["trial"].to_numpy(), trials[self.column].to_numpy(float))
+
+    def draw(self, record: Bars) -> go.Figure:
+        return go.Figure(go.Bar(x=record.trials, y=record.values))
+'''
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Yield the results of a study; a distribution names the plugin as its entry point."""
+    folder = tmp_path_factory.mktemp("plugin")
+    (folder / "components_of_a_test.py").write_text(PLUGIN)
+    distribution = folder / "components_of_a_test-1.0.dist-info"
+    distribution.mkdir()
+    (distribution / "METADATA").write_text("Metadata-Version: 2.1\nName: components\nVersion: 1.0\n")
+    (distribution / "entry_points.txt").write_text("[dse.components]\nmine = components_of_a_test\n")
+    objectives = ("accuracy:max, n_weights:min", "recall_worst:max, additions_per_right, n_weights:min")
+    space = write_space(folder, objectives, ("choice: [4, 8, 12]", "choice: [4, 8]"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(folder), str(Path(__file__).parents[2])]))
+        patch.setenv("DSE_CACHE", str(folder / "cache"))
+        patch.setattr(registry, "_imported", registry._imported - {registry.ENTRY_POINTS})
+        patch.setattr(registry, "_plugins", {})
+        patch.setattr(registry, "_components", {s: dict(c) for s, c in registry._components.items()})
+        assert main(["run", str(space), "--results", str(folder / "results")]) == 0
+        [points] = (folder / "results").rglob("points.parquet")
+        yield points.parent
+    sys.modules.pop("components_of_a_test", None)
+
+
+def rows(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, Any]]:
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0
+    answer: list[dict[str, Any]] = json.loads(capsys.readouterr().out)["rows"]
+    return answer
+
+
+def test_an_objective_is_a_column_and_selects(installed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    front = rows(capsys, "skyline", str(installed))
+    assert front
+    assert all(0 <= row["recall_worst"] <= 1 for row in front)
+    assert {row["phi"] for row in front} == {None}, "only full read-outs have a recall"
+    objectives = "accuracy:max,additions_per_right:min"
+    costs = rows(capsys, "skyline", str(installed), "--objectives", objectives)
+    assert any(row["phi"] is not None for row in costs), "every point has its own additions"
+
+
+def test_objectives_and_figures_are_described(installed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    described = {row["name"]: row for row in rows(capsys, "describe", "objectives")}
+    assert described["recall_worst"]["direction"] == "max"
+    assert "bars" in {row["name"] for row in rows(capsys, "describe", "figures")}
+
+
+def test_a_figure_is_drawn(installed: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bars.json"
+    assert main(["figure", str(installed), "bars", "--out", str(out)]) == 0
+    [bars] = json.loads(out.read_text())["data"]
+    assert bars["type"] == "bar"
+    out = tmp_path / "bars.html"
+    assert main(["figure", str(installed), "bars", "--out", str(out), "--set", "column=accuracy"]) == 0
+    assert "plotly" in out.read_text()
+
+
+def test_its_components_keep_their_contracts(installed: Path) -> None:
+    check_objective(registry.known("objectives")["recall_worst"]())
+    check_objective(registry.known("objectives")["additions_per_right"]())
+    check_figure(registry.known("figures")["bars"](column="accuracy"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("bras", "--out", "x.json"), "unknown figure 'bras'; known: bars"),
+        (("bars", "--out", "x.png"), "--out must end in .html or .json, got 'x.png'"),
+        (("bars", "--out", "x.json", "--set", "colum=a"), "unknown key 'bars.colum'"),
+        (("grid", "--out", "x.json", "--set", "x=a", "--set", "y=b"), "figure grid: columns must be in"),
+        (("bars", "--out", "x.json", "--plugin", "no.py"), "plugin 'no.py': cannot read"),
+    ],
+)
+def test_what_cannot_be_drawn(
+    installed: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    text: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["figure", str(installed), *arguments]) == 2
+    assert text in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
