@@ -335,18 +335,18 @@ const Budgets = (() => {
         if (box.value !== limit && document.activeElement !== box) box.value = limit;
         slider.setAttribute("aria-valuetext", limit === "" ? "no limit" : `${words} ${limit}`);
         cost.title = limit === "" ? "" : "designs that would be feasible without this budget";
-        cost.textContent = !range ? "no numbers" : slider.disabled ? "all the same"
+        cost.textContent = !range ? "no numbers" : slider.disabled ? "the same for all designs"
           : limit === "" ? "no limit" : `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`;
       }
       write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} feasible`);
       write("#n-front", `${many(result.front.length)} on the front`);
       sum(result);
       part("#clear").disabled = result.limits.length === 0;
-      const [heading, ...said] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so none can be picked." })]
+      const [heading, ...said] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
         : result.pick >= 0
           ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
           : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
-            : ["Nothing is feasible", element("p", { textContent: "No design here has the numbers that the budgets ask for." })];
+            : ["Nothing is feasible", element("p", { textContent: "No design has values for all budgets." })];
       write("#pick h2", heading);
       tell(said);
       part("#export").hidden = result.pick < 0;
@@ -410,7 +410,7 @@ const Budgets = (() => {
       said.textContent = "copied";
     } catch {
       getSelection().selectAllChildren(from);
-      said.textContent = document.execCommand("copy") ? "copied" : "selected: copy it with the keyboard";
+      said.textContent = document.execCommand("copy") ? "copied" : "selected; copy it with the keyboard";
     }
   }
 

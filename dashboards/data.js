@@ -24,8 +24,8 @@ const Data = (() => {
       return type === "application/json" ? JSON.parse(textContent) : await unpacked(textContent);
     } catch (error) {
       say(typeof DecompressionStream === "undefined"
-        ? "This browser cannot unpack the page: it needs one of 2023 or later (Chrome or Edge 80, Firefox 113, Safari 16.4)."
-        : "The data of this page cannot be read: the file may have been cut short. Write it again, or copy it again.");
+        ? "This browser cannot decompress the page. Use Chrome or Edge 80, Firefox 113, Safari 16.4, or a later version."
+        : "The data of this page cannot be read; the file may be truncated. Write or copy it again.");
       throw error;
     }
   }

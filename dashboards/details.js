@@ -38,8 +38,8 @@ const Details = (() => {
 
   // Why a trial has no document, in a sentence.
   function absent(page, trial) {
-    if (lost.has(String(trial))) return isServed(page) ? "The connection was lost before its details came." : "Its details cannot be read.";
-    return isServed(page) ? "Nothing was recorded." : "This file does not carry its details.";
+    if (lost.has(String(trial))) return isServed(page) ? "The connection was lost before the details of this design arrived." : "The details of this design cannot be read.";
+    return isServed(page) ? "Nothing was recorded." : "This file does not contain the details of this design.";
   }
 
   return { of, absent, isServed, address };

@@ -34,7 +34,7 @@
       heard = new Date();
       say("live", "");
     } catch {
-      say(`Connection lost. This is the study as it was at ${heard.toLocaleTimeString()}; the page goes on trying.`, "note");
+      say(`Connection lost. The page shows the study as of ${heard.toLocaleTimeString()}; it keeps trying to reconnect.`, "note");
     }
     setTimeout(ask, EVERY_MS);
   }

@@ -336,7 +336,7 @@
 
   const KEYS = [
     ["Tab, Shift+Tab", "through budgets, figures and tables"], ["← → on a slider", "moves the budget, φ or θ by a step; ↑ ↓ on a handle of an axis too"],
-    ["Enter on a row", "chooses its design"], ["c", "adds the chosen design to the comparison, or takes it away"],
+    ["Enter on a row", "chooses its design"], ["c", "adds the chosen design to the comparison, or removes it"],
     ["2, 3", "the front in the plane, in space"], ["Escape", "chooses nothing"], ["?", "these keys"],
   ];
   byId("keys").querySelector("dl").append(...KEYS.flatMap(([key, does]) =>

@@ -103,10 +103,10 @@
     byId("play").textContent = state.playing ? "Pause" : "Play";
     byId("play").setAttribute("aria-pressed", String(state.playing));
     const scale = state.exaggeration === 1
-      ? "Pins are where the camera sees them"
-      : `What pins have moved is drawn ${state.exaggeration} × larger than it is, events where they were sent`;
+      ? "Pins are drawn where the camera sees them"
+      : `Displacements of pins are drawn ${state.exaggeration} × larger; events are drawn where they were sent`;
     byId("caption").textContent =
-      `${scale}; thin lines lead from rest. Dots: events of the last ${Number(page.recent_ms.toPrecision(3))} ms.`;
+      `${scale}; thin lines start at the rest position. Dots: events of the last ${Number(page.recent_ms.toPrecision(3))} ms.`;
   }
 
   function show(part) {
@@ -145,8 +145,8 @@
   byId("counts").textContent = page.facts;
   byId("notes").replaceChildren(...page.notes.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
   byId("course-caption").textContent =
-    "From above: events, each counted for the pin nearest to it, pins in the order of their place along the motion; " +
-    "thousand ON and OFF events per second; speed v of the tip; shear s of its skin. Choose a point to see its moment.";
+    "From top to bottom: events, counted for the nearest pin, with pins in order along the motion; " +
+    "thousand ON and OFF events per second; speed v of the tip; shear s of its skin. Select a point to show its time.";
   byId("pins").setAttribute("aria-label", `Image of ${nPins} pins with the events around them; the slider below sets the time.`);
   byId("course").setAttribute("aria-label", "Events of each pin, event rate, speed and shear over time.");
   byId("moment").max = page.n_moments - 1;

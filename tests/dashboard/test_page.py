@@ -248,8 +248,8 @@ def test_failed_trials_are_listed_after_the_views(opened):
 @pytest.mark.parametrize(
     ("before", "said"),
     [
-        ("delete window.DecompressionStream", "This browser cannot unpack the page"),
-        ("const read = atob; window.atob = (text) => read(text).slice(0, -9)", "may have been cut short"),
+        ("delete window.DecompressionStream", "This browser cannot decompress the page"),
+        ("const read = atob; window.atob = (text) => read(text).slice(0, -9)", "the file may be truncated"),
     ],
 )
 def test_a_page_that_cannot_be_read_says_so(new_tab, tmp_path, before, said):
