@@ -113,7 +113,8 @@ def test_figures_have_the_same_scales(opened):  # noqa: F811
         "1, Trial 0. Learning curves over 2 epochs: loss 4 to 1.",
         "2, Trial 1. Learning curves over 3 epochs: loss 40 to 5.",
     ]
-    assert "This file does not contain the details of this design." in page.tab.inner_text("#compare figure >> nth=2")
+    text = page.tab.inner_text("#compare figure >> nth=2")
+    assert "This file does not contain the details of this design." in text
 
 
 def test_nothing_recorded_leaves_the_numbers(opened):  # noqa: F811
