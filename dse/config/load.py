@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from dse import registry
 from dse.config import goals, parts
 from dse.config.contracts import Source
 from dse.config.faults import Fault, known_names
@@ -17,7 +18,7 @@ from dse.config.space import SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
-from dse.registry import Rule
+from dse.registry import Plugin, Rule
 
 REQUIRED = ("study", "data", "task", "split", "model", "objectives")
 
@@ -55,13 +56,14 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     if not isinstance(data, dict):
         report((), f"a search space must be a mapping from section names to sections, got {echo(data)}")
         return None
-    known = ("study", "seed", *SECTIONS)
+    known = ("study", "seed", "plugins", *SECTIONS)
     for key in data:
         if key not in known:
             report((key,), f"unknown section '{key}'; {known_names(key, known)}")
     for key in REQUIRED:
         if key not in data:
             report((), f"section '{key}' is required")
+    plugins = _plugins(data.get("plugins"), source.parent, report)  # sections may name their components
     study, seed = _study(data.get("study", "-"), report), _seed(data.get("seed", 0), report)
     found = _parts(data, report)
     if check_data and "data" in found:
@@ -82,6 +84,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     return SearchSpace(
         study=study,
         seed=seed,
+        plugins=plugins,
         source=source,
         parts={name: found[name] for name in SECTIONS if name in found},
         axes=axes,
@@ -92,6 +95,28 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         execution=execution,
         precision=precision,
     )
+
+
+def _plugins(raw: Any, base: Path, report: Report) -> tuple[Plugin, ...]:
+    """Load the plugins of a search space: modules, or .py files beside it.
+
+    Args:
+        raw: a name or a list of names, as written.
+        base: folder of the search space.
+        report: called with (path, sentence) for every plugin that cannot be loaded or registers nothing.
+    """
+    names = read(raw or (), tuple[str, ...], Rule(doc=""), ("plugins",), report)
+    plugins: list[Plugin] = []
+    for index, name in enumerate(() if names is INVALID else names):
+        try:
+            plugin = registry.load_plugin(name, base)
+        except registry.PluginError as error:
+            report(("plugins", index), str(error))
+            continue
+        if not plugin.components:
+            report(("plugins", index), f"plugin '{name}' must register a component, but it registers none")
+        plugins.append(plugin)
+    return tuple(plugins)
 
 
 def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:

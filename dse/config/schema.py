@@ -42,11 +42,21 @@ def json_schema() -> Schema:
     own_file = {"type": "string", "pattern": r"\.ya?ml$"}
     sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, own_file]})
     sections["search"] = _search()
+    about = {
+        "study": {"type": "string"},
+        "seed": {"type": "integer", "minimum": 0},
+        "plugins": _listed({"type": "string"}),
+    }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "dse search space",
         "type": "object",
-        "properties": {"study": {"type": "string"}, "seed": {"type": "integer", "minimum": 0}, **sections},
+        "properties": {
+            "study": {"type": "string"},
+            "seed": {"type": "integer", "minimum": 0},
+            **plugins,
+            **sections,
+        },
         "required": list(REQUIRED),
         "additionalProperties": False,
         "$defs": one,

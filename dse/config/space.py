@@ -18,6 +18,7 @@ from dse.config.sections import SECTIONS
 from dse.config.settings import ExecutionSettings, Precision, Split
 from dse.config.values import echo, plain
 from dse.config.yaml_lines import dump
+from dse.registry import Plugin
 
 Design = dict[str, Any]
 
@@ -61,6 +62,7 @@ class SearchSpace:
     axes: by dotted name, in the order of the sections; one with a condition follows the axis that it names.
     objectives: (column, 'max' or 'min').
     precision: None where trained networks are evaluated as they are.
+    plugins: modules of components outside `dse`, which are loaded.
     """
 
     study: str
@@ -74,6 +76,7 @@ class SearchSpace:
     search: SearchSettings
     execution: ExecutionSettings
     precision: Precision | None = None
+    plugins: tuple[Plugin, ...] = ()
 
     @cached_property
     def branchings(self) -> list[Branching]:
@@ -169,7 +172,10 @@ class SearchSpace:
         sections["search"] = search | dict(self.search.options)
         sections["execution"] = plain(self.execution)
         ordered = {name: sections[name] for name in SECTIONS if name in sections}
-        return {"study": self.study, "seed": self.seed} | ordered
+        about: dict[str, Any] = {"study": self.study, "seed": self.seed}
+        if self.plugins:
+            about["plugins"] = [plugin.source for plugin in self.plugins]
+        return about | ordered
 
     def to_yaml(self) -> str:
         """Return the fully resolved file; reading it gives the same search space."""

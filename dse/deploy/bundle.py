@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dse import store
+from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
@@ -42,6 +42,7 @@ class Bundle:
     heads: of a joint target; head: the one that answers, '' for all of them together.
     record: the design point, column -> value.
     evidence: where the numbers come from.
+    plugins: modules or files of components outside `dse` that the sections name.
     """
 
     fitted: Network | Parameters
@@ -54,6 +55,7 @@ class Bundle:
     read_out_ms: float | None = None
     heads: tuple[Head, ...] = ()
     head: str = ""
+    plugins: tuple[str, ...] = ()
 
 
 def write(bundle: Bundle, folder: Path) -> None:
@@ -70,6 +72,7 @@ def write(bundle: Bundle, folder: Path) -> None:
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
         document = {
             "schema": SCHEMA,
+            "plugins": bundle.plugins,
             "sections": bundle.sections.to_plain(),
             "classes": bundle.classes,
             "decision": {
@@ -110,6 +113,9 @@ def read(folder: str | Path) -> Bundle:
                 raise BundleError(f"{path / name}: is missing")
             if store.checksum(path / name) != expected:
                 raise BundleError(f"{path / name}: is damaged (its checksum differs)")
+        plugins = tuple(document["plugins"])
+        for plugin in plugins:
+            registry.load_plugin(plugin)
         return Bundle(
             fitted=store.fitted_of(
                 {k: x for k, x in store.load_arrays(path / _WEIGHTS).items() if not k.endswith(_8_BIT)}
@@ -123,9 +129,12 @@ def read(folder: str | Path) -> Bundle:
             read_out_ms=document["decision"]["read_out_ms"],
             heads=store.heads_of(document["heads"]),
             head=document["decision"]["head"],
+            plugins=plugins,
         )
     except (StoreError, ConfigError) as error:
         raise BundleError(str(error)) from error
+    except registry.PluginError as error:
+        raise BundleError(f"{path / 'bundle.json'}: {error}") from error
     except (KeyError, TypeError, AttributeError) as error:
         raise BundleError(f"{path / 'bundle.json'}: key {error} is missing or invalid") from error
 

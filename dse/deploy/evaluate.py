@@ -261,6 +261,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         read_out_ms=read_out_ms,
         heads=store.heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
         head=head,
+        plugins=tuple(study.space.get("plugins", ())),
     )
     write(made, Path(folder))
     return made

@@ -8,6 +8,7 @@ from typing import Any
 from dse.config import SearchSpace
 from dse.config.contracts import trains_in_cohorts
 from dse.recordings.files import locate
+from dse.registry import Plugin
 from dse.search.space import corners, n_designs, n_designs_of_each
 
 # Larger files are not read just to count their channels and classes.
@@ -29,6 +30,7 @@ def preview(space: SearchSpace) -> dict[str, Any]:
     row: dict[str, Any] = {
         "study": space.study,
         "task": space.parts["task"].values["name"],
+        **({"plugins": [_loaded(plugin) for plugin in space.plugins]} if space.plugins else {}),
         "axes": list(space.axes),
         "designs": grid,
         **{f"{section}_designs": n_designs_of_each(space, section) for section in space.choices},
@@ -45,6 +47,12 @@ def preview(space: SearchSpace) -> dict[str, Any]:
             row["data"] = str(path)
             size = path.stat().st_size if path.is_file() else 0  # event files are read when they are needed
     return row if size > _MOST_BYTES else row | _from_data(space)
+
+
+def _loaded(plugin: Plugin) -> str:
+    """Return what a plugin brings along: `my_neuron.py: neurons adaptive, objectives jitter`."""
+    components = ", ".join(f"{section} {name}" for section, name in plugin.components)
+    return f"{plugin.name}: {components}"
 
 
 def _from_data(space: SearchSpace) -> dict[str, Any]:

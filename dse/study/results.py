@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from dse import store
+from dse import registry, store
 from dse.study import pricing
 from dse.study.runs import Record
 
@@ -149,7 +149,13 @@ def open(folder: str | Path) -> Study:
     for name in ("search_space.yaml", "trials.parquet", "points.parquet"):
         if not (path / name).is_file():
             raise store.StoreError(f"{path}: is not the folder of a study with results: there is no {name}")
-    return Study(path)
+    study = Study(path)
+    for plugin in study.space.get("plugins", ()):
+        try:
+            registry.load_plugin(plugin)
+        except registry.PluginError as error:
+            raise store.StoreError(f"{path / 'search_space.yaml'}: {error}") from None
+    return study
 
 
 def plain_space(path: Path) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
         (
             "seed: 3",
             "sed: 3",
-            "2: unknown section 'sed'; known: study, seed, data, task, window, split, test, "
+            "2: unknown section 'sed'; known: study, seed, plugins, data, task, window, split, test, "
             "preprocessing, encoder, model, training, decision, precision, hardware, objectives, search, "
             "execution. Did you mean 'seed'?",
         ),
