@@ -51,12 +51,7 @@ def json_schema() -> Schema:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "dse search space",
         "type": "object",
-        "properties": {
-            "study": {"type": "string"},
-            "seed": {"type": "integer", "minimum": 0},
-            **plugins,
-            **sections,
-        },
+        "properties": {**about, **sections},
         "required": list(REQUIRED),
         "additionalProperties": False,
         "$defs": one,

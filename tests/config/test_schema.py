@@ -10,7 +10,7 @@ from dse.config.sections import COMPONENTS, FAMILIES, SECTIONS, WITH_AXES, compo
 
 def test_it_is_json_and_has_every_section() -> None:
     schema = json.loads(json.dumps(json_schema()))
-    assert set(schema["properties"]) == {"study", "seed", *SECTIONS}
+    assert set(schema["properties"]) == {"study", "seed", "plugins", *SECTIONS}
     assert schema["additionalProperties"] is False
 
 
