@@ -10,7 +10,6 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -19,9 +18,12 @@ import numpy as np
 from dse import registry, seeds
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import hardware_names, names_a_file, shipped_profiles
-from dse.config.yaml_lines import Document, parse
+from dse.config.values import Report, echo, read_fields, read_object
+from dse.config.yaml_lines import Document, in_file_order, parse
+from dse.config.yaml_lines import Path as Keys
 from dse.hardware.plan import NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
+from dse.registry import param
 
 KINDS = "hardware.kinds"
 
@@ -157,9 +159,6 @@ class Profile(ABC):
         return 0
 
 
-_KEYS = tuple(field.name for field in dataclasses.fields(Number))
-_OWN = ("name", "kind", "doc", "interval_only")
-
 
 def names() -> list[str]:
     """Return the names of the shipped profiles."""
@@ -236,78 +235,84 @@ def read(text: str, source: str) -> Profile:
         ConfigError: everything that is wrong with it.
     """
     document = parse(text, source)
-    faults, cls = list(document.faults), None
-    if not faults:
-        faults, cls = _faults(document)
-    if faults or cls is None:
-        raise ConfigError(faults)
-    data = document.data
-    numbers = {key: Number(**data[key]) for key in cls.numbers()}
-    interval_only = data.get("interval_only", False)
-    return cls(name=data["name"], doc=data["doc"], interval_only=interval_only, text=text, **numbers)
+    faults = list(document.faults)
+    profile = None if faults else _profile(document, text, faults)
+    if faults or profile is None:
+        raise in_file_order(faults)
+    return profile
 
 
-def _faults(document: Document) -> tuple[list[Fault], type[Profile] | None]:
-    """Return everything that is wrong, in the order of the file, and the kind of the profile."""
+@dataclass(frozen=True)
+class _About:
+    """The keys of a profile that are no numbers."""
+
+    name: str = param(doc="name of the profile")
+    kind: str = param(doc="kind of hardware")
+    doc: str = param(doc="what it is")
+    interval_only: bool = param(False, doc="whether no values are published, so that a cost is a range")
+
+
+def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | None:
+    """Return the profile of a file, or None after reporting everything that is wrong."""
+
+    def report(path: Keys, message: str) -> None:
+        faults.append(document.fault(path, message))
+
     data = document.data
     if not isinstance(data, dict):
-        return [document.fault((), "a profile must be a mapping of names to numbers")], None
+        report((), f"a profile must be a mapping of names to numbers, got {echo(data)}")
+        return None
+    cls = _kind(data, report)
+    if cls is None:
+        return None
+    figures = cls.numbers()
+    about = read_object(_About, data, (), report, also=figures)
+    for key in ("name", "doc"):
+        if data.get(key) == "":
+            report((key,), f"{key} must not be empty")
+    if about is not None and about.name and not names_a_file(about.name):
+        report(("name",), f"name must be valid as a file name, got '{about.name}'")
+    numbers = {name: _number(name, figure, data, report) for name, figure in figures.items()}
+    if about is None or faults:
+        return None
+    return cls(name=about.name, doc=about.doc, interval_only=about.interval_only, text=text, **numbers)
+
+
+def _kind(data: Mapping[str, Any], report: Report) -> type[Profile] | None:
+    """Return the kind of hardware that a profile names."""
     known = kinds()
     kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in known:
-        if "kind" not in data:
-            return [document.fault((), f"kind is missing; {known_names('', known)}")], None
-        text = f"unknown kind of hardware {kind!r}; {known_names(str(kind), known)}"
-        return [document.fault(("kind",), text)], None
-    numbers = known[kind].numbers()
-    expected = (*_OWN, *numbers)
-    found = []
-    for key, given in data.items():
-        if key not in expected:
-            found.append(document.fault((key,), f"unknown number '{key}'; {known_names(str(key), expected)}"))
-        elif key in numbers:
-            found += [document.fault((key,), message) for message in _number_faults(key, numbers[key], given)]
-        elif key == "interval_only":
-            if not isinstance(given, bool):
-                found.append(document.fault((key,), f"interval_only must be true or false, got {given!r}"))
-        elif not isinstance(given, str) or not given:
-            found.append(document.fault((key,), f"{key} must be text, got {given!r}"))
-        elif key == "name" and not names_a_file(given):
-            found.append(document.fault((key,), f"name must be valid as a file name, got {given!r}"))
-    missing = [key for key in expected if key not in data and key != "interval_only"]
-    return found + [document.fault((), f"{key} is missing") for key in missing], known[kind]
+    if "kind" not in data:
+        report((), f"kind is required; {known_names('', known)}")
+    elif not isinstance(kind, str) or kind not in known:
+        report(("kind",), f"unknown kind of hardware {echo(kind)}; {known_names(str(kind), known)}")
+    else:
+        return known[kind]
+    return None
 
 
-def _finite(x: Any) -> bool:
-    try:
-        return isinstance(x, int | float) and not isinstance(x, bool) and isfinite(x)
-    except OverflowError:  # an integer that no float holds
-        return False
+def _number(name: str, figure: Figure, data: Mapping[str, Any], report: Report) -> Number | None:
+    """Return a number of a profile, or None after reporting everything that is wrong with it."""
+    if name not in data:
+        report((), f"{name} is required: {figure.doc}")
+        return None
+    values, good = read_fields(Number, data[name], (name,), report)
+    if values.get("unit", figure.unit) != figure.unit:
+        report((name, "unit"), f"{name}.unit must be '{figure.unit}', got '{values['unit']}'")
+    if values.get("source") == "":
+        report((name, "source"), f"{name}.source must state the source of the number, got ''")
+    ends = [values[end] for end in get_args(End) if end in values]
+    if len(ends) == len(get_args(End)) and (rule := _broken_rule(figure, *ends)):
+        report((name,), f"{name} must be {rule}, got [{', '.join(f'{end:g}' for end in ends)}]")
+    return Number(**values) if good else None
 
 
-def _number_faults(key: str, figure: Figure, given: Any) -> list[str]:
-    if not isinstance(given, Mapping):
-        return [f"{key} must hold exactly {', '.join(_KEYS)}, got {given!r}"]
-    messages = [
-        f"{key}: unknown '{name}'; {known_names(str(name), _KEYS)}" for name in given if name not in _KEYS
-    ]
-    messages += [f"{key}.{name} is missing" for name in _KEYS if name not in given]
-    if "unit" in given and given["unit"] != figure.unit:
-        messages.append(f"{key}.unit must be '{figure.unit}', got {given['unit']!r}")
-    if "evidence" in given and given["evidence"] not in get_args(Evidence):
-        known = known_names(str(given["evidence"]), get_args(Evidence))
-        messages.append(f"{key}.evidence is unknown, got {given['evidence']!r}; {known}")
-    if "source" in given and (not isinstance(given["source"], str) or not given["source"]):
-        messages.append(f"{key}.source must state the source of the number, got {given['source']!r}")
-    if not set(get_args(End)) <= set(given):
-        return messages
-    ends = [given[end] for end in get_args(End)]
-    if not all(map(_finite, ends)):
-        messages.append(f"{key}: low, value and high must be finite numbers, got {ends}")
-    elif not 0 <= ends[0] <= ends[1] <= ends[2]:
-        messages.append(f"{key} must be 0 <= low <= value <= high, got {ends}")
-    elif figure.whole and (ends[0] != ends[2] or ends[1] < 1 or ends[1] != int(ends[1])):
-        messages.append(f"{key} must be one integer >= 1, equal to low and high, got {ends}")
-    elif figure.claim and (ends[0] != ends[2] or ends[1] not in (0, 1)):
-        messages.append(f"{key} must be 0 or 1, equal to low and high, got {ends}")
-    return messages
+def _broken_rule(figure: Figure, low: float, value: float, high: float) -> str:
+    """Return the rule that a number's value and range break; '' where they break none."""
+    if not 0 <= low <= value <= high:
+        return "0 <= low <= value <= high"
+    if figure.whole and not (low == high and value >= 1 and value == int(value)):
+        return "one integer >= 1, equal to low and high"
+    if figure.claim and not (low == high and value in (0, 1)):
+        return "0 or 1, equal to low and high"
+    return ""

@@ -19,19 +19,19 @@ that the mean rates let expect (`dse.hardware.activity`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 
 from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.values import INVALID, Report, dotted, echo, read
+from dse.config.values import INVALID, Report, dotted, echo, read, read_object
 from dse.config.yaml_lines import Document, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
-from dse.hardware.inference import Inference, of_network
+from dse.hardware.inference import Inference, PerStep, of_network
 from dse.records import Operations, Workload
-from dse.registry import Rule, param, rule_of
+from dse.registry import Rule, param
 
 # Far beyond any chip; above, products overflow or tiles of cores do not fit in memory.
 _MOST, _MOST_NEURONS, _MOST_BITS = 1e9, 1e7, 64
@@ -56,6 +56,19 @@ class _Operations:
     duration_ms: float = param(doc="length of the input", low=0, low_open=True, high=_MOST)
     updates: float = param(0.0, doc="neuron updates of a spiking classifier", low=0, high=_MOST**2)
     number_bits: int = param(32, doc="bits per stored number", low=1, high=_MOST_BITS)
+
+    def inference(self) -> Inference:
+        load = Operations(
+            macs=np.asarray(self.macs, np.float64),
+            additions=np.asarray(self.additions, np.float64),
+            updates=np.asarray(self.updates, np.float64),
+            n_weights=np.asarray(self.n_weights, np.float64),
+            duration_ms=np.asarray(self.duration_ms, np.float64),
+            number_bits=self.number_bits,
+        )
+        return Inference(
+            load=load, per_step=False, n_weights=self.n_weights, n_steps=1, step_ms=self.duration_ms
+        )
 
 
 _COUNTS = ("spikes", "mean_rate")
@@ -94,13 +107,13 @@ def read_inference(text: str, source: str) -> Inference:
     """
     document = parse(text, source)
     faults = list(document.faults)
-    found = None if faults else _read(document, faults)
-    if faults or found is None:
+    inference = None if faults else _inference(document, faults)
+    if faults or inference is None:
         raise in_file_order(faults)
-    return found
+    return inference
 
 
-def _read(document: Document, faults: list[Fault]) -> Inference | None:
+def _inference(document: Document, faults: list[Fault]) -> Inference | None:
     def report(path: Keys, message: str) -> None:
         faults.append(document.fault(path, message))
 
@@ -111,42 +124,14 @@ def _read(document: Document, faults: list[Fault]) -> Inference | None:
     if "layers" in data:
         return _network(data, report)
     if "macs" in data or "additions" in data:
-        values = _scalars(_Operations, data, report)
-        return None if values is None else _operations(values)
+        operations = read_object(_Operations, data, (), report)
+        return None if operations is None else operations.inference()
     report((), "a workload must have either layers (a network) or macs and additions (any other classifier)")
     return None
 
 
-def _scalars(
-    cls: type, data: Mapping[str, Any], report: Report, also: Sequence[str] = ()
-) -> dict[str, Any] | None:
-    """Return the values of a dataclass's fields, or None after a fault; `also` are read elsewhere."""
-    known = {field.name: field for field in fields(cls)}
-    hints = get_type_hints(cls)
-    for key in data:
-        if key not in known and key not in also:
-            report((key,), f"unknown key '{key}'; {known_names(key, [*also, *known])}")
-    values = {}
-    for key, field in known.items():
-        if key in data:
-            values[key] = read(data[key], hints[key], rule_of(field), (key,), report)
-        elif isinstance(field.default, int | float) or field.default is None:
-            values[key] = field.default
-        else:
-            report((), f"{key} is required: {rule_of(field).doc}")
-            values[key] = INVALID
-    return None if INVALID in values.values() or not set(data) <= {*known, *also} else values
-
-
-def _operations(values: Mapping[str, Any]) -> Inference:
-    counts = {key: np.asarray(x, np.float64) for key, x in values.items() if key != "number_bits"}
-    load = Operations(**counts, number_bits=values["number_bits"])
-    return Inference(load, False, values["n_weights"], 1, values["duration_ms"])
-
-
 def _network(data: Mapping[str, Any], report: Report) -> Inference | None:
-    also = ("layers", *_COUNTS, *_OF_NEURONS)
-    values = _scalars(_Network, data, report, also)
+    keys = read_object(_Network, data, (), report, also=("layers", *_COUNTS, *_OF_NEURONS))
     entries = _entries(data, report)
     if entries is None:
         return None
@@ -155,35 +140,29 @@ def _network(data: Mapping[str, Any], report: Report) -> Inference | None:
         _layer(index, entry, None if n_steps is INVALID else n_steps, report)
         for index, entry in enumerate(entries)
     ]
-    sizes = tuple(layer["neurons"] for layer in layers)
-    recurrent = tuple(layer["recurrent"] for layer in layers[1:])
-    known = INVALID not in sizes and INVALID not in recurrent
-    stored = _stored(entries, sizes, recurrent, report) if known else INVALID
+    sizes = [layer.neurons for layer in layers]
+    stored: Any = INVALID
+    if all(layer.neurons and layer.recurrent is not None for layer in layers):
+        stored = _stored(entries, sizes, [bool(layer.recurrent) for layer in layers[1:]], report)
     whole = [_for_all(key, entries, report) for key in ("updates", "cores")]
-    if values is None or stored is INVALID or not all(whole):
+    if keys is None or stored is INVALID or not all(whole) or not all(layer.good for layer in layers):
         return None
-    if any(value is INVALID for layer in layers for value in layer.values()):
-        return None
-    updates, cores = ([layer[key] for layer in layers[1:]] for key in ("updates", "cores"))
+    cores = [layer.cores for layer in layers[1:] if layer.cores is not None]
+    updates = [layer.updates for layer in layers[1:] if layer.updates is not None]
     net = Workload(
-        sizes,
-        recurrent,
-        np.zeros(()),
-        np.zeros(len(sizes)),
-        None,
-        values["step_ms"],
-        weight_bits=values["weight_bits"],
+        sizes=tuple(sizes),
+        recurrent=tuple(bool(layer.recurrent) for layer in layers[1:]),
+        n_steps=np.zeros(()),
+        spikes=np.zeros(len(sizes)),
+        updates=None,
+        step_ms=keys.step_ms,
+        weight_bits=keys.weight_bits,
         stored=stored,
-        delay_bits=values["delay_bits"],
-        cores=None if cores[0] is None else tuple(cores),
+        delay_bits=keys.delay_bits,
+        cores=tuple(cores) or None,
     )
-    return of_network(
-        net,
-        values["n_steps"],
-        [layer["spikes"] for layer in layers],
-        None if updates[0] is None else updates,
-        values["pipeline_steps"],
-    )
+    spikes = [layer.spikes for layer in layers]
+    return of_network(net, keys.n_steps, spikes, updates or None, keys.pipeline_steps)
 
 
 def _for_all(key: str, entries: Sequence[_Entry], report: Report) -> bool:
@@ -250,8 +229,25 @@ def _flat(data: Mapping[str, Any], layers: list[Any], report: Report) -> list[_E
     return entries
 
 
-def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> dict[str, Any]:
-    """Return what a layer holds, INVALID where it is wrong; counts are spikes and updates per step.
+@dataclass(frozen=True)
+class _Layer:
+    """A layer as written.
+
+    neurons: 0 where they are wrong. recurrent: None where that is wrong.
+    spikes, updates: per step.
+    good: whether nothing is wrong with it.
+    """
+
+    neurons: int
+    recurrent: bool | None
+    spikes: PerStep
+    updates: PerStep | None
+    cores: int | None
+    good: bool
+
+
+def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> _Layer:
+    """Return a layer.
 
     Args:
         index: of the layer, 0 for the input.
@@ -267,35 +263,43 @@ def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> di
             else default
         )
 
-    def counts(key: str, most: float | None, default: Any) -> Any:
-        """Return a mean, or an array of n_steps counts."""
-        if key not in entry:
-            return default
-        given, path = entry[key]
-        rule = Rule(doc="", low=0, high=most)
-        if not isinstance(given, list):
-            return read(given, float, rule, path, report)
-        if key == "mean_rate":
-            report(path, f"{dotted(path)} must be one number, got a list; use spikes for one count per step")
-            return INVALID
-        if n_steps is not None and len(given) != n_steps:
-            report(path, f"{dotted(path)} must have n_steps = {n_steps} counts, got {len(given)}")
-            return INVALID
-        found = [read(x, float, rule, (*path, step), report) for step, x in enumerate(given)]
-        return INVALID if any(x is INVALID for x in found) else np.array(found)
-
     neurons = value("neurons", int, INVALID, low=1, high=_MOST_NEURONS)
     most = None if neurons is INVALID else neurons
-    rate, spikes = counts("mean_rate", 1.0, INVALID), counts("spikes", most, INVALID)
+    rate = _counts(entry, "mean_rate", 1.0, INVALID, n_steps, report)
+    spikes = _counts(entry, "spikes", most, INVALID, n_steps, report)
     if spikes is INVALID and rate is not INVALID and neurons is not INVALID:
         spikes = rate * neurons
-    return {
-        "neurons": neurons,
-        "recurrent": value("recurrent", bool, False),
-        "spikes": spikes,
-        "updates": counts("updates", most, None),
-        "cores": value("cores", int, None, low=1, high=most),
-    }
+    recurrent = value("recurrent", bool, False)
+    updates = _counts(entry, "updates", most, None, n_steps, report)
+    cores = value("cores", int, None, low=1, high=most)
+    return _Layer(
+        neurons=0 if neurons is INVALID else neurons,
+        recurrent=None if recurrent is INVALID else recurrent,
+        spikes=0.0 if spikes is INVALID else spikes,
+        updates=None if updates is INVALID else updates,
+        cores=None if cores is INVALID else cores,
+        good=not any(x is INVALID for x in (neurons, recurrent, spikes, updates, cores)),
+    )
+
+
+def _counts(
+    entry: _Entry, key: str, most: float | None, default: Any, n_steps: int | None, report: Report
+) -> Any:
+    """Return a mean, or an array of n_steps counts; INVALID after a fault."""
+    if key not in entry:
+        return default
+    written, path = entry[key]
+    rule = Rule(doc="", low=0, high=most)
+    if not isinstance(written, list):
+        return read(written, float, rule, path, report)
+    if key == "mean_rate":
+        report(path, f"{dotted(path)} must be one number, got a list; use spikes for one count per step")
+        return INVALID
+    if n_steps is not None and len(written) != n_steps:
+        report(path, f"{dotted(path)} must have n_steps = {n_steps} counts, got {len(written)}")
+        return INVALID
+    counts = [read(x, float, rule, (*path, step), report) for step, x in enumerate(written)]
+    return INVALID if any(x is INVALID for x in counts) else np.array(counts)
 
 
 def _stored(
@@ -304,9 +308,9 @@ def _stored(
     """Return the weights left into each layer after the input, None if all are, INVALID after a fault."""
     if not any("stored" in entry for entry in entries):
         return None
-    found = []
+    stored = []
     for layer, (entry, back) in enumerate(zip(entries[1:], recurrent, strict=True), start=1):
         dense = sizes[layer] * (sizes[layer - 1] + sizes[layer] * back)
-        given, path = entry.get("stored", (dense, ("layers",)))
-        found.append(read(given, int, Rule(doc="", low=0, high=dense), path, report))
-    return INVALID if INVALID in found else tuple(found)
+        written, path = entry.get("stored", (dense, ("layers",)))
+        stored.append(read(written, int, Rule(doc="", low=0, high=dense), path, report))
+    return INVALID if INVALID in stored else tuple(stored)

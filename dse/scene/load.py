@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,10 @@ from dse.config.axes import Axis
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_file, shipped_folder, yaml_files
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_given
+from dse.config.values import INVALID, Report, construct, dotted, echo, read_fields, read_given, read_object
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
-from dse.registry import param, rule_of
+from dse.registry import param
 from dse.scene import checks, presets
 from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Variation
 
@@ -110,19 +109,19 @@ def _scene(document: Document, faults: list[Fault]) -> Scene | None:
         return None
     keys = _keys(document.data, report)
     sensor, of_camera = _sensor(keys.get("sensor", INVALID), report)
-    camera = _record(Camera, {**of_camera, **(keys.get("camera") or {})}, ("camera",), report)
-    variation = _record(Variation, keys.get("variation") or {}, ("variation",), report)
-    method = _record(Method, keys.get("method") or {}, ("method",), report)
+    camera = read_object(Camera, {**of_camera, **(keys.get("camera") or {})}, ("camera",), report, read_fixed)
+    variation = read_object(Variation, keys.get("variation"), ("variation",), report, read_fixed)
+    method = read_object(Method, keys.get("method"), ("method",), report, read_fixed)
     textures = _textures(keys.get("textures", ()), report)
     motions = _motions(keys.get("motions", ()), report)
     forces = keys.get("forces_n", ())
     forces = forces.values or () if isinstance(forces, Axis) else forces
     _no_twins([(f"{force:g} N", ("forces_n", i)) for i, force in enumerate(forces)], report)
     if variation is not None:
-        _tell(checks.variation_faults(variation), ("variation",), report)
+        _report_all(checks.variation_faults(variation), ("variation",), report)
     if sensor is not None and method is not None:
         for motion, _ in motions:
-            _tell(checks.step_faults(method, sensor, motion), ("method",), report)
+            _report_all(checks.step_faults(method, sensor, motion), ("method",), report)
     if faults or sensor is None or camera is None or variation is None or method is None:
         return None
     return Scene(
@@ -135,27 +134,14 @@ def _scene(document: Document, faults: list[Fault]) -> Scene | None:
 
 def _keys(data: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the keys of the file that are right, each in its type; absent ones have their default."""
-    known = {field.name: field for field in dataclasses.fields(SceneFile)}
-    hints = typing.get_type_hints(SceneFile)
-    for key in data:
-        if key not in known:
-            report((key,), f"unknown key '{key}'; {known_names(key, known)}")
-    found = {}
-    for key, field in known.items():
-        rule = rule_of(field)
-        if key in data:
-            found[key] = read_or_axis(data[key], hints[key], rule, (key,), report)
-        elif field.default is not dataclasses.MISSING:
-            found[key] = field.default
-        else:
-            report((), f"key '{key}' is required: {rule.doc}")
+    keys, _ = read_fields(SceneFile, data, (), report, read_or_axis)
     for key in ("textures", "motions", "forces_n"):
-        if found.get(key) == ():
+        if keys.get(key) == ():
             report((key,), f"{key} must contain at least one, got []")
-        values = found.get(key)
+        values = keys.get(key)
         if isinstance(values, Axis) and values.values is None:
             report((key, "range"), f"{key} is a list, so its range needs a step")
-    return {key: value for key, value in found.items() if value is not INVALID}
+    return keys
 
 
 def _sensor(raw: Any, report: Report) -> tuple[Sensor | None, dict[str, Any]]:
@@ -171,9 +157,9 @@ def _sensor(raw: Any, report: Report) -> tuple[Sensor | None, dict[str, Any]]:
         return None, {}
     preset = {} if name is None else known[name].values()
     camera = {} if name is None else known[name].camera_values()
-    sensor = _record(Sensor, {**preset, **given}, ("sensor",), report)
+    sensor = read_object(Sensor, {**preset, **given}, ("sensor",), report, read_fixed)
     if sensor is not None:
-        _tell(checks.sensor_faults(sensor), ("sensor",), report)
+        _report_all(checks.sensor_faults(sensor), ("sensor",), report)
     return sensor, camera
 
 
@@ -189,7 +175,7 @@ def _textures(raw: Iterable[Any], report: Report) -> list[tuple[Texture, Keys]]:
         named = [{"preset": name} for name in sets.get(one, (one,))] if isinstance(one, str) else [one]
         for given in named:
             for texture in _varied(given, where, report):
-                _tell(checks.texture_faults(texture), where, report)
+                _report_all(checks.texture_faults(texture), where, report)
                 found.append((texture, where))
     _no_twins([(texture.name, where) for texture, where in found], report)
     return found
@@ -273,19 +259,6 @@ def _no_twins(named: list[tuple[str, Keys]], report: Report) -> None:
         first.setdefault(name, where)
 
 
-def _record(cls: Any, values: Mapping[str, Any], where: Keys, report: Report) -> Any:
-    """Return the record, or None where a number is missing or wrong; a key too many is only reported."""
-    fields, _ = read_fields(cls, dict(values), where, report, read_fixed)
-    if len(fields) < len(dataclasses.fields(cls)):
-        return None
-    try:
-        return cls(**fields)
-    except ValueError as error:
-        # A record's own sentence begins with the key that it is about.
-        report((*where, str(error).split(" ", 1)[0]), f"{dotted(where)}.{error}")
-        return None
-
-
-def _tell(sentences: Iterable[checks.Sentence], where: Keys, report: Report) -> None:
+def _report_all(sentences: Iterable[checks.Sentence], where: Keys, report: Report) -> None:
     for key, text in sentences:
         report((*where, key), f"{dotted((*where, key))} {text}")

@@ -97,29 +97,29 @@ def test_a_file_of_ones_own_loads(tmp_path):
         (lambda d: d["cores"].update(unit="pJ"), "cores.unit must be '1'"),
         (
             lambda d: d["spike_pj"].update(evidence="guess"),
-            "evidence is unknown, got 'guess'; known: measured",
+            "unknown spike_pj.evidence 'guess'; known: measured",
         ),
         (lambda d: d["spike_pj"].update(source=""), "spike_pj.source must state"),
         (lambda d: d["spike_pj"].update(low=100), "spike_pj must be 0 <= low <= value <= high"),
         (lambda d: d["spike_pj"].update(low=-1), "spike_pj must be 0 <= low <= value <= high"),
         (
             lambda d: d["spike_pj"].update(value="much"),
-            "spike_pj: low, value and high must be finite numbers",
+            "spike_pj.value must be a number, got 'much'",
         ),
-        (lambda d: d["spike_pj"].update(value=True), "must be finite numbers"),
-        (lambda d: d["spike_pj"].update(high=float("inf")), "must be finite numbers"),
-        (lambda d: d["spike_pj"].pop("source"), "spike_pj.source is missing"),
-        (lambda d: d["spike_pj"].pop("unit"), "spike_pj.unit is missing"),
-        (lambda d: d["spike_pj"].pop("high"), "spike_pj.high is missing"),
+        (lambda d: d["spike_pj"].update(value=True), "spike_pj.value must be a number, got true"),
+        (lambda d: d["spike_pj"].update(high=float("inf")), "spike_pj.high must be a finite number, got inf"),
+        (lambda d: d["spike_pj"].pop("source"), "spike_pj.source is required"),
+        (lambda d: d["spike_pj"].pop("unit"), "spike_pj.unit is required"),
+        (lambda d: d["spike_pj"].pop("high"), "spike_pj.high is required"),
         (
             lambda d: d["spike_pj"].update(evidnce="memory"),
-            "spike_pj: unknown 'evidnce'; known: .* Did you mean 'evidence'",
+            "unknown key 'spike_pj.evidnce'; known: .* Did you mean 'evidence'",
         ),
         (lambda d: d["spike_pj"].update(unit="furlong"), "spike_pj.unit must be 'pJ', got 'furlong'"),
-        (lambda d: d["spike_pj"].update(unit=None), "spike_pj.unit must be 'pJ', got None"),
+        (lambda d: d["spike_pj"].update(unit=None), "spike_pj.unit must be text, got null"),
         (
             lambda d: d.update(spike_pj=69.3),
-            "spike_pj must hold exactly value, low, high, unit, evidence, source",
+            "spike_pj must be a mapping of keys to values, got 69.3",
         ),
         (lambda d: d["cores"].update(high=130), "cores must be one integer"),
         (lambda d: d["cores"].update(low=1.5, value=1.5, high=1.5), "cores must be one integer"),
@@ -129,16 +129,16 @@ def test_a_file_of_ones_own_loads(tmp_path):
             "skips_zero_weights must be 0 or 1",
         ),
         (lambda d: d["skips_zero_weights"].update(low=0), "skips_zero_weights must be 0 or 1"),
-        (lambda d: d.update(spike_nj=d["spike_pj"]), "unknown number 'spike_nj'; .* Did you mean 'spike_"),
-        (lambda d: d.pop("spike_pj"), "spike_pj is missing"),
-        (lambda d: d.update(doc=""), "doc must be text"),
-        (lambda d: d.pop("kind"), "kind is missing; known: .*mesh"),
+        (lambda d: d.update(spike_nj=d["spike_pj"]), "unknown key 'spike_nj'; .* Did you mean 'spike_"),
+        (lambda d: d.pop("spike_pj"), "spike_pj is required: per spike of a neuron"),
+        (lambda d: d.update(doc=""), "doc must not be empty"),
+        (lambda d: d.pop("kind"), "kind is required; known: .*mesh"),
         (lambda d: d.update(kind="mush"), "unknown kind of hardware 'mush'; known: .* Did you mean 'mesh'"),
         (lambda d: d.update(kind=["mesh"]), "unknown kind of hardware"),
         (lambda d: d.update(interval_only="yes"), "interval_only must be true or false, got 'yes'"),
         (lambda d: d.update(name=3), "name must be text, got 3"),
         (lambda d: d.update(name="../mine"), "name must be valid as a file name, got '../mine'"),
-        (lambda d: d["spike_pj"].update(high=10**400), "must be finite numbers"),
+        (lambda d: d["spike_pj"].update(high=10**400), "spike_pj.high must be a finite number"),
     ],
 )
 def test_a_wrong_number_is_named(tmp_path, change, message):
@@ -158,10 +158,10 @@ def test_every_fault_is_reported_at_once_with_its_line(tmp_path):
     lines = file.read_text().splitlines()
     with pytest.raises(ConfigError) as caught:
         load(file)
-    first, second, third = caught.value.faults
-    assert lines[first.line - 1].startswith("spike_pj:")
-    assert lines[second.line - 1].startswith("static_mw:")
-    assert third.message == "cores is missing"
+    missing, unit, interval = caught.value.faults
+    assert (missing.line, missing.message) == (1, "cores is required: cores of the chip")
+    assert lines[unit.line - 1].startswith("spike_pj:")
+    assert lines[interval.line - 1].startswith("static_mw:")
 
 
 def test_no_profile(tmp_path):
@@ -176,7 +176,7 @@ def test_no_profile(tmp_path):
     with pytest.raises(ConfigError, match="not valid YAML"):
         load(tmp_path / "torn.yaml")
     (tmp_path / "empty.yaml").write_text("")
-    with pytest.raises(ConfigError, match=r"empty\.yaml:1: kind is missing; known: "):
+    with pytest.raises(ConfigError, match=r"empty\.yaml:1: kind is required; known: "):
         load(tmp_path / "empty.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "folder.yaml").mkdir()
@@ -206,6 +206,6 @@ def test_profiles_of_a_search_space_have_names_of_their_own(tmp_path):
         load_all(["one.yaml", "two.yaml", "three.yaml", "loihi2"], tmp_path)
     again, no_name, no_doc, unknown = map(str, caught.value.faults)
     assert "two.yaml: another profile has the name 'one' too" in again
-    assert "three.yaml:1: name must be text" in no_name
-    assert "three.yaml:3: doc must be text" in no_doc
+    assert "three.yaml:1: name must not be empty" in no_name
+    assert "three.yaml:3: doc must not be empty" in no_doc
     assert "loihi2: no such hardware profile; known: " in unknown

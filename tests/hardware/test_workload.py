@@ -226,7 +226,7 @@ def test_one_mistake_has_its_line_and_what_is_allowed(change, fault):
 def test_a_key_that_is_misspelt_is_missing_as_well():
     missing, unknown = faults_of(NET.replace("mean_rate", "mean_rates"))
     assert missing == "1: a workload must have either spikes or mean_rate, got neither"
-    assert unknown.startswith("3: unknown key 'mean_rates'; known: layers, spikes, mean_rate, ")
+    assert unknown.startswith("3: unknown key 'mean_rates'; known: n_steps, step_ms, weight_bits, ")
     assert unknown.endswith("Did you mean 'mean_rate'?")
 
 
@@ -254,8 +254,8 @@ def test_every_fault_of_a_file_at_once():
         "4: layers[2] must have cores, because other layers do",
         "5: layers[3] must be a mapping like the others, got 12",
         "7: mapping must be given in each layer (as cores) if layers are mappings",
-        "8: unknown key 'weight_bit'; known: layers, spikes, mean_rate, updates, recurrent, mapping, stored, "
-        "n_steps, step_ms, weight_bits, delay_bits, pipeline_steps. Did you mean 'weight_bits'?",
+        "8: unknown key 'weight_bit'; known: n_steps, step_ms, weight_bits, delay_bits, pipeline_steps, layers, "
+        "spikes, mean_rate, updates, recurrent, mapping, stored. Did you mean 'weight_bits'?",
     ]
 
 
