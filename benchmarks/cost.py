@@ -60,7 +60,7 @@ SANAFE = "sanafe"
 
 
 @dataclass(frozen=True)
-class Asked:
+class Settings:
     """What the command line asks for.
 
     quick: small cases of every kind, as a test needs them.
@@ -78,17 +78,17 @@ class Asked:
 
 def least_s(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
     """Return the least CPU time of the calls, after one that is not counted, and what the last returned."""
-    found, best = call(), np.inf
+    result, best = call(), np.inf
     for _ in range(rounds):
         began = time.process_time()
-        found = call()
+        result = call()
         best = min(best, time.process_time() - began)
-    return best, found
+    return best, result
 
 
-def percent(found: float, expected: float) -> str:
+def percent(value: float, expected: float) -> str:
     """Return how far a number is from another."""
-    off = 100 * (found / expected - 1) if expected else 0.0
+    off = 100 * (value / expected - 1) if expected else 0.0
     return "0" if abs(off) < 1e-10 else f"{off:+.2g}"
 
 
@@ -111,12 +111,12 @@ ACTIVITY: Mapping[str, tuple[float, float, bool]] = {
 """Spikes per input and step, per neuron and step (roughly), and whether the input comes in bursts."""
 
 
-def cases(asked: Asked) -> Iterator[tuple[str, str, Case]]:
+def cases(settings: Settings) -> Iterator[tuple[str, str, Case]]:
     """Yield networks and activities with their case."""
-    for net in asked.nets:
-        sizes, recurrent, kept = NETS[net]
+    for net in settings.nets:
+        sizes, recurrent, weights_left = NETS[net]
         for activity, (inputs, rate, bursty) in ACTIVITY.items():
-            yield net, activity, Case(sizes, recurrent, N_STEPS, inputs, rate, kept, bursty)
+            yield net, activity, Case(sizes, recurrent, N_STEPS, inputs, rate, weights_left, bursty)
 
 
 def loads(case: Case) -> tuple[Workload, Workload]:
@@ -125,7 +125,7 @@ def loads(case: Case) -> tuple[Workload, Workload]:
     spikes = np.stack([x.sum(axis=1) for x in fired], axis=1).astype(np.float64)
     updates = np.stack([x.sum(axis=1) for x in updated], axis=1).astype(np.float64)
     steps = Workload(case.sizes, case.recurrent, np.ones(case.n_steps), spikes, updates, STEP_MS)
-    if case.kept < 1:
+    if case.weights_left < 1:
         reached = [x.sum(axis=0) @ n for x, n in zip(fired, case.targets, strict=True)]
         synapses = tuple(
             float(n / max(1, total)) for n, total in zip(reached, spikes.sum(axis=0), strict=True)
@@ -161,20 +161,20 @@ class Peer:
         Raises:
             RuntimeError: its neurons do not fire as the case's.
         """
-        found: list[Mapping[str, float]] = self.worker.ask(SANAFE, asdict(case), list(cores), list(timings))
+        runs: list[Mapping[str, float]] = self.worker.ask(SANAFE, asdict(case), list(cores), list(timings))
         spikes = sum(int(x.sum()) for x in case.activity[0])
-        if any(x["spikes"] != spikes for x in found):
-            raise RuntimeError(f"SANA-FE must fire {spikes} spikes of {case}, got {found}")
-        return found
+        if any(x["spikes"] != spikes for x in runs):
+            raise RuntimeError(f"SANA-FE must fire {spikes} spikes of {case}, got {runs}")
+        return runs
 
 
-def peer_heads(asked: Asked) -> list[str]:
+def peer_heads(settings: Settings) -> list[str]:
     """Return the headings of the peer's columns."""
-    timed = [f"{name}\nms, %" for name in ("simple", "detailed", *(["cycle"] if asked.cycle else []))]
+    timed = [f"{name}\nms, %" for name in ("simple", "detailed", *(["cycle"] if settings.cycle else []))]
     return ["queues so, %", "SANA-FE\nenergy, %", *timed]
 
 
-def simulation(asked: Asked) -> Table:
+def simulation(settings: Settings) -> Table:
     """Return the closed form beside the chip simulated."""
     profile = load(HARDWARE)
     table = Table(
@@ -183,35 +183,35 @@ def simulation(asked: Asked) -> Table:
         "cores",
         Column("spikes / step", no_wrap=True),
         *("us / step", "simulated\nms", "queues, ms", "means, us", "steps, us"),
-        *("energy, %", "means, %", "steps, %", "queues, %", "in range", *peer_heads(asked)),
+        *("energy, %", "means, %", "steps, %", "queues, %", "in range", *peer_heads(settings)),
         title=f"{HARDWARE}: closed form beside simulation of {N_STEPS} steps; errors, of time and of energy "
         "where it says so, against it without queues",
     )
     with contextlib.ExitStack() as stack:
         peer = None
         try:
-            worker = stack.enter_context(Worker(asked.python, "benchmarks.cost_contender", SANAFE))
+            worker = stack.enter_context(Worker(settings.python, "benchmarks.cost_contender", SANAFE))
             peer = Peer(worker) if worker.ask("ready") else None
         except NotInstalled:
             table.caption = (
-                f"SANA-FE is left out: {asked.python} does not have it (pip install sanafe==2.2.9)"
+                f"SANA-FE is left out: {settings.python} does not have it (pip install sanafe==2.2.9)"
             )
-        for net, activity, case in cases(asked):
+        for net, activity, case in cases(settings):
             table.add_row(
-                net, activity, *simulated(profile, case, asked), *beside(profile, case, peer, asked)
+                net, activity, *simulated(profile, case, settings), *beside(profile, case, peer, settings)
             )
     return table
 
 
-def simulated(profile: Profile, case: Case, asked: Asked) -> list[str]:
+def simulated(profile: Profile, case: Case, settings: Settings) -> list[str]:
     """Return the cells of a case that need no peer."""
     means, steps = loads(case)
     chip = chip_simulation.layout(profile, means, case.connected)
     run = partial(chip_simulation.simulate, profile, chip, *case.activity)
-    plain_s, plain = least_s(partial(run, None), asked.rounds)
-    queues_s, queues = least_s(partial(run, chip_simulation.BUFFER), asked.rounds)
-    means_s, of_means = least_s(partial(cost, profile, means), asked.rounds)
-    steps_s, of_steps = least_s(partial(cost_of_steps, profile, steps), asked.rounds)
+    plain_s, plain = least_s(partial(run, None), settings.rounds)
+    queues_s, queues = least_s(partial(run, chip_simulation.BUFFER), settings.rounds)
+    means_s, of_means = least_s(partial(cost, profile, means), settings.rounds)
+    steps_s, of_steps = least_s(partial(cost_of_steps, profile, steps), settings.rounds)
     plain_us, queues_us = (float(x.step_ns.mean()) * 1e-3 for x in (plain, queues))
     held = float(of_means.step_time_us.low) <= queues_us <= float(of_means.step_time_us.high)
     inputs, *neurons = means.spikes / case.n_steps
@@ -231,10 +231,10 @@ def simulated(profile: Profile, case: Case, asked: Asked) -> list[str]:
     ]
 
 
-def beside(profile: Profile, case: Case, peer: Peer | None, asked: Asked) -> list[str]:
+def beside(profile: Profile, case: Case, peer: Peer | None, settings: Settings) -> list[str]:
     """Return the cells of a case that are a peer's: its errors against the simulation without queues."""
     if peer is None:
-        return ["-"] * len(peer_heads(asked))
+        return ["-"] * len(peer_heads(settings))
     means, _ = loads(case)
     placement = profile.plan(means, profile.ends).placement
     assert placement is not None
@@ -243,12 +243,12 @@ def beside(profile: Profile, case: Case, peer: Peer | None, asked: Asked) -> lis
         chip_simulation.simulate(profile, chip, *case.activity, n) for n in (None, chip_simulation.BUFFER)
     )
     ours_us, queues_us = (float(x.step_ns.mean()) * 1e-3 for x in (ours, queues))
-    found = peer(case, placement.cores, ("simple", "detailed"))
-    if asked.cycle:  # its network runs once per process
-        with Worker(asked.python, "benchmarks.cost_contender", SANAFE) as worker:
-            found += Peer(worker)(case, placement.cores, ("cycle",))
-    times = [f"{1e3 * x['cpu_s']:.0f}, {percent(x['step_us'], ours_us)}" for x in found]
-    return [percent(queues_us, ours_us), percent(found[0]["energy_uj"], ours.energy_pj * 1e-6), *times]
+    runs = peer(case, placement.cores, ("simple", "detailed"))
+    if settings.cycle:  # its network runs once per process
+        with Worker(settings.python, "benchmarks.cost_contender", SANAFE) as worker:
+            runs += Peer(worker)(case, placement.cores, ("cycle",))
+    times = [f"{1e3 * x['cpu_s']:.0f}, {percent(x['step_us'], ours_us)}" for x in runs]
+    return [percent(queues_us, ours_us), percent(runs[0]["energy_uj"], ours.energy_pj * 1e-6), *times]
 
 
 def drawn_counts(
@@ -272,16 +272,16 @@ def drawn_counts(
     return Workload(sizes, (False,) * (len(sizes) - 1), np.ones((n, n_steps)), spikes, updates, STEP_MS)
 
 
-def of_response(network: Network, said: Response) -> Workload:
+def of_response(network: Network, response: Response) -> Workload:
     """Return counts of every step of what a network did, (n, step)."""
     return Workload(
         network.sizes,
         tuple(layer.recurrent is not None for layer in network.layers),
-        np.ones(said.spikes.shape[:2]),
-        said.spikes.astype(np.float64),
-        said.updates.astype(np.float64),
-        said.step_ms,
-        synapses=said.synapses,
+        np.ones(response.spikes.shape[:2]),
+        response.spikes.astype(np.float64),
+        response.updates.astype(np.float64),
+        response.step_ms,
+        synapses=response.synapses,
         stored=network.stored,
     )
 
@@ -326,18 +326,18 @@ TOUCH: Mapping[str, Touch] = {
 }  # fmt: skip
 
 
-def touches(asked: Asked) -> Mapping[str, Touch]:
+def touches(settings: Settings) -> Mapping[str, Touch]:
     """Return the recordings that there are."""
     if not os.environ.get("DSE_DATA"):
         return {}
-    if asked.quick:
+    if settings.quick:
         return {name: replace(x, training=replace(x.training, epochs=1)) for name, x in TOUCH.items()}
     return TOUCH
 
 
-def responses(asked: Asked) -> Iterator[tuple[str, Workload]]:
+def responses(settings: Settings) -> Iterator[tuple[str, Workload]]:
     """Yield names and every step's counts of networks on recorded touch: trained, and as training starts."""
-    for name, touch in touches(asked).items():
+    for name, touch in touches(settings).items():
         data = touch.data()
         untrained = replace(touch.training, epochs=1, learning_rate=1e-9)
         for how, model, training in (
@@ -349,7 +349,7 @@ def responses(asked: Asked) -> Iterator[tuple[str, Workload]]:
             yield f"{name}, {how}", of_response(outcome.network, outcome.validation)
 
 
-def counts(asked: Asked) -> Table:
+def counts(settings: Settings) -> Table:
     """Return mean counts beside those of every step."""
     profile = load(HARDWARE)
     table = Table(
@@ -362,14 +362,14 @@ def counts(asked: Asked) -> Table:
         title=f"{HARDWARE}: mean counts instead of every step's own; errors of energies and of step time",
     )
     rng = np.random.default_rng(0)
-    n, n_steps = (4, 50) if asked.quick else (100, 250)
-    found = [
+    n, n_steps = (4, 50) if settings.quick else (100, 250)
+    drawn = [
         (f"drawn, bursts {burst:g} ×", drawn_counts(sizes, n, n_steps, burst, rng))
-        for sizes in ((24, 50, 7), (256, 100, 12), (1600, 450, 11))[: 1 if asked.quick else 3]
+        for sizes in ((24, 50, 7), (256, 100, 12), (1600, 450, 11))[: 1 if settings.quick else 3]
         for burst in (1, 2, 5, 20)
     ]
-    for name, steps in (*found, *responses(asked)):
-        table.add_row(name, "-".join(map(str, steps.sizes)), *mean_errors(profile, steps, asked.rounds))
+    for name, steps in (*drawn, *responses(settings)):
+        table.add_row(name, "-".join(map(str, steps.sizes)), *mean_errors(profile, steps, settings.rounds))
     return table
 
 
@@ -412,31 +412,31 @@ SHAPES = ((1, 1_000_000), (2_000, 500), (10_000, 100))
 """Architectures, and points of each."""
 
 
-def points(asked: Asked) -> Table:
+def points(settings: Settings) -> Table:
     """Return seconds and memory of pricing a million points."""
     table = Table(
         *("architectures", "points of each", "s", "us / point", "peak GiB", "before", "loop, us / point"),
         *("faster", "largest difference"),
         title=f"{HARDWARE}: a million design points on one core",
     )
-    for n_architectures, n_points in [(2, 300)] if asked.quick else SHAPES:
+    for n_architectures, n_points in [(2, 300)] if settings.quick else SHAPES:
         answers = []
         for _ in range(
-            asked.rounds
+            settings.rounds
         ):  # a process each: nothing is kept from the last, and the peak is its own
             with Worker(sys.executable, "benchmarks.cost_contender", "price") as worker:
                 answers.append(worker.ask("price", HARDWARE, n_architectures, n_points))
-        found = min(answers, key=lambda x: x["cpu_s"])
-        per_point = found["cpu_s"] / (n_architectures * n_points)
+        fastest = min(answers, key=lambda x: x["cpu_s"])
+        per_point = fastest["cpu_s"] / (n_architectures * n_points)
         table.add_row(
             f"{n_architectures:,}",
             f"{n_points:,}",
-            f"{found['cpu_s']:.2f}",
+            f"{fastest['cpu_s']:.2f}",
             f"{1e6 * per_point:.2f}",
-            f"{found['peak_gib']:.2f}",
-            f"{found['before_gib']:.2f}",
-            f"{1e6 * found['loop_s']:.0f}",
-            f"{found['loop_s'] / per_point:,.0f} ×",
+            f"{fastest['peak_gib']:.2f}",
+            f"{fastest['before_gib']:.2f}",
+            f"{1e6 * fastest['loop_s']:.0f}",
+            f"{fastest['loop_s'] / per_point:,.0f} ×",
             f"{max(x['error'] for x in answers):.1g}",
         )
     return table
@@ -468,18 +468,18 @@ def matrices(network: Network) -> list[Array]:
     return [w for x in network.layers for w in (x.weight, x.recurrent) if w is not None]
 
 
-def bits(asked: Asked) -> Table:
+def bits(settings: Settings) -> Table:
     """Return accuracy, memory and energy of trained networks at fewer bits and with fewer weights."""
-    profile, n_nets = load(HARDWARE), 1 if asked.quick else 3
+    profile, n_nets = load(HARDWARE), 1 if settings.quick else 3
     table = Table(
         *("recording", "net", "bits", "removed", "accuracy", "least", "one scale", "W_t", "bytes", "cores"),
         *("dynamic, uJ", "energy, %", "flat out, uJ"),
         title=f"Fewer bits, validation, mean of {n_nets} trained nets; {HARDWARE}; energy against 8 bits",
     )
-    found = touches(asked)
-    if not found:
+    recorded = touches(settings)
+    if not recorded:
         table.caption = "Left out: DSE_DATA names no recordings."
-    for name, touch in found.items():
+    for name, touch in recorded.items():
         data = touch.data()
         truth = data.target[data.validation]
         nets = []
@@ -496,8 +496,8 @@ def bits(asked: Asked) -> Table:
             accuracy, n_weights, n_cores, dynamic_uj, flat_uj = np.mean(rows, axis=0)
             naive = "-"
             if not removed:
-                said = [respond(one_scale(net, weight_bits), data, data.validation) for net in nets]
-                naive = f"{np.mean([read_out(x.output) == truth for x in said]):.3f}"
+                answers = [respond(one_scale(net, weight_bits), data, data.validation) for net in nets]
+                naive = f"{np.mean([read_out(x.output) == truth for x in answers]):.3f}"
             whole_uj = dynamic_uj if whole_uj is None else whole_uj
             table.add_row(
                 name,
@@ -522,14 +522,14 @@ def bits_row(
     profile: Profile, data: Dataset, truth: Array, network: Network, weight_bits: int
 ) -> tuple[float, ...]:
     """Return accuracy, stored weights, cores, dynamic energy and energy flat out, in uJ, of a network."""
-    said = respond(network, data, data.validation)
-    priced = cost(profile, replace(mean_of(of_response(network, said)), weight_bits=weight_bits))
-    accuracy = float(np.mean(read_out(said.output) == truth))
+    response = respond(network, data, data.validation)
+    priced = cost(profile, replace(mean_of(of_response(network, response)), weight_bits=weight_bits))
+    accuracy = float(np.mean(read_out(response.output) == truth))
     energy_uj = float(priced.energy_uj.value)
     return accuracy, network.n_weights, priced.n_cores.value, float(priced.dynamic_uj), energy_uj
 
 
-PARTS: Mapping[str, Callable[[Asked], Table]] = {
+PARTS: Mapping[str, Callable[[Settings], Table]] = {
     "simulation": simulation,
     "counts": counts,
     "points": points,
@@ -548,13 +548,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="small cases, to see whether all runs")
     parser.add_argument("--python", action="append", default=[], metavar="FRAMEWORK=PATH")
     parser.add_argument("--cycle", action="store_true", help="SANA-FE's cycle-accurate network too")
-    given = parser.parse_args(arguments)
-    python = pythons(given.python).get(SANAFE, sys.executable)
-    nets = given.nets or list(NETS)[: 1 if given.quick else None]
-    asked = Asked(given.rounds, given.quick, nets, python, given.cycle)
+    options = parser.parse_args(arguments)
+    python = pythons(options.python).get(SANAFE, sys.executable)
+    nets = options.nets or list(NETS)[: 1 if options.quick else None]
+    settings = Settings(options.rounds, options.quick, nets, python, options.cycle)
     console = Console(width=220)
-    for name in given.only:
-        console.print(PARTS[name](asked))
+    for name in options.only:
+        console.print(PARTS[name](settings))
 
 
 if __name__ == "__main__":

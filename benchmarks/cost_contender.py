@@ -26,17 +26,17 @@ PORT = 1024
 """Inputs that a core can send for."""
 
 
-def sanafe(given: dict[str, Any], cores: list[int], timings: list[str]) -> list[dict[str, float]]:
+def sanafe(fields: dict[str, Any], cores: list[int], timings: list[str]) -> list[dict[str, float]]:
     """Return what SANA-FE makes of a case; its inputs are sent by cores of their own, after the others.
 
     Args:
-        given: fields of the case.
+        fields: of the case.
         cores: of each layer after the input.
         timings: its models of time: simple, detailed, cycle.
     """
     import sanafe
 
-    case = Case(**{key: tuple(x) if isinstance(x, list) else x for key, x in given.items()})
+    case = Case(**{key: tuple(x) if isinstance(x, list) else x for key, x in fields.items()})
     architecture, network = sanafe.load_loihi(), sanafe.Network()
     groups = [network.create_neuron_group("input", case.sizes[0])]
     groups += [
@@ -65,13 +65,13 @@ def sanafe(given: dict[str, Any], cores: list[int], timings: list[str]) -> list[
         chip = sanafe.SpikingChip(architecture)  # a reset chip has no inputs any more
         chip.load(network)
         began = time.process_time()
-        found = chip.sim(case.n_steps, timing_model=timing, processing_threads=1)
+        run = chip.sim(case.n_steps, timing_model=timing, processing_threads=1)
         answers.append(
             {
                 "cpu_s": time.process_time() - began,
-                "energy_uj": 1e6 * found["energy"]["total"],
-                "step_us": 1e6 * found["sim_time"] / case.n_steps,
-                "spikes": found["neurons_fired"],
+                "energy_uj": 1e6 * run["energy"]["total"],
+                "step_us": 1e6 * run["sim_time"] / case.n_steps,
+                "spikes": run["neurons_fired"],
             }
         )
     return answers
@@ -123,13 +123,13 @@ def price(hardware: str, n_architectures: int, n_points: int) -> dict[str, float
     cost(profile, points[0])
     before_gib = peak_gib()
     began = time.process_time()
-    found = [cost(profile, x).energy_uj.high for x in loads]
+    at_once = [cost(profile, x).energy_uj.high for x in loads]
     took, gib = time.process_time() - began, peak_gib()
     began = time.process_time()
     one_by_one = np.array([float(cost(profile, x).energy_uj.high) for x in points])
     loop_s = (time.process_time() - began) / len(points)
     per_load = len(points) // len(loads[:100])
-    sample = np.concatenate([x[:per_load] for x in found[:100]])
+    sample = np.concatenate([x[:per_load] for x in at_once[:100]])
     return {
         "cpu_s": took,
         "peak_gib": gib,

@@ -25,7 +25,7 @@ class Case:
 
     recurrent: per layer after the input.
     input_rate, rate: spikes per input or (roughly) neuron, and step.
-    kept: share of the weights that pruning leaves.
+    weights_left: share of the weights that pruning leaves.
     bursty: all input comes in 10 of every 50 steps.
     """
 
@@ -34,7 +34,7 @@ class Case:
     n_steps: int
     input_rate: float
     rate: float
-    kept: float = 1.0
+    weights_left: float = 1.0
     bursty: bool = False
 
     @cached_property
@@ -49,34 +49,36 @@ class Case:
     @cached_property
     def weights(self) -> tuple[np.ndarray, ...]:
         """Weights (source, neuron) into each layer; the sources of a recurrent one are followed by itself."""
-        rng, found, rate = np.random.default_rng(1), [], self.input_rate
+        rng, weights, rate = np.random.default_rng(1), [], self.input_rate
         for before, n, back in zip(self.sizes, self.sizes[1:], self.recurrent, strict=False):
             # What a neuron that is half full leaks, and what it fires: on average, that comes in.
-            mean = (self.rate + 0.5 * (1 - LEAK)) / (before * rate * self.kept)
+            mean = (self.rate + 0.5 * (1 - LEAK)) / (before * rate * self.weights_left)
             weight = rng.normal(mean, mean / 2, (before, n))
             if back:
                 weight = np.concatenate([weight, rng.normal(0, mean / 2, (n, n))])
-            found.append(np.rint(weight / _GRID) * _GRID)
+            weights.append(np.rint(weight / _GRID) * _GRID)
             rate = self.rate
-        kept = self.connected
-        return tuple(np.where(keep, weight, 0.0) for keep, weight in zip(kept, found, strict=True))
+        return tuple(
+            np.where(connected, weight, 0.0)
+            for connected, weight in zip(self.connected, weights, strict=True)
+        )
 
     @cached_property
     def connected(self) -> tuple[np.ndarray, ...]:
         """Which weights there are, those that happen to be 0 included; bool, shaped as `weights`."""
         rng = np.random.default_rng(2)
         layers = zip(self.sizes, self.sizes[1:], self.recurrent, strict=False)
-        return tuple(rng.random((before + n * back, n)) < self.kept for before, n, back in layers)
+        return tuple(rng.random((before + n * back, n)) < self.weights_left for before, n, back in layers)
 
     @cached_property
     def targets(self) -> tuple[np.ndarray, ...]:
         """Neurons that each unit of a layer, input first, reaches."""
-        found = [np.zeros(n, np.int64) for n in self.sizes]
+        targets = [np.zeros(n, np.int64) for n in self.sizes]
         for k, (connected, before) in enumerate(zip(self.connected, self.sizes, strict=False)):
-            found[k] += connected[:before].sum(axis=1)
+            targets[k] += connected[:before].sum(axis=1)
             if self.recurrent[k]:
-                found[k + 1] += connected[before:].sum(axis=1)
-        return tuple(found)
+                targets[k + 1] += connected[before:].sum(axis=1)
+        return tuple(targets)
 
     @cached_property
     def activity(self) -> tuple[list[np.ndarray], list[np.ndarray]]:

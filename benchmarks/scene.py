@@ -104,11 +104,11 @@ class Likeness:
         )  # fmt: skip
 
 
-def pooled(found: Block, frame_px: tuple[int, int], duration_ms: float, bin_ms: float = 1.0) -> np.ndarray:
+def pooled(block: Block, frame_px: tuple[int, int], duration_ms: float, bin_ms: float = 1.0) -> np.ndarray:
     """Return events per bin and pool, (bin, pool) float32; pools that stick out of the frame are left out."""
     width, height = (side // POOL for side in frame_px)
     n_bins = int(np.ceil(duration_ms / bin_ms))
-    x, y, b = found.x // POOL, found.y // POOL, found.t_us // round(bin_ms * 1000)
+    x, y, b = block.x // POOL, block.y // POOL, block.t_us // round(bin_ms * 1000)
     inside = (x < width) & (y < height) & (b < n_bins)
     cell = (b * height + y) * width + x
     n = np.bincount(cell[inside], minlength=n_bins * width * height)
@@ -124,12 +124,12 @@ def van_rossum(a: np.ndarray, b: np.ndarray, tau_bins: float) -> float:
     return float(np.linalg.norm(f) / np.linalg.norm(g))
 
 
-def likeness(found: Block, expected: Block, scene: Scene) -> Likeness:
+def likeness(block: Block, expected: Block, scene: Scene) -> Likeness:
     """Compare events of a trial with others."""
-    a, b = (pooled(x, scene.sensor.frame_px, scene.duration_ms) for x in (found, expected))
+    a, b = (pooled(x, scene.sensor.frame_px, scene.duration_ms) for x in (block, expected))
     long = [x[: len(x) // 10 * 10].reshape(-1, 10, x.shape[1]).sum(axis=1) for x in (a, b)]
     r1, r10 = (float(np.corrcoef(x.ravel(), y.ravel())[0, 1]) for x, y in ((a, b), long))
-    return Likeness(len(found.t_us) / len(expected.t_us) - 1, r1, r10, van_rossum(a, b, TAU_MS))
+    return Likeness(len(block.t_us) / len(expected.t_us) - 1, r1, r10, van_rossum(a, b, TAU_MS))
 
 
 def least(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
@@ -137,9 +137,9 @@ def least(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
     best = np.inf
     for _ in range(rounds):
         start = time.process_time()
-        found = call()
+        result = call()
         best = min(best, time.process_time() - start)
-    return best, found
+    return best, result
 
 
 def case(texture: str, motion: str, noise_hz: float = 0.0, duration_ms: float = 400.0) -> Scene:
@@ -180,9 +180,9 @@ def all_read(scene: Scene) -> Block:
     draw = simulate.trial
 
     def drawn(scene: Scene, k: int) -> Any:
-        found = draw(scene, k)
-        contact = replace(found.contact, pressure=np.maximum(found.contact.pressure, 1e-6))
-        return replace(found, contact=contact)
+        trial = draw(scene, k)
+        contact = replace(trial.contact, pressure=np.maximum(trial.contact.pressure, 1e-6))
+        return replace(trial, contact=contact)
 
     with mock.patch.object(simulate, "trial", drawn):
         return simulate.events(scene, 0)
@@ -199,12 +199,12 @@ def error(rounds: int) -> Iterator[Table]:
         rows.append(("floor: other start levels", None, likeness(seen(scene, key=1), slow, scene)))
         simulate.events(scene, 0)  # compiled, and its surface made
         for label, method in METHODS.items():
-            cpu_s, found = least(partial(simulate.events, replace(scene, method=method), 0), rounds)
-            rows.append((label, cpu_s, likeness(found, slow, scene)))
+            cpu_s, block = least(partial(simulate.events, replace(scene, method=method), 0), rounds)
+            rows.append((label, cpu_s, likeness(block, slow, scene)))
         cpu_s, _ = least(partial(simulate.raster, scene, 0, pools(scene), round(scene.duration_ms)), rounds)
         rows.append(("default, a raster in place of a list", cpu_s, None))
-        cpu_s, found = least(partial(all_read, scene), rounds)
-        rows.append(("default, all pins read the texture", cpu_s, likeness(found, slow, scene)))
+        cpu_s, block = least(partial(all_read, scene), rounds)
+        rows.append(("default, all pins read the texture", cpu_s, likeness(block, slow, scene)))
         for hz in (0.1, 1.0):
             noisy = replace(scene, camera=replace(scene.camera, noise_hz=hz))
             reset = seen(scene, resets=background.events(noisy, 0))
@@ -225,10 +225,10 @@ def speed(rounds: int) -> Iterator[Table]:
     """Yield how long trials take: the mean of the 12 x 12 scene, standing still, a larger frame."""
     scene = load_scene(SCENE, {"trials": "1"})
     seconds = scene.duration_ms / 1000
-    found, n_bins = pools(scene), round(scene.duration_ms)
+    pool_grid, n_bins = pools(scene), round(scene.duration_ms)
 
     def raster(of: Scene, k: int) -> Any:
-        return simulate.raster(of, k, found, n_bins)
+        return simulate.raster(of, k, pool_grid, n_bins)
 
     for k in range(scene.n_trials):  # compiled, and the surfaces made
         if k == 0 or scene.cell(k)[0] != scene.cell(k - 1)[0]:
@@ -247,7 +247,7 @@ def speed(rounds: int) -> Iterator[Table]:
         table.add_row(name, f"{1e3 * cpu_s.mean():.2f}", f"{seconds / cpu_s.mean():.1f}", low, high)
     table.caption = (
         f"{n_events.mean() / seconds / 1e6:.3f} Mev/s; "
-        f"{100 * n_spikes.mean() / (n_bins * found.n_channels):.2f} % of the raster's entries"
+        f"{100 * n_spikes.mean() / (n_bins * pool_grid.n_channels):.2f} % of the raster's entries"
     )
     yield table
 
@@ -285,12 +285,14 @@ def speed(rounds: int) -> Iterator[Table]:
 
 def features(scene: Scene) -> np.ndarray:
     """Return sqrt of the spikes of every pool in bins of 100 ms, (trial, bin * pool) float32."""
-    found, n_bins = pools(scene), round(scene.duration_ms)
+    pool_grid, n_bins = pools(scene), round(scene.duration_ms)
     rows = []
     for k in range(scene.n_trials):
-        counts, channels = simulate.raster(scene, k, found, n_bins)
-        cell = np.repeat(np.arange(n_bins) // 100, counts) * found.n_channels + channels
-        rows.append(np.sqrt(np.bincount(cell, minlength=n_bins // 100 * found.n_channels)).astype(np.float32))
+        counts, channels = simulate.raster(scene, k, pool_grid, n_bins)
+        cell = np.repeat(np.arange(n_bins) // 100, counts) * pool_grid.n_channels + channels
+        rows.append(
+            np.sqrt(np.bincount(cell, minlength=n_bins // 100 * pool_grid.n_channels)).astype(np.float32)
+        )
     return np.stack(rows)
 
 
@@ -323,8 +325,8 @@ def classifier(full: bool) -> Iterator[Table]:
         cpu_s = time.process_time() - start
         shown = []
         for column in (0, 1):
-            found = [100 * accuracy(x, cells[:, column], seed) for seed in (0, 1)]
-            shown.append(f"{np.mean(found):.1f} ({min(found):.1f} to {max(found):.1f}) %")
+            accuracies = [100 * accuracy(x, cells[:, column], seed) for seed in (0, 1)]
+            shown.append(f"{np.mean(accuracies):.1f} ({min(accuracies):.1f} to {max(accuracies):.1f}) %")
         table.add_row(name, f"{cpu_s:.1f}", *shown)
     yield table
 
@@ -362,7 +364,7 @@ def v2e(model: Any, scene: Scene, step_ms: float) -> tuple[float, Block]:
         pos_thres=scene.camera.threshold, neg_thres=scene.camera.threshold, sigma_thres=0.0, cutoff_hz=0.0,
         leak_rate_hz=0.0, shot_noise_rate_hz=0.0, refractory_period_s=0.0, device="cpu", hdr=True,
     )  # fmt: skip
-    cpu_s, found = 0.0, []
+    cpu_s, batches = 0.0, []
     for t, px in zip(paths.t_s[::every], paths.px[::every], strict=True):
         light = reference.frame(
             px, paths.radius_px, paths.edge_px, scene.camera.contrast, scene.sensor.frame_px
@@ -376,8 +378,8 @@ def v2e(model: Any, scene: Scene, step_ms: float) -> tuple[float, Block]:
             theta = torch.where(start > 0, thresholds[..., 0], thresholds[..., 1])
             pixels.base_log_frame = (pixels.base_log_frame + start * theta).float().clamp(dark, 0.0)
         if events is not None:
-            found.append(events)
-    t_s, x, y, sign = np.concatenate(found).T
+            batches.append(events)
+    t_s, x, y, sign = np.concatenate(batches).T
     t_us = (1e6 * t_s.astype(np.float64)).astype(np.int64)
     return cpu_s, Block(t_us, x.astype(np.int32), y.astype(np.int32), (sign > 0).astype(np.uint8))
 
@@ -394,9 +396,9 @@ def peer(rounds: int, folder: Path | None) -> Iterator[Table]:
     slow_s, slow = least(partial(seen, scene), 1)
     simulate.events(scene, 0)
 
-    def row(label: str, cpu_s: float, found: Block) -> None:
-        cells = likeness(found, slow, scene).cells()
-        table.add_row(label, f"{cpu_s / seconds:.3g}", str(len(found.t_us)), *cells)
+    def row(label: str, cpu_s: float, block: Block) -> None:
+        cells = likeness(block, slow, scene).cells()
+        table.add_row(label, f"{cpu_s / seconds:.3g}", str(len(block.t_us)), *cells)
 
     row("reference, rendering included", slow_s, slow)
     row("fast, physics included", *least(partial(simulate.events, scene, 0), rounds))
@@ -423,17 +425,17 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--v2e", type=Path, metavar="FOLDER")
-    given = parser.parse_args()
-    if unknown := set(given.parts) - set(parts):
+    arguments = parser.parse_args()
+    if unknown := set(arguments.parts) - set(parts):
         parser.error(f"PART must be one of {', '.join(parts)}, got {', '.join(sorted(unknown))}")
     tables = {
-        "error": lambda: error(given.rounds),
-        "speed": lambda: speed(given.rounds),
-        "classifier": lambda: classifier(given.full),
-        "peer": lambda: peer(given.rounds, given.v2e),
+        "error": lambda: error(arguments.rounds),
+        "speed": lambda: speed(arguments.rounds),
+        "classifier": lambda: classifier(arguments.full),
+        "peer": lambda: peer(arguments.rounds, arguments.v2e),
     }
     console = Console(width=130)
-    for part in given.parts or parts:
+    for part in arguments.parts or parts:
         for table in tables[part]():
             console.print(table)
 

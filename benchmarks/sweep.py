@@ -88,7 +88,7 @@ def in_study(space: SearchSpace, folder: Path, jobs: int) -> Result:
 
 def in_peers(path: Path, numbers: Sequence[int], python_of: Mapping[str, str]) -> dict[str, Result | None]:
     """Train some designs in each peer, in turn; None where a framework is not installed."""
-    found: dict[str, tuple[dict[int, float], dict[int, float]]] = {}
+    results: dict[str, tuple[dict[int, float], dict[int, float]]] = {}
     workers = {}
     with contextlib.ExitStack() as stack:
         for name in PEERS:
@@ -97,13 +97,13 @@ def in_peers(path: Path, numbers: Sequence[int], python_of: Mapping[str, str]) -
                 worker = stack.enter_context(Worker(python, "benchmarks.sweep_contender", name, str(path)))
                 worker.ask("check")
                 workers[name] = worker
-                found[name] = {}, {}
+                results[name] = {}, {}
         for number in numbers:
             for name, worker in workers.items():
                 seconds, accuracy = worker.ask("design", number)
-                found[name][0][number], found[name][1][number] = seconds, accuracy
+                results[name][0][number], results[name][1][number] = seconds, accuracy
                 print(f"{PEERS[name]}, design {number}: {seconds:.1f} s, {accuracy:.3f}", file=sys.stderr)
-    return {name: Result(*found[name]) if name in found else None for name in PEERS}
+    return {name: Result(*results[name]) if name in results else None for name in PEERS}
 
 
 def main() -> None:
@@ -114,25 +114,25 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=20)
     parser.add_argument("--full", action="store_true", help="peers train all designs")
     parser.add_argument("--python", action="append", default=[], metavar="FRAMEWORK=PATH")
-    asked = parser.parse_args()
-    numbers = list(range(grid.N_DESIGNS)) if asked.full else grid.some()
+    arguments = parser.parse_args()
+    numbers = list(range(grid.N_DESIGNS)) if arguments.full else grid.some()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        space, data, recorded = grid.load(folder, asked.epochs, "integer")
-        real, _, _ = grid.load(folder, asked.epochs, "float32")
+        space, data, recorded = grid.load(folder, arguments.epochs, "integer")
+        real, _, _ = grid.load(folder, arguments.epochs, "float32")
         (folder / "task").write_bytes(pickle.dumps(grid.task(real, data, numbers)))
         studies = {jobs: in_study(space, folder, jobs) for jobs in (1, 2)}
         results: dict[str, Result | None] = {
-            f"dse, one cohort, {arithmetic}": in_cohort(folder, asked.epochs, arithmetic)
+            f"dse, one cohort, {arithmetic}": in_cohort(folder, arguments.epochs, arithmetic)
             for arithmetic in ("integer", "float32")
         }
         results |= {f"dse.run, processes: {jobs}": result for jobs, result in studies.items()}
-        peers = in_peers(folder / "task", numbers, pythons(asked.python))
+        peers = in_peers(folder / "task", numbers, pythons(arguments.python))
         results |= {PEERS[name]: result for name, result in peers.items()}
     ours = results["dse, one cohort, integer"]
     assert ours is not None
     what = "recorded Braille letters" if recorded else "invented spikes (no recordings found)"
-    table = Table(title=f"{grid.N_DESIGNS} designs, {asked.epochs} epochs, {what}", title_justify="left")
+    table = Table(title=f"{grid.N_DESIGNS} designs, {arguments.epochs} epochs, {what}", title_justify="left")
     table.add_column("", no_wrap=True)
     for heading in ("designs", "CPU s", "CPU s for 40", "cohort × faster", "wall s"):
         table.add_column(heading, justify="right")

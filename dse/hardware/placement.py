@@ -195,12 +195,12 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
             broken.append(_Broken("output_axons", layer, text))
         cores.append(n_cores)
         next_cores = n_cores
-    found = tuple(reversed(cores))
-    low, _ = _practice(net, rules, found)
-    if max(sum(found), low or 0) > rules.cores:
-        text = f"{sum(found)} cores" if low is None else f"at least {low} cores in practice"
+    placed = tuple(reversed(cores))
+    low, _ = _practice(net, rules, placed)
+    if max(sum(placed), low or 0) > rules.cores:
+        text = f"{sum(placed)} cores" if low is None else f"at least {low} cores in practice"
         broken.append(_Broken("cores", 0, f"{text}; the chip has {rules.cores}"))
-    return found, tuple(broken)
+    return placed, tuple(broken)
 
 
 def _fewest_cores(size: int, most: int, is_recurrent: bool, next_cores: int, output_axons: int) -> int:
@@ -237,32 +237,32 @@ def _practice(net: Architecture, rules: Rules, cores: tuple[int, ...]) -> tuple[
 def _assumptions(
     net: Architecture, rules: Rules, n_cores: int, low: int | None, high: int | None
 ) -> tuple[str, ...]:
-    found = []
+    assumptions = []
     if net.cores is not None:
-        found.append("the number of cores of each layer is set by the user")
+        assumptions.append("the number of cores of each layer is set by the user")
     if net.delay_bits:
-        found.append(
+        assumptions.append(
             f"every synapse stores an individual delay, {net.delay_bits} bits beside the "
             f"{_format(net.weight_bits, rules)} of its weight"
         )
     if any(_is_pruned(net, layer) for layer in range(len(net.sizes) - 1)):
-        found.append(
+        assumptions.append(
             "the weights that remain after pruning are spread evenly, each stored with the "
             f"{rules.synapse_index_bits} bits of its target's index"
         )
     if rules.practice is not None and low is not None and high is not None:
         few, many = (f"{n / 1e3:g}" for n in rules.practice)
         if not net.delay_bits:
-            found.append("no synapse stores an individual delay")
-        found.append(
+            assumptions.append("no synapse stores an individual delay")
+        assumptions.append(
             f"{low} to {high} cores if a core holds {few} to {many} thousand 8-bit weights, as in compiler "
             "logs, "
             f"scaled by the bits per synapse; energies and times assume {n_cores}, with full core memories; "
             "input neurons may need a few more"
         )
         if low <= rules.cores < high:
-            found.append(f"it may not fit: up to {high} cores in practice; the chip has {rules.cores}")
-    return tuple(found)
+            assumptions.append(f"it may not fit: up to {high} cores in practice; the chip has {rules.cores}")
+    return tuple(assumptions)
 
 
 class _Axis(NamedTuple):
@@ -271,7 +271,7 @@ class _Axis(NamedTuple):
     present: int
     least: int
     changed: Callable[[int], Architecture]
-    told: Callable[[int], str]
+    text: Callable[[int], str]
 
 
 def _change(net: Architecture, rules: Rules, wrong: _Broken, broken: tuple[_Broken, ...]) -> str:
@@ -284,21 +284,21 @@ def _change(net: Architecture, rules: Rules, wrong: _Broken, broken: tuple[_Brok
     def mends(changed: Architecture) -> bool:
         return all(x[:2] in allowed for x in _placed(changed, rules)[1])
 
-    found = [_largest(axis, mends) for axis in _axes(net, rules)]
-    if not any(found):
-        found = [_largest(_size_axis(net, len(net.sizes) - 1), mends)]
-    return " or ".join(told for _, told in sorted(x for x in found if x)) or "more than one change"
+    changes = [_largest(axis, mends) for axis in _axes(net, rules)]
+    if not any(changes):
+        changes = [_largest(_size_axis(net, len(net.sizes) - 1), mends)]
+    return " or ".join(text for _, text in sorted(x for x in changes if x)) or "more than one change"
 
 
 def _largest(axis: _Axis, mends: Callable[[Architecture], bool]) -> tuple[float, str] | None:
-    """Return how far an axis must change to mend, as a share of what it is, and that told; None: cannot."""
+    """Return how far an axis must change to mend, as a share of its value, and that in words; None: cannot."""
     low, high = axis.least, axis.present
     if low >= high or not mends(axis.changed(low)):
         return None
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if mends(axis.changed(middle)) else (low, middle)
-    return 1 - low / axis.present, axis.told(low)
+    return 1 - low / axis.present, axis.text(low)
 
 
 def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
@@ -319,8 +319,12 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
         yield _Axis(
             100,
             1,
-            lambda kept: replace(net, stored=tuple(-(-n * kept // 100) for n in net.stored or net.dense)),
-            lambda kept: f"at least {100 - kept} % of the weights {'left ' if net.stored else ''}pruned",
+            lambda percent: replace(
+                net, stored=tuple(-(-n * percent // 100) for n in net.stored or net.dense)
+            ),
+            lambda percent: (
+                f"at least {100 - percent} % of the weights {'left ' if net.stored else ''}pruned"
+            ),
         )
 
 
@@ -369,7 +373,7 @@ def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple
         return ((0.0, 0.0),) * n_layers
     first = [0, *accumulate(cores)]
     tiles = [_tiles(a, b, rules.cores_per_tile) for a, b in pairwise(first)]
-    found = []
+    of_layers = []
     for layer, size in enumerate(net.sizes):
         sending, n_sent = np.zeros(1, np.int64), np.full(1, size)
         if layer:
@@ -381,8 +385,8 @@ def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple
         for receiving, start, end in onward:
             x += _distance(sending // rules.mesh_height, n_sent, receiving // rules.mesh_height, end - start)
             y += _distance(sending % rules.mesh_height, n_sent, receiving % rules.mesh_height, end - start)
-        found.append((x / size, y / size))
-    return tuple(found)
+        of_layers.append((x / size, y / size))
+    return tuple(of_layers)
 
 
 def neurons_per_core(n: int, n_cores: int) -> NDArray[np.int64]:

@@ -107,10 +107,10 @@ class Profile(ABC):
     def ends(self) -> Figures:
         """Every number at its value, its low and its high end, (3,) each."""
         at = [self.at(end) for end in ("value", "low", "high")]
-        found = {name: np.array([values[name] for values in at]) for name in self.numbers()}
-        for values in found.values():
+        figures = {name: np.array([values[name] for values in at]) for name in self.numbers()}
+        for values in figures.values():
             values.setflags(write=False)
-        return found
+        return figures
 
     def drawn(self, n: int, rng: np.random.Generator) -> Figures:
         """Return every number n times, (n,) each, drawn from its range.
@@ -119,14 +119,14 @@ class Profile(ABC):
         nothing lies outside the range. Numbers are drawn independently of each other: an error that all
         share ranks no design above another, so it is the ratios between numbers that matter.
         """
-        found = {}
+        figures = {}
         for name in self.numbers():
             number: Number = getattr(self, name)
             u = rng.random(n)
             below = number.low + 2 * u * (number.value - number.low)
             above = number.value + (2 * u - 1) * (number.high - number.value)
-            found[name] = np.where(u < 0.5, below, above)
-        return found
+            figures[name] = np.where(u < 0.5, below, above)
+        return figures
 
     def draws(self, n: int) -> Figures:
         """Return every number n times (`drawn`), the same at every call: designs compare on the same draw."""
@@ -159,7 +159,6 @@ class Profile(ABC):
         return 0
 
 
-
 def names() -> list[str]:
     """Return the names of the shipped profiles."""
     return hardware_names()
@@ -186,11 +185,11 @@ def load(name: str | Path) -> Profile:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
         raise ConfigError([Fault(str(name), 0, f"cannot be read: {reason}")]) from None
-    found = read(text, str(name))
-    if found.name in names():
-        text = f"name must differ from the names of shipped profiles, got '{found.name}'"
+    profile = read(text, str(name))
+    if profile.name in names():
+        text = f"name must differ from the names of shipped profiles, got '{profile.name}'"
         raise ConfigError([Fault(str(name), 0, text)])
-    return found
+    return profile
 
 
 def load_all(entries: Sequence[str], base: Path) -> tuple[Profile, ...]:
@@ -203,7 +202,7 @@ def load_all(entries: Sequence[str], base: Path) -> tuple[Profile, ...]:
     Raises:
         ConfigError: everything that is wrong with any of them, two of one name included.
     """
-    found: dict[str, Profile] = {}
+    profiles: dict[str, Profile] = {}
     faults: list[Fault] = []
     for entry in entries:
         try:
@@ -211,12 +210,12 @@ def load_all(entries: Sequence[str], base: Path) -> tuple[Profile, ...]:
         except ConfigError as error:
             faults += error.faults
             continue
-        if profile.name in found:
+        if profile.name in profiles:
             faults.append(Fault(str(base / entry), 0, f"another profile has the name '{profile.name}' too"))
-        found[profile.name] = profile
+        profiles[profile.name] = profile
     if faults:
         raise ConfigError(faults)
-    return tuple(found.values())
+    return tuple(profiles.values())
 
 
 @functools.cache

@@ -40,7 +40,7 @@ class Duty:
     """How often a device is touched, and what it runs on.
 
     contacts_per_hour: inferences.
-    battery_mwh: capacity; None: no battery life is asked for.
+    battery_mwh: capacity; None: without battery life.
     """
 
     contacts_per_hour: float
@@ -61,7 +61,7 @@ class CostRow:
     energy_quantiles_uj, energy_throttled_quantiles_uj: median, 5 % and 95 % of samples of the chip's numbers.
     power_mw, battery_h: mean power and battery life of a `Duty`.
 
-    The others are as of `Cost`. Of what was not asked for, quantiles, power and battery life are None.
+    The others are as of `Cost`. Quantiles, power and battery life are None unless they are requested.
     """
 
     hardware: str
@@ -174,7 +174,7 @@ def evidence_of(profile: Profile) -> dict[str, int]:
 
 
 def _blank(profile: Profile, inference: Inference, duty: Duty | None, n_draws: int | None) -> CostRow:
-    """Return the row of hardware that says nothing: what is asked for has its columns all the same."""
+    """Return the row of hardware that says nothing; what is requested has its columns all the same."""
     quantiles = None if n_draws is None else UNKNOWN
     return CostRow(
         hardware=profile.name,

@@ -99,10 +99,10 @@ def camera_warnings(camera: Camera) -> Iterator[str]:
 
 def warnings(scene: Scene) -> list[str]:
     """Return what is legal in a scene but hardly meant."""
-    found = list(camera_warnings(scene.camera))
+    sentences = list(camera_warnings(scene.camera))
     if scene.variation.onset_ms >= scene.duration_ms:
-        found.append(
+        sentences.append(
             f"nothing moves: the trial of {scene.duration_ms:g} ms ends before the earliest motion onset, "
             f"variation.onset_ms {scene.variation.onset_ms:g}"
         )
-    return found
+    return sentences

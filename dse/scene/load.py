@@ -19,7 +19,7 @@ from dse.config.axes import Axis
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_file, shipped_folder, yaml_files
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.values import INVALID, Report, construct, dotted, echo, read_fields, read_given, read_object
+from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_given, read_object
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import param
@@ -148,16 +148,16 @@ def _sensor(raw: Any, report: Report) -> tuple[Sensor | None, dict[str, Any]]:
     """Return the sensor, and the numbers of its camera as far as a preset gives them."""
     if raw is INVALID:
         return None, {}
-    given = {"preset": raw} if isinstance(raw, str) else dict(raw)
+    keys = {"preset": raw} if isinstance(raw, str) else dict(raw)
     known = presets.sensors()
-    name = given.pop("preset", None)
+    name = keys.pop("preset", None)
     if name is not None and name not in known:
         where = ("sensor",) if isinstance(raw, str) else ("sensor", "preset")
         report(where, f"unknown sensor {echo(name)}; {known_names(str(name), known)}")
         return None, {}
     preset = {} if name is None else known[name].values()
     camera = {} if name is None else known[name].camera_values()
-    sensor = read_object(Sensor, {**preset, **given}, ("sensor",), report, read_fixed)
+    sensor = read_object(Sensor, {**preset, **keys}, ("sensor",), report, read_fixed)
     if sensor is not None:
         _report_all(checks.sensor_faults(sensor), ("sensor",), report)
     return sensor, camera
@@ -166,38 +166,40 @@ def _sensor(raw: Any, report: Report) -> tuple[Sensor | None, dict[str, Any]]:
 def _textures(raw: Iterable[Any], report: Report) -> list[tuple[Texture, Keys]]:
     """Return the textures, each with the place in the file that it comes from."""
     known, sets = presets.textures(), presets.texture_sets()
-    found: list[tuple[Texture, Keys]] = []
-    for index, one in enumerate(raw):
+    textures: list[tuple[Texture, Keys]] = []
+    for index, entry in enumerate(raw):
         where: Keys = ("textures", index)
-        if isinstance(one, str) and one not in known and one not in sets:
-            report(where, f"unknown texture '{one}'; {known_names(one, [*known, *sets])}")
+        if isinstance(entry, str) and entry not in known and entry not in sets:
+            report(where, f"unknown texture '{entry}'; {known_names(entry, [*known, *sets])}")
             continue
-        named = [{"preset": name} for name in sets.get(one, (one,))] if isinstance(one, str) else [one]
-        for given in named:
-            for texture in _varied(given, where, report):
+        named = (
+            [{"preset": name} for name in sets.get(entry, (entry,))] if isinstance(entry, str) else [entry]
+        )
+        for keys in named:
+            for texture in _varied(keys, where, report):
                 _report_all(checks.texture_faults(texture), where, report)
-                found.append((texture, where))
-    _no_twins([(texture.name, where) for texture, where in found], report)
-    return found
+                textures.append((texture, where))
+    _no_twins([(texture.name, where) for texture, where in textures], report)
+    return textures
 
 
-def _varied(given: Mapping[str, Any], where: Keys, report: Report) -> list[Texture]:
+def _varied(keys: Mapping[str, Any], where: Keys, report: Report) -> list[Texture]:
     """Return the texture of one mapping, or one per value of its axes; none after a fault."""
     known = presets.textures()
-    name = given.get("preset", given.get("name"))
-    if "preset" in given and name not in known:
+    name = keys.get("preset", keys.get("name"))
+    if "preset" in keys and name not in known:
         report((*where, "preset"), f"unknown texture {echo(name)}; {known_names(str(name), known)}")
         return []
-    own = {key: value for key, value in given.items() if key != "preset"}
+    written = {key: value for key, value in keys.items() if key != "preset"}
     if name not in known:
         required = [f.name for f in dataclasses.fields(Texture) if f.default is dataclasses.MISSING]
-        if missing := [key for key in required if key not in own]:
+        if missing := [key for key in required if key not in written]:
             called = f" '{name}'" if name is not None else ""
             text = f"{dotted(where)}{called} is not a shipped texture and must have {', '.join(missing)}"
             report(where, f"{text}; {known_names(str(name or ''), known)}")
-            read_given(Texture, own, where, report, read_or_axis)
+            read_given(Texture, written, where, report, read_or_axis)
             return []
-    values = {"name": name, **(known[name].values() if name in known else {}), **own}
+    values = {"name": name, **(known[name].values() if name in known else {}), **written}
     fields, good = read_fields(Texture, values, where, report, read_or_axis)
     return [Texture(**one) for one in _combinations(fields, where, report)] if good else []
 
@@ -205,11 +207,11 @@ def _varied(given: Mapping[str, Any], where: Keys, report: Report) -> list[Textu
 def _motions(raw: Iterable[Mapping[str, Any]], report: Report) -> list[tuple[Motion, Keys]]:
     """Return the motions, each with the place in the file that it comes from."""
     known = registry.known("scene.motions")
-    found: list[tuple[Motion, Keys]] = []
-    for index, given in enumerate(raw):
+    motions: list[tuple[Motion, Keys]] = []
+    for index, entry in enumerate(raw):
         where: Keys = ("motions", index)
-        kind = given.get("kind")
-        if "kind" not in given:
+        kind = entry.get("kind")
+        if "kind" not in entry:
             report(where, f"{dotted(where)}.kind is required; {known_names('', known)}")
             continue
         if not isinstance(kind, str) or kind not in known:
@@ -218,16 +220,16 @@ def _motions(raw: Iterable[Mapping[str, Any]], report: Report) -> list[tuple[Mot
                 f"unknown {dotted(where)}.kind {echo(kind)}; {known_names(str(kind), known)}",
             )
             continue
-        keys = {key: value for key, value in given.items() if key != "kind"}
+        keys = {key: value for key, value in entry.items() if key != "kind"}
         fields, good = read_fields(known[kind], keys, where, report, read_or_axis)
         for one in _combinations(fields, where, report) if good else ():
             try:
-                found.append((known[kind](**one), where))
+                motions.append((known[kind](**one), where))
             except ValueError as error:
                 # A component's own sentence begins with the key that it is about.
                 report((*where, str(error).split(" ", 1)[0]), f"{dotted(where)}.{error}")
-    _no_twins([(motion.label, where) for motion, where in found], report)
-    return found
+    _no_twins([(motion.label, where) for motion, where in motions], report)
+    return motions
 
 
 def _combinations(fields: Mapping[str, Any], where: Keys, report: Report) -> list[dict[str, Any]]:
@@ -237,11 +239,11 @@ def _combinations(fields: Mapping[str, Any], where: Keys, report: Report) -> lis
         if axis.values is None:
             text = f"{dotted((*where, key))} stands for one per value, so its range needs a step"
             report((*where, key, "range"), text)
-    found = []
+    combinations = []
     for values in itertools.product(*(axis.values or () for axis in axes.values())):
         name = "_".join([fields["name"], *map(_short, values)]) if fields["name"] else ""
-        found.append({**fields, **dict(zip(axes, values, strict=True)), "name": name})
-    return found
+        combinations.append({**fields, **dict(zip(axes, values, strict=True)), "name": name})
+    return combinations
 
 
 def _short(value: Any) -> str:

@@ -53,27 +53,27 @@ class Preset:
 def sensors() -> Mapping[str, Preset]:
     """Return the shipped sensors by name."""
     data = _data("sensors.yaml")
-    found = {}
-    for name, given in data["sensors"].items():
+    sensors = {}
+    for name, keys in data["sensors"].items():
         numbers, camera = (
-            {key: _number(number) for key, number in {**data["common"][part], **given[part]}.items()}
+            {key: _number(number) for key, number in {**data["common"][part], **keys[part]}.items()}
             for part in NUMBERS_OF_A_SENSOR
         )
-        found[name] = Preset(given["doc"], numbers, camera)
-    return found
+        sensors[name] = Preset(keys["doc"], numbers, camera)
+    return sensors
 
 
 @functools.cache
 def textures() -> Mapping[str, Preset]:
     """Return the shipped textures by name."""
     data = _data("textures.yaml")
-    found = {}
-    for name, given in data["textures"].items():
-        numbers = {key: _number({**data["common"], "value": value}) for key, value in given.items()}
+    textures = {}
+    for name, keys in data["textures"].items():
+        numbers = {key: _number({**data["common"], "value": value}) for key, value in keys.items()}
         sets = [each for each, names in data["sets"].items() if name in names]
         doc = f"of {' and '.join(sets)}" if sets else "set pin_radius_mm; 0 is a flat plate"
-        found[name] = Preset(f"{doc}; every number assumed", numbers, {})
-    return found
+        textures[name] = Preset(f"{doc}; every number assumed", numbers, {})
+    return textures
 
 
 @functools.cache
@@ -82,11 +82,11 @@ def texture_sets() -> Mapping[str, tuple[str, ...]]:
     return {name: tuple(names) for name, names in _data("textures.yaml")["sets"].items()}
 
 
-def _number(given: Mapping[str, Any]) -> Number:
-    value = tuple(given["value"]) if isinstance(given["value"], list) else given["value"]
-    if given["evidence"] not in get_args(Evidence):
-        raise ValueError(f"evidence must be one of {', '.join(get_args(Evidence))}, got {given['evidence']}")
-    return Number(value, given["evidence"], given["source"])
+def _number(keys: Mapping[str, Any]) -> Number:
+    value = tuple(keys["value"]) if isinstance(keys["value"], list) else keys["value"]
+    if keys["evidence"] not in get_args(Evidence):
+        raise ValueError(f"evidence must be one of {', '.join(get_args(Evidence))}, got {keys['evidence']}")
+    return Number(value, keys["evidence"], keys["source"])
 
 
 @functools.cache

@@ -56,12 +56,12 @@ def camera(
     """
     none = np.zeros(0, np.int64)
     noise = (none, none, none) if resets is None else (resets.t_us, resets.x, resets.y)
-    found = _watch(
+    sent = _watch(
         1e6 * np.asarray(t_s, np.float64), np.ascontiguousarray(px, np.float64), radius_px, edge_px,
         1 / camera.contrast, camera.refractory_us, start.astype(np.float64), thresholds.astype(np.float64),
         *(a.astype(np.int64) for a in noise),
     )  # fmt: skip
-    return in_order([Block(*found)])
+    return in_order([Block(*sent)])
 
 
 def frame(px: Array, radius_px: float, edge_px: float, contrast: float, size: tuple[int, int]) -> Array:

@@ -23,9 +23,9 @@ SPREAD = 0.03
 @functools.lru_cache(maxsize=8)
 def pins_mm(sensor: Sensor) -> Array:
     """Return the rest positions (pin, 2) float64 in mm around the axis of the dome; read-only."""
-    found = _pins_mm(sensor)
-    found.flags.writeable = False
-    return found
+    pins = _pins_mm(sensor)
+    pins.flags.writeable = False
+    return pins
 
 
 def _pins_mm(sensor: Sensor) -> Array:
@@ -34,11 +34,11 @@ def _pins_mm(sensor: Sensor) -> Array:
         line = (np.arange(sensor.n_across) - (sensor.n_across - 1) / 2) * pitch
         y, x = np.meshgrid(line, line, indexing="ij")
         return np.stack([x.ravel(), y.ravel()], axis=1)
-    found = [np.zeros((1, 2))]
+    rings = [np.zeros((1, 2))]
     for ring in range(1, sensor.n_across + 1):
         angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
-        found.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    return np.concatenate(found)
+        rings.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.concatenate(rings)
 
 
 def image_px(sensor: Sensor, at_mm: Array) -> Array:

@@ -180,7 +180,7 @@ def test_activity_is_that_of_leaky_neurons() -> None:
 
 
 def test_pruned_weights_reach_fewer_and_bursts_have_silence() -> None:
-    case = Case((60, 30, 5), (True, False), 100, 0.05, 0.1, kept=0.25, bursty=True)
+    case = Case((60, 30, 5), (True, False), 100, 0.05, 0.1, weights_left=0.25, bursty=True)
     means, _ = loads(case)
     assert means.stored == tuple(int(x.sum()) for x in case.connected)
     assert all(((w != 0) <= c).all() for w, c in zip(case.weights, case.connected, strict=True))

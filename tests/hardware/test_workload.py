@@ -254,8 +254,8 @@ def test_every_fault_of_a_file_at_once():
         "4: layers[2] must have cores, because other layers do",
         "5: layers[3] must be a mapping like the others, got 12",
         "7: mapping must be given in each layer (as cores) if layers are mappings",
-        "8: unknown key 'weight_bit'; known: n_steps, step_ms, weight_bits, delay_bits, pipeline_steps, layers, "
-        "spikes, mean_rate, updates, recurrent, mapping, stored. Did you mean 'weight_bits'?",
+        "8: unknown key 'weight_bit'; known: n_steps, step_ms, weight_bits, delay_bits, pipeline_steps, "
+        "layers, spikes, mean_rate, updates, recurrent, mapping, stored. Did you mean 'weight_bits'?",
     ]
 
 

@@ -169,6 +169,6 @@ def _hidden_weights(load: Workload) -> float:
         before = load.sizes[layer - 1] if layer > 1 else 0
         own = load.sizes[layer] if load.recurrent[layer - 1] else 0
         dense = load.dense[layer - 1]
-        kept = dense if load.stored is None else load.stored[layer - 1]
-        total += load.sizes[layer] * (before + own) * kept / dense
+        stored = dense if load.stored is None else load.stored[layer - 1]
+        total += load.sizes[layer] * (before + own) * stored / dense
     return total

@@ -138,11 +138,11 @@ class Mesh(Profile):
         if net.stored is not None and placement.misfits:
             dense = place(replace(net, stored=None), rules)
             if not dense.misfits:
-                told = (
+                note = (
                     "weights of 0 are stored and read like others, because lists of the remaining weights "
                     "do not fit"
                 )
-                placement, synapses = replace(dense, assumptions=(*dense.assumptions, told)), None
+                placement, synapses = replace(dense, assumptions=(*dense.assumptions, note)), None
         work = _work(net, placement.cores, synapses, rules)
         energy_pj = {
             event: figures[f"{event}_pj"][..., None] * per_count

@@ -146,24 +146,24 @@ class PerEvent(Profile):
         return _Mapping(tuple(reversed(cores)), tuple(reversed(copies)), axons_per_source)
 
     def _misfits(self, load: Workload, mapping: _Mapping) -> tuple[Misfit, ...]:
-        found = []
+        misfits = []
         most_bits = int(self.weight_bits.value)
         if load.weight_bits > most_bits:
             text = f"weights of {load.weight_bits} bits, {most_bits} at most"
-            found.append(Misfit("weight_bits", text, f"weights of {most_bits} bits"))
+            misfits.append(Misfit("weight_bits", text, f"weights of {most_bits} bits"))
         if load.delay_bits:
             text = f"{load.delay_bits} bits of delay per synapse; none are known to be supported"
-            found.append(Misfit("delays", text, "synapses without individual delays"))
+            misfits.append(Misfit("delays", text, "synapses without individual delays"))
         if load.step_ms * 1e3 < self.tick_us.value:
             least_ms = self.tick_us.value * 1e-3
             text = f"steps of {load.step_ms:g} ms, a step takes {least_ms:g} ms"
-            found.append(Misfit("tick_us", text, f"steps of {least_ms:g} ms"))
+            misfits.append(Misfit("tick_us", text, f"steps of {least_ms:g} ms"))
         if load.sizes[0] > self.inputs.value:
             most = int(self.inputs.value)
-            found.append(Misfit("inputs", f"{load.sizes[0]} inputs, {most} at most", f"{most} inputs"))
+            misfits.append(Misfit("inputs", f"{load.sizes[0]} inputs, {most} at most", f"{most} inputs"))
         if self.cores.value == 1:
-            return (*found, *self._misfits_of_one_core(load))
-        return (*found, *self._misfits_of_layers(load, mapping))
+            return (*misfits, *self._misfits_of_one_core(load))
+        return (*misfits, *self._misfits_of_layers(load, mapping))
 
     def _misfits_of_one_core(self, load: Workload) -> list[Misfit]:
         sources = sum(n for n, targets in zip(load.sizes, load.fan_out, strict=True) if targets)
@@ -172,15 +172,15 @@ class PerEvent(Profile):
             ("axons_per_core", sources, "inputs and neurons that send to neurons"),
             ("synapses_per_core", sum(self._stored(load)), "weights"),
         )
-        found = []
+        misfits = []
         for rule, needed, what in counts:
             most = int(getattr(self, rule).value)
             if needed > most:
-                found.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what} in all"))
-        return found
+                misfits.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what} in all"))
+        return misfits
 
     def _misfits_of_layers(self, load: Workload, mapping: _Mapping) -> list[Misfit]:
-        found = []
+        misfits = []
         most = int(self.axons_per_core.value)
         for layer, (n, own) in enumerate(zip(load.sizes[1:], load.recurrent, strict=True), start=1):
             sources = load.sizes[layer - 1] + (n if own else 0)
@@ -190,28 +190,28 @@ class PerEvent(Profile):
                 change = f"{most // mapping.axons_per_source} sources to layer {layer}"
                 if self.crossbar.value and sources <= most:
                     change += f", or weights of {most // sources} bits"
-                found.append(Misfit("axons_per_core", text, change))
+                misfits.append(Misfit("axons_per_core", text, change))
             weights = math.ceil(self._stored(load)[layer - 1] / n)
             if weights > self.synapses_per_core.value:
                 most_weights = int(self.synapses_per_core.value)
                 text = f"layer {layer}: {weights} weights of one neuron, {most_weights} per core"
-                found.append(Misfit("synapses_per_core", text, f"{most_weights} weights per neuron"))
+                misfits.append(Misfit("synapses_per_core", text, f"{most_weights} weights per neuron"))
         needed, limit = sum(mapping.cores), int(self.cores.value)
         if needed > limit:
             change = self._smaller(load) or f"{-(-needed // limit)} chips"
-            found.append(Misfit("cores", f"{needed} cores; the chip has {limit}", change))
-        return found
+            misfits.append(Misfit("cores", f"{needed} cores; the chip has {limit}", change))
+        return misfits
 
     def _smaller(self, load: Workload) -> str | None:
         """Return which hidden layer fits the cores by losing the fewest neurons; None: none can."""
-        kept = [few / all_of for few, all_of in zip(self._stored(load), load.dense, strict=True)]
+        shares = [few / all_of for few, all_of in zip(self._stored(load), load.dense, strict=True)]
         best: tuple[int, int, int] | None = None
         for layer in range(1, len(load.sizes) - 1):
 
             def fits(n: int, layer: int = layer) -> bool:
                 sizes = (*load.sizes[:layer], n, *load.sizes[layer + 1 :])
                 dense = replace(load, sizes=sizes, stored=None, synapses=None)
-                stored = tuple(math.ceil(k * n) for k, n in zip(kept, dense.dense, strict=True))
+                stored = tuple(math.ceil(k * n) for k, n in zip(shares, dense.dense, strict=True))
                 return sum(self._mapping(replace(dense, stored=stored)).cores) <= self.cores.value
 
             n = _largest(load.sizes[layer], fits)
@@ -220,20 +220,22 @@ class PerEvent(Profile):
         return None if best is None else f"{best[2]} neurons in layer {best[1]}"
 
     def _assumptions(self, load: Workload, mapping: _Mapping) -> tuple[str, ...]:
-        found = []
+        assumptions = []
         if self.all_in.value:
-            found.append(
+            assumptions.append(
                 "the energy per synaptic event includes all costs and holds near the activity at which it "
                 "was measured; at lower activity up to the static power of the chip comes on top"
             )
         elif self.static_mw.value == 0:
-            found.append("static power is unknown and omitted; its high end is the power of a whole chip")
+            assumptions.append(
+                "static power is unknown and omitted; its high end is the power of a whole chip"
+            )
         if self.crossbar.value:
-            found.append(
+            assumptions.append(
                 f"{mapping.axons_per_source} axons per source for the bits of a weight, and a copy of a "
                 f"neuron for every axon that it serves: {', '.join(map(str, mapping.copies))} per layer"
             )
-        return tuple(found)
+        return tuple(assumptions)
 
 
 @dataclass(frozen=True)
