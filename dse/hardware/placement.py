@@ -291,7 +291,7 @@ def _change(net: Architecture, rules: Rules, wrong: _Broken, broken: tuple[_Brok
 
 
 def _largest(axis: _Axis, mends: Callable[[Architecture], bool]) -> tuple[float, str] | None:
-    """Return how far an axis must change to mend, as a share of its value, and that in words; None: cannot."""
+    """Return how far an axis must change to mend, as a share of its value, and in words; None: cannot."""
     low, high = axis.least, axis.present
     if low >= high or not mends(axis.changed(low)):
         return None

@@ -13,7 +13,8 @@ from dse.report.designs import Found, found, record
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
 from dse.report.marks import Mark
-from dse.report.rows import FAMILIES, Row, published
+from dse.report.papers import papers
+from dse.report.rows import FAMILIES, Row
 from dse.study import pricing
 from dse.study.results import Study
 
@@ -50,10 +51,10 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     for module in _systems():
         for group in alike(parts):
             rows += module.rows(group)
-    order = {system: place for place, system in enumerate(published())}
-    told = {row.system for row in rows}
+    order = {system: place for place, system in enumerate(papers())}
+    shown = {row.system for row in rows}
     for module in _systems():
-        rows += [row for row in getattr(module, "printed", list)() if row.system in told]
+        rows += [row for row in getattr(module, "printed", list)() if row.system in shown]
     rows.sort(key=lambda row: order[row.system])  # stable: studies and tasks stay together
     notes = list(_HOW) if rows else []
     if any(part.of_movement for part in parts):
@@ -80,9 +81,9 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     for study in studies:
         notes += _failures(study)
         notes += _warnings(study)
-    silent = [name for name in published() if name not in told]
+    silent = [name for name in papers() if name not in shown]
     if silent:
-        missing = (f"{name} ({' or '.join(published()[name]['families'])})" for name in silent)
+        missing = (f"{name} ({' or '.join(papers()[name].families)})" for name in silent)
         notes.append(f"no designs for these systems: {', '.join(missing)}")
     return Report(rows, list(dict.fromkeys(notes)))
 

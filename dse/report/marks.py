@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dse.report.designs import Found
-from dse.report.rows import published
+from dse.report.papers import papers
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ def mark(system: str, part: Found, which: str, values: Mapping[str, float], more
         values: printed figures by column.
         more: what else must be known of it.
     """
-    paper = published()[system]
-    title = f"{paper['title']}{f', {which}' if which else ''}"
+    paper = papers()[system]
+    title = f"{paper.title}{f', {which}' if which else ''}"
     other = "for textures, not for movements" if part.of_movement and system != "E" else ""
-    told = "; ".join(filter(None, ["on recordings that are not public; not reproduced here", other, more]))
-    says = f"{title}: published ({paper['source']}), {told}"
-    return Mark(f"{system}, {which}" if which else system, part.task, values, paper["source"], says)
+    about = "; ".join(filter(None, ["on recordings that are not public; not reproduced here", other, more]))
+    says = f"{title}: published ({paper.source}), {about}"
+    return Mark(f"{system}, {which}" if which else system, part.task, values, paper.source, says)

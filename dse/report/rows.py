@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib import resources
 from typing import TYPE_CHECKING, Any
-
-import yaml
 
 from dse.measure.objectives.accuracy import wilson_se
 from dse.report.designs import Found, described
@@ -55,14 +50,6 @@ class Row:
     def columns(self) -> dict[str, Any]:
         """The row as columns."""
         return dict(vars(self))
-
-
-@cache
-def published() -> Mapping[str, Mapping[str, Any]]:
-    """Return what the papers print, by system."""
-    text = (resources.files("dse.report") / "published.yaml").read_text(encoding="utf-8")
-    content: Mapping[str, Mapping[str, Any]] = yaml.safe_load(text)
-    return content
 
 
 def measured(

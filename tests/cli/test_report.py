@@ -88,7 +88,7 @@ def test_what_is_no_study_is_one_line(results: Path, tmp_path: Path, capsys: Cap
         )
     (results / "nets" / "trials.parquet").unlink()
     assert main(["report", str(results / "nets")]) == 2
-    assert "is not the folder of a study with results: it has no trials.parquet" in capsys.readouterr().err
+    assert "is not the folder of a study with results: there is no trials.parquet" in capsys.readouterr().err
 
 
 def test_damage_is_one_line(results: Path, capsys: Captured) -> None:

@@ -12,7 +12,8 @@ import pytest
 from dse import store
 from dse.measure.objectives.accuracy import wilson_se
 from dse.report import FAMILIES, Report, Row, report
-from dse.report.rows import published
+from dse.report.papers import paper, papers
+from dse.report.systems.decision_maker import Lengths
 from tests.report.made import write
 
 
@@ -32,13 +33,13 @@ def test_every_printed_system_has_a_title_a_source_and_families() -> None:
     from dse import registry
 
     references = (Path(__file__).resolve().parents[2] / "REFERENCES.md").read_text(encoding="utf-8")
-    assert list(published()) == list("ABCDEFG")
-    for name, system in published().items():
-        assert f"**{system['source']}**" in references, name
-        assert set(system["families"]) <= set(registry.known("models")), name
-    table = [
-        published()["A"][name] for name in ("length_ms", "accuracy", "t_p_ms", "t_h_ms", "phi_p", "theta_h")
-    ]
+    assert list(papers()) == list("ABCDEFG")
+    for name, system in papers().items():
+        assert f"**{system.source}**" in references, name
+        assert set(system.families) <= set(registry.known("models")), name
+    lengths = paper("A", Lengths)
+    settings = map(lengths.settings, ("t_p_ms", "t_h_ms", "phi_p", "theta_h"))
+    table = [lengths.length_ms, lengths.accuracy, *settings]
     assert {len(column) for column in table} == {11}
 
 

@@ -11,7 +11,8 @@ import yaml
 
 from dse.config import shipped_spaces
 from dse.report import gather_marks, report
-from dse.report.rows import Row, published
+from dse.report.papers import papers
+from dse.report.rows import Row
 from dse.study.results import Study
 from tests import tiny_study
 from tests.report.made import write
@@ -67,7 +68,7 @@ def printed(row: Row) -> set[float]:
 def test_marks_are_what_the_report_prints(tmp_path: Path, space: str, systems: str) -> None:
     study = study_of(tmp_path / space, space)
     marks = gather_marks(study)
-    rows = [row for row in report([study]).rows if row.system in published()]
+    rows = [row for row in report([study]).rows if row.system in papers()]
     assert "".join(dict.fromkeys(mark["name"][0] for mark in marks)) == systems
     assert {(mark["name"][0], mark["task"]) for mark in marks} == {(r.system, r.task) for r in rows if r.task}
     for mark in marks:
@@ -75,7 +76,7 @@ def test_marks_are_what_the_report_prints(tmp_path: Path, space: str, systems: s
         for column, value in mark["values"].items():
             figures = [row for row in beside if FIGURES[column] in row.figure]
             assert value in set().union(*map(printed, figures)), (mark["name"], column)
-        assert mark["source"] == published()[mark["name"][0]]["source"]
+        assert mark["source"] == papers()[mark["name"][0]].source
         assert (
             f"published ({mark['source']}), on recordings that are not public; not reproduced" in mark["says"]
         )

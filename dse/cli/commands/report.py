@@ -41,16 +41,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the rows of every study that is named or lies in a named folder."""
     from dse.report import report
-    from dse.report.rows import published
+    from dse.report.papers import papers
 
-    known = published()
+    known = papers()
     wanted = _wanted(arguments.system, list(known))
     chips = _chips(arguments.hardware)
     studies = {one.folder.resolve(): one for text in arguments.results for one in _studies(Path(text))}
     found = report(list(studies.values()), chips)
     rows = [row for row in found.rows if wanted is None or row.system in wanted]
     used = {row.system for row in rows}
-    titles = [f"{name}: {known[name]['title']} ({known[name]['source']})" for name in known if name in used]
+    titles = [f"{name}: {known[name].title} ({known[name].source})" for name in known if name in used]
     splits = dict.fromkeys((row.study, row.task, row.split) for row in rows if row.split)
     told = [f"{study}, {task}: {split}" for study, task, split in splits]
     code = 0 if rows else _NOTHING

@@ -6,21 +6,54 @@ Shown for textures and objects; networks for movements and joint ones are under 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dse.measure.objectives.accuracy import seeds_se
+from dse.registry import param
 from dse.report.designs import Found, best
 from dse.report.marks import Mark, mark
-from dse.report.rows import Row, measured, number, published
+from dse.report.papers import Paper, paper
+from dse.report.rows import Row, measured, number
 from dse.store import StoreError
 
 if TYPE_CHECKING:
     import pandas
 
 _TIMES = {"t_p_ms": ("phi_p", "theta_p"), "t_h_ms": ("phi_h", "theta_h")}
+
+
+@dataclass(frozen=True)
+class Lengths(Paper):
+    """Networks trained on samples of several lengths; an entry per length."""
+
+    length_ms: tuple[int, ...] = param(doc="length of the samples", unit="ms")
+    accuracy: tuple[float, ...] = param(doc="peak accuracy")
+    t_p_ms: tuple[int, ...] = param(doc="time of the peak accuracy", unit="ms")
+    theta_p: tuple[float, ...] = param(doc="confidence of the peak accuracy")
+    phi_p: tuple[int, ...] = param(doc="spike offset of the peak accuracy")
+    t_h_ms: tuple[int, ...] = param(doc="time to the human baseline", unit="ms")
+    theta_h: tuple[float, ...] = param(doc="confidence at the human baseline")
+    phi_h: tuple[int, ...] = param(doc="spike offset at the human baseline")
+    human: float = param(doc="accuracy of people")
+    hidden: int = param(doc="hidden neurons")
+    power_w: Mapping[str, tuple[float, ...]] = param(doc="idle, beyond idle, in all, by platform", unit="W")
+    n_cores: int = param(doc="cores in use")
+    n_cores_of: int = param(doc="cores of the chip")
+
+    def settings(self, name: str) -> tuple[float, ...]:
+        """Return a time or one of its settings (`_TIMES`), per length."""
+        columns: dict[str, tuple[float, ...]] = {
+            "t_p_ms": self.t_p_ms, "phi_p": self.phi_p, "theta_p": self.theta_p,
+            "t_h_ms": self.t_h_ms, "phi_h": self.phi_h, "theta_h": self.theta_h,
+        }  # fmt: skip
+        return columns[name]
+
+
+def _paper() -> Lengths:
+    return paper("A", Lengths)
 
 
 def rows(parts: Sequence[Found]) -> list[Row]:
@@ -40,23 +73,23 @@ def rows(parts: Sequence[Found]) -> list[Row]:
 
 def marks(parts: Sequence[Found]) -> Iterator[Mark]:
     """Yield the published networks of the lengths that stand beside ours, at their peak accuracy."""
-    paper = published()["A"]
+    printed = _paper()
     for part, designs in _shown(parts):
         for chosen, _, at in _by_length(designs):
-            values = {"accuracy": paper["accuracy"][at]}
+            values = {"accuracy": printed.accuracy[at]}
             if "t_p_ms" in chosen.index:  # the mean time of a decision at these settings is t_p
-                values |= {"decision_latency_ms": paper["t_p_ms"][at], "phi": paper["phi_p"][at]}
-                values |= {"theta": paper["theta_p"][at], "t_p_ms": paper["t_p_ms"][at]}
-                values |= {"t_h_ms": paper["t_h_ms"][at]}
+                values |= {"decision_latency_ms": printed.t_p_ms[at], "phi": printed.phi_p[at]}
+                values |= {"theta": printed.theta_p[at], "t_p_ms": printed.t_p_ms[at]}
+                values |= {"t_h_ms": printed.t_h_ms[at]}
             if number(chosen.get("n_cores")) is not None:
-                values["n_cores"] = paper["n_cores"]
-            yield mark("A", part, f"samples of {paper['length_ms'][at]} ms", values)
+                values["n_cores"] = printed.n_cores
+            yield mark("A", part, f"samples of {printed.length_ms[at]} ms", values)
 
 
 def _shown(parts: Sequence[Found]) -> Iterator[tuple[Found, pandas.DataFrame]]:
     """Yield the tasks that this system stands beside, and their designs; D and E show the others."""
     for part in parts:
-        designs = part.of(published()["A"]["families"])
+        designs = part.of(_paper().families)
         if not (designs.empty or part.of_movement or part.joint):
             yield part, designs
 
@@ -66,39 +99,42 @@ def _by_length(designs: pandas.DataFrame) -> Iterator[tuple[pandas.Series[Any], 
 
     It stands beside the printed length that is as much of the longest.
     """
-    lengths, printed_ms = designs["decision_latency_ms"], np.array(published()["A"]["length_ms"])
+    lengths, printed_ms = designs["decision_latency_ms"], np.array(_paper().length_ms)
     several = lengths.nunique() > 1
     for length in sorted(lengths.unique()):
         chosen = best(designs[lengths == length])
         if chosen is not None:
-            wanted_ms = length / lengths.max() * printed_ms[-1] if several else length
-            yield chosen, length, int(np.abs(printed_ms - wanted_ms).argmin())
+            beside_ms = length / lengths.max() * printed_ms[-1] if several else length
+            yield chosen, length, int(np.abs(printed_ms - beside_ms).argmin())
 
 
 def printed() -> Iterator[Row]:
     """Return the power of the paper's platforms."""
-    for platform, watts in published()["A"]["power_w"].items():
+    for platform, watts in _paper().power_w.items():
         told = "; ".join(f"{power:g}" for power in watts)
         yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=told)
 
 
 def _of_length(part: Found, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
     """Yield the figures of one trained length beside those at a place among the printed ones."""
-    paper = published()["A"]
-    where = f"{length:g} ms (printed: {paper['length_ms'][at]} ms)"
-    yield measured(part, "A", f"accuracy, {where}", paper["accuracy"][at], chosen)
+    printed = _paper()
+    where = f"{length:g} ms (printed: {printed.length_ms[at]} ms)"
+    yield measured(part, "A", f"accuracy, {where}", printed.accuracy[at], chosen)
     last = _last(part, chosen)
     if "accuracy_best" in last:
-        peak = measured(part, "A", f"peak over phi and theta, {length:g} ms", paper["accuracy"][at], chosen)
+        peak = measured(part, "A", f"peak over phi and theta, {length:g} ms", printed.accuracy[at], chosen)
         yield replace(peak, ours=last["accuracy_best"], se=None, test=None)
     for time, settings in _TIMES.items():
-        row = measured(part, "A", f"{time}, {where}", paper[time][at], chosen, time)
+        row = measured(part, "A", f"{time}, {where}", printed.settings(time)[at], chosen, time)
         if row.ours is None and time not in chosen.index:
             continue  # no decision grid
         yield row
         for name in settings:
             yield replace(
-                row, figure=f"{name}, {length:g} ms", published=paper[name][at], ours=last.get(name)
+                row,
+                figure=f"{name}, {length:g} ms",
+                published=printed.settings(name)[at],
+                ours=last.get(name),
             )
 
 
@@ -135,9 +171,9 @@ def _early(part: Found, row: pandas.Series[Any], lengths: Sequence[float]) -> It
 
 
 def _hardware(part: Found, row: pandas.Series[Any]) -> Iterator[Row]:
-    paper = published()["A"]
+    printed = _paper()
     if number(row.get("n_cores")) is not None:
-        figure = f"n_cores, {row['hardware']} (printed: of {paper['n_cores_of']})"
-        yield measured(part, "A", figure, paper["n_cores"], row, "n_cores")
+        figure = f"n_cores, {row['hardware']} (printed: of {printed.n_cores_of})"
+        yield measured(part, "A", figure, printed.n_cores, row, "n_cores")
     if "energy_uj" in row.index:
         yield measured(part, "A", f"energy_uj per inference, {row['hardware']}", None, row, "energy_uj")

@@ -6,21 +6,33 @@ As printed, windows of one run that overlap are in training and in test.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dse.registry import param
 from dse.report.designs import Found
 from dse.report.leaks import Chosen, chosen, mark_of_leak, rows_of_leak
 from dse.report.marks import Mark
-from dse.report.rows import Row, measured, published
+from dse.report.papers import Paper, paper
+from dse.report.rows import Row, measured
+
+
+@dataclass(frozen=True)
+class Receptors(Paper):
+    """A time-delayed ELM on receptors."""
+
+    accuracy: float = param(doc="accuracy")
+    inputs: int = param(doc="inputs: sensors, receptors and windows")
+    hidden: int = param(doc="hidden nodes")
+    recognition_ms: int = param(doc="time of the highest accuracy", unit="ms")
 
 
 def rows(parts: Sequence[Found]) -> list[Row]:
     """Return both accuracies, the leak, information transfer, size and time to recognition."""
-    paper = published()["G"]
+    printed = paper("G", Receptors)
     leaky, honest = _both(parts)
-    found = rows_of_leak("G", paper["accuracy"], leaky, honest)
+    found = rows_of_leak("G", printed.accuracy, leaky, honest)
     if honest is None:
         return found
     part, row = honest
@@ -34,19 +46,19 @@ def rows(parts: Sequence[Found]) -> list[Row]:
     return [
         *found,
         replace(
-            base, figure="time of the highest accuracy, ms", published=paper["recognition_ms"], ours=earliest
+            base, figure="time of the highest accuracy, ms", published=printed.recognition_ms, ours=earliest
         ),
-        replace(base, figure="hidden nodes", published=paper["hidden"], ours=hidden),
+        replace(base, figure="hidden nodes", published=printed.hidden, ours=hidden),
     ]
 
 
 def marks(parts: Sequence[Found]) -> Iterator[Mark]:
     """Yield the published accuracy, of windows of one run on both sides of the split."""
-    yield from mark_of_leak("G", published()["G"]["accuracy"], *_both(parts))
+    yield from mark_of_leak("G", paper("G", Receptors).accuracy, *_both(parts))
 
 
 def _both(parts: Sequence[Found]) -> tuple[Chosen | None, Chosen | None]:
     """Return the best design as printed, and the best honest one."""
-    families = published()["G"]["families"]
+    families = paper("G", Receptors).families
     leaky = chosen(parts, families, transductive=True, encoders=False)
     return leaky, chosen(parts, families, transductive=False)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dse.measure.correlation import spearman
+from dse.registry import param
 from dse.report.designs import Found, best
 from dse.report.marks import Mark, mark
-from dse.report.rows import Row, measured, number, published
+from dse.report.papers import Paper, paper
+from dse.report.rows import Row, measured, number
 from dse.skyline.front import front_ends
 
 if TYPE_CHECKING:
@@ -19,11 +21,39 @@ if TYPE_CHECKING:
 
 _FIGURES = {"accuracy": "accuracy", "spikes": "spikes_total", "n_weights": "n_weights"}
 # What the figures of the published table are called here.
-_TOLD = {
+_TITLES = {
     "accuracy": "accuracy",
     "spikes": "spikes_total (printed S)",
     "n_weights": "n_weights",
 }
+
+
+@dataclass(frozen=True)
+class End:
+    """An end of the published front; spikes S as printed."""
+
+    accuracy: float = param(doc="accuracy")
+    spikes: float = param(doc="S as printed, which fits a sum over the test set")
+    n_weights: float = param(doc="W_t")
+
+
+@dataclass(frozen=True)
+class Front(Paper):
+    """The published front.
+
+    ends, spearman: by name of the end, and by figure the rank correlation with accuracy.
+    peak: settings of the most accurate network.
+    groups: accuracy by kind of profile.
+    """
+
+    ends: Mapping[str, End] = param(doc="ends of the front")
+    spearman: Mapping[str, float] = param(doc="rank correlation with accuracy, by figure")
+    peak: Mapping[str, Any] = param(doc="settings of the most accurate network")
+    groups: Mapping[str, float] = field(default_factory=dict)
+
+
+def _front(system: str) -> Front:
+    return paper(system, Front)
 
 
 def rows(parts: Sequence[Found]) -> list[Row]:
@@ -31,7 +61,7 @@ def rows(parts: Sequence[Found]) -> list[Row]:
     found: list[Row] = []
     for part in parts:
         system = "E" if part.of_movement else "D"
-        for family in published()[system]["families"]:
+        for family in _front(system).families:
             designs = part.of([family])
             if not designs.empty:
                 found += _of_family(part, system, designs, _kind(part, family))
@@ -42,12 +72,12 @@ def marks(parts: Sequence[Found]) -> Iterator[Mark]:
     """Yield the ends of the published front; spikes as printed, which fit a sum over the test set."""
     for part in parts:
         system = "E" if part.of_movement else "D"
-        paper = published()[system]
-        if best(part.of(paper["families"])) is None:
+        front = _front(system)
+        if best(part.of(front.families)) is None:
             continue
-        for end, printed in paper["ends"].items():
-            values = {column: printed[figure] for figure, column in _FIGURES.items()}
-            of_peak = " and ".join(f"{name} {x}" for name, x in paper["peak"].items())
+        for end, printed in front.ends.items():
+            values = {column: getattr(printed, figure) for figure, column in _FIGURES.items()}
+            of_peak = " and ".join(f"{name} {x}" for name, x in front.peak.items())
             spikes = "spikes fit a sum over the test set"
             more = f"{of_peak}; {spikes}" if end == "best accuracy" else spikes
             yield mark(system, part, end, values, more)
@@ -59,7 +89,7 @@ def _kind(part: Found, family: str) -> str:
 
 
 def _of_family(part: Found, system: str, designs: pandas.DataFrame, kind: str) -> Iterator[Row]:
-    paper = published()[system]
+    front = _front(system)
     peak = best(designs)
     if peak is None:
         return
@@ -67,30 +97,30 @@ def _of_family(part: Found, system: str, designs: pandas.DataFrame, kind: str) -
     for index, end in zip(ends.index, ends["end"], strict=True):
         chosen = peak if end == "best accuracy" else designs.loc[index]
         for figure, column in _FIGURES.items():
-            printed = paper["ends"][end][figure]
-            yield measured(part, system, f"{kind}{end}: {_TOLD[figure]}", printed, chosen, column)
+            printed = getattr(front.ends[end], figure)
+            yield measured(part, system, f"{kind}{end}: {_TITLES[figure]}", printed, chosen, column)
         figure = f"{kind}{end}: spikes_per_inference (Eq. 3)"
         yield measured(part, system, figure, None, chosen, "spikes_per_inference")
     yield from _peak(part, system, peak, kind)
-    for figure, printed in paper["spearman"].items():
+    for figure, printed in front.spearman.items():
         pair = designs[["accuracy", _FIGURES[figure]]].astype(float)
         rho = spearman(pair["accuracy"].to_numpy(), pair[_FIGURES[figure]].to_numpy())
         text = f"{kind}Spearman of accuracy and {figure}, {len(pair)} designs"
         yield Row(system, text, part.task, printed, number(rho), split=part.split, study=part.name)
     if system == "E":
-        yield from _groups(part, peak, paper["groups"], kind)
+        yield from _groups(part, peak, front.groups, kind)
 
 
 def _peak(part: Found, system: str, peak: pandas.Series[Any], kind: str) -> Iterator[Row]:
     """Yield the printed settings of the most accurate network beside ours."""
     model = part.model(int(peak["trial"]))
-    for name, printed in published()[system]["peak"].items():
+    for name, printed in _front(system).peak.items():
         if hasattr(model, name):
             base = measured(part, system, f"{kind}best accuracy: {name}", printed, peak)
             yield replace(base, ours=number(np.sum(getattr(model, name))), se=None, test=None)
 
 
-def _groups(part: Found, peak: pandas.Series[Any], printed: dict[str, float], kind: str) -> Iterator[Row]:
+def _groups(part: Found, peak: pandas.Series[Any], printed: Mapping[str, float], kind: str) -> Iterator[Row]:
     """Yield the best network's accuracy on each kind of profile, where classes are named after them."""
     classes = part.classes(int(peak["trial"]))
     runs = part.arrays(int(peak["trial"]), "confusion")

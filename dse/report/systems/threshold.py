@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+from dse.registry import param
 from dse.report.designs import Found
 from dse.report.leaks import Chosen, chosen, mark_of_leak, rows_of_leak
 from dse.report.marks import Mark
-from dse.report.rows import Row, measured, published
+from dse.report.papers import Paper, paper
+from dse.report.rows import Row, measured
+
+
+@dataclass(frozen=True)
+class Encoding(Paper):
+    """Threshold encoding: its accuracy, and the range of its first output spikes."""
+
+    accuracy: float = param(doc="accuracy")
+    first_spike_ms: tuple[int, int] = param(doc="first output spike, fastest and slowest texture", unit="ms")
 
 
 def rows(parts: Sequence[Found]) -> list[Row]:
     """Return both accuracies, the leak, and the times of the first output spike."""
-    paper = published()["F"]
+    printed = paper("F", Encoding)
     leaky, honest = _both(parts)
-    found = rows_of_leak("F", paper["accuracy"], leaky, honest)
-    low, high = paper["first_spike_ms"]
+    found = rows_of_leak("F", printed.accuracy, leaky, honest)
+    low, high = printed.first_spike_ms
     for name, one in (("as printed (transductive)", leaky), ("honest", honest)):
         if one is not None:
             text = f"{low} to {high}" if one is leaky or leaky is None else None
@@ -26,14 +37,13 @@ def rows(parts: Sequence[Found]) -> list[Row]:
 
 def marks(parts: Sequence[Found]) -> Iterator[Mark]:
     """Yield the published accuracy, of an encoding that reads the label."""
-    low, high = published()["F"]["first_spike_ms"]
-    yield from mark_of_leak(
-        "F", published()["F"]["accuracy"], *_both(parts), f"first spikes {low} to {high} ms"
-    )
+    printed = paper("F", Encoding)
+    low, high = printed.first_spike_ms
+    yield from mark_of_leak("F", printed.accuracy, *_both(parts), f"first spikes {low} to {high} ms")
 
 
 def _both(parts: Sequence[Found]) -> tuple[Chosen | None, Chosen | None]:
     """Return the best design as printed, and the best honest one."""
-    families = published()["F"]["families"]
+    families = paper("F", Encoding).families
     leaky = chosen(parts, families, transductive=True)
     return leaky, chosen(parts, families, transductive=False)
