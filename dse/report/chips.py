@@ -13,7 +13,7 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.records import Array
 from dse.report.designs import Found, best, full_read_outs
 from dse.report.rows import number
-from dse.skyline.pareto import non_dominated
+from dse.skyline.front import front_mask
 from dse.study import pricing
 
 if TYPE_CHECKING:
@@ -86,11 +86,12 @@ class Chip:
 
     def front(self) -> set[int]:
         """Return the trials that no other one that fits beats in both accuracy and median energy."""
-        own = np.flatnonzero(self.fits)
-        if not own.size:
-            return set()
-        costs = np.stack([-self.accuracies, self.medians_uj()], axis=1)[own]
-        return set(self.designs["trial"].to_numpy()[own[non_dominated(costs)]].tolist())
+        import pandas
+
+        goals = {"accuracy": "max", FLAT_OUT: "min"}
+        table = pandas.DataFrame({"accuracy": self.accuracies, FLAT_OUT: self.medians_uj()})
+        on_front = front_mask(table, goals.items(), among=self.fits)
+        return set(self.designs["trial"].to_numpy()[on_front].tolist())
 
     def ranked(self, least: float, column: str = FLAT_OUT) -> list[int]:
         """Return the designs that fit and reach an accuracy, that of least median energy first.
@@ -99,15 +100,15 @@ class Chip:
         then to the earlier trial: medians of dependent energies that hardly differ are in no certain order.
         """
         medians = self.medians_uj(column)
-        own = np.flatnonzero(self.fits & (self.accuracies >= least) & np.isfinite(medians))
+        candidates = np.flatnonzero(self.fits & (self.accuracies >= least) & np.isfinite(medians))
         keys = (
-            self.designs["trial"].to_numpy()[own],
-            -self.accuracies[own],
-            self.designs["n_weights"].to_numpy(np.float64)[own],
-            np.array([float(f"{median:.3g}") for median in medians[own]]),
+            self.designs["trial"].to_numpy()[candidates],
+            -self.accuracies[candidates],
+            self.designs["n_weights"].to_numpy(np.float64)[candidates],
+            np.array([float(f"{median:.3g}") for median in medians[candidates]]),
         )
-        found: list[int] = own[np.lexsort(keys)].tolist()
-        return found
+        designs: list[int] = candidates[np.lexsort(keys)].tolist()
+        return designs
 
 
 class Choice(NamedTuple):
@@ -128,8 +129,8 @@ class Choice(NamedTuple):
 
     def drawn_uj(self, column: str = FLAT_OUT) -> Array:
         """Return its energy in every draw, (draw,)."""
-        found: Array = self.chip.energies_uj[column][:, self.design]
-        return found
+        energies: Array = self.chip.energies_uj[column][:, self.design]
+        return energies
 
     def median_uj(self, column: str = FLAT_OUT) -> float:
         """Return its median energy."""
@@ -148,15 +149,15 @@ def chips(part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()) -
         return []
     rows = full_read_outs(points[points["task"] == part.task])
     rows = rows[~rows["transductive"] & np.isfinite(rows["accuracy"].astype(float))]
-    found = []
-    for name, own in rows.groupby("hardware", sort=False):
-        designs = own.sort_values("trial").reset_index(drop=True)
+    of_chips = []
+    for name, rows_there in rows.groupby("hardware", sort=False):
+        designs = rows_there.sort_values("trial").reset_index(drop=True)
         energies = pricing.drawn(part.study.folder, designs, (FLAT_OUT, AT_PERIOD), hardware=hardware)
         # What counts operations alone has no limits.
         held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
         runs = np.isfinite(energies[FLAT_OUT]).all(axis=0)
-        found.append(Chip(str(name), designs, energies, np.asarray(held & runs)))
-    return found
+        of_chips.append(Chip(str(name), designs, energies, np.asarray(held & runs)))
+    return of_chips
 
 
 def reached(part: Found, chip: Chip) -> Level | None:
@@ -179,9 +180,9 @@ def common_level(levels: Sequence[Level]) -> Level:
     return min(levels, key=lambda level: (level.accuracy, level.least))
 
 
-def cheapest(several: Sequence[Chip], least: float, column: str = FLAT_OUT) -> list[Choice]:
+def cheapest(chips: Sequence[Chip], least: float, column: str = FLAT_OUT) -> list[Choice]:
     """Return the cheapest design that fits and reaches an accuracy on every chip that has one."""
-    ranks = [(chip, chip.ranked(least, column)) for chip in several]
+    ranks = [(chip, chip.ranked(least, column)) for chip in chips]
     return [Choice(chip, designs[0]) for chip, designs in ranks if designs]
 
 

@@ -62,11 +62,11 @@ def compared(parts: Sequence[Found]) -> tuple[list[Row], list[str]]:
         by_split.setdefault(part.split, []).append(part)
     rows: list[Row] = []
     notes: list[str] = []
-    for own in by_split.values():
-        found = _against(own)
-        if found is not None:
-            rows += found[0]
-            notes.append(f"{own[0].about}: {found[1]}")
+    for alike in by_split.values():
+        comparison = _against(alike)
+        if comparison is not None:
+            rows += comparison[0]
+            notes.append(f"{alike[0].about}: {comparison[1]}")
     if not rows and _against(parts) is not None:
         text = "spiking and other designs use different splits and cannot be compared"
         notes.append(f"{parts[0].about}: {text}")
@@ -82,9 +82,9 @@ def _against(parts: Sequence[Found]) -> tuple[list[Row], str] | None:
     rows = [_row(*top, f"best accuracy, {side.name}") for side, top in zip(sides, tops, strict=True)]
     for column, limit in _BUDGETS:
         for side in sides:
-            found = side.best(column, limit) if side.is_spiking or column == "n_weights" else None
-            if found is not None:
-                rows.append(_row(*found, f"best accuracy, {side.name}, {_SHORT[column]} <= {limit}"))
+            design = side.best(column, limit) if side.is_spiking or column == "n_weights" else None
+            if design is not None:
+                rows.append(_row(*design, f"best accuracy, {side.name}, {_SHORT[column]} <= {limit}"))
     accuracies = [float(row["accuracy"]) for _, row in tops]
     names = [f"{row['family']} " for _, row in tops]
     error = math.hypot(*(row.se or 0.0 for row in rows[:2]))
@@ -93,11 +93,11 @@ def _against(parts: Sequence[Found]) -> tuple[list[Row], str] | None:
     for column in _COSTS if len(profiles) < 2 else _COSTS[:-1]:  # energies of two chips do not compare
         costs = []
         for side, accuracy in zip(sides, accuracies, strict=True):
-            found = side.least(column, accuracy - WITHIN)
-            if found is not None and (side.is_spiking or column != _SPIKES):
+            design = side.least(column, accuracy - WITHIN)
+            if design is not None and (side.is_spiking or column != _SPIKES):
                 figure = f"least {_SHORT[column]}, {side.name}, within {WITHIN:g}"
-                rows.append(_row(*found, figure, column))
-                costs.append(float(found[1][column]))
+                rows.append(_row(*design, figure, column))
+                costs.append(float(design[1][column]))
         if len(costs) == len(sides):
             on = f" on {', '.join(profiles)}" if column == "energy_uj" else ""
             verdicts.append(_verdict(f"least {_SHORT[column]}{on}", costs, lower=True))
@@ -133,12 +133,12 @@ def _verdict(
 
     A difference of no more than its standard error is a draw.
     """
-    told = [
+    sides = [
         f"{name}{value:.0f}" if value >= 1000 else f"{name}{value:.4g}"
         for name, value in zip(names, values, strict=True)
     ]
     if abs(values[0] - values[1]) <= error:
-        return f"{what}: a draw ({told[0]} against {told[1]})"
+        return f"{what}: a draw ({sides[0]} against {sides[1]})"
     spiking_wins = (values[0] < values[1]) == lower
-    winner, loser = told if spiking_wins else told[::-1]
+    winner, loser = sides if spiking_wins else sides[::-1]
     return f"{what}: {'spiking' if spiking_wins else 'not spiking'} wins ({winner} against {loser})"

@@ -126,9 +126,9 @@ def _of_hardware(
     rows: list[Row] = []
     notes: list[str] = []
     for part in parts:
-        found, told = on_chips(part, points, hardware)
-        rows += found
-        notes += told
+        of_chips, sentences = on_chips(part, points, hardware)
+        rows += of_chips
+        notes += sentences
     return rows, notes
 
 
@@ -136,8 +136,8 @@ def _leaks(part: Found) -> list[str]:
     """Return why designs are transductive, one sentence per reason."""
     leaky = part.table.loc[part.table["transductive"], "trial"]
     why = [str(record(part.study.folder, int(trial)).get("transductive", "")) for trial in leaky]
-    told = "transductive designs appear only in rows marked as such"
-    return [f"{part.name}, {part.task}: {why.count(text)} {told}: {text}" for text in dict.fromkeys(why)]
+    where = "transductive designs appear only in rows marked as such"
+    return [f"{part.name}, {part.task}: {why.count(text)} {where}: {text}" for text in dict.fromkeys(why)]
 
 
 def _warnings(study: Study) -> list[str]:

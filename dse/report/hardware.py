@@ -66,24 +66,24 @@ def on_chips(
         points: its design points on one chip or several; fewer than two leave nothing to say.
         hardware: names or files of the profiles that points are priced on; none: those of the study.
     """
-    every = chips(part, points, hardware)
-    if len(every) < 2:
+    of_chips = chips(part, points, hardware)
+    if len(of_chips) < 2:
         return [], []
-    levels = {chip.name: level for chip in every if (level := reached(part, chip)) is not None}
-    ranks = {chip.name: chip.ranked(levels[chip.name].least) for chip in every if chip.name in levels}
+    levels = {chip.name: level for chip in of_chips if (level := reached(part, chip)) is not None}
+    ranks = {chip.name: chip.ranked(levels[chip.name].least) for chip in of_chips if chip.name in levels}
     rows: list[Row] = []
     notes = list(HOW)
-    for chip in every:
+    for chip in of_chips:
         if chip.name in levels:
-            found, note = _winner(part, chip, levels[chip.name], ranks)
-            rows += found
+            of_chip, note = _winner(part, chip, levels[chip.name], ranks)
+            rows += of_chip
             notes.append(note)
         else:
             notes.append(f"{part.name}, {part.task}: {chip.name}: no design fits")
-    held = [chip for chip in every if chip.name in levels]
-    found, told = _at_equal_accuracy(part, held, list(levels.values()))
-    more, note = _fronts(part, every)
-    return [*rows, *found, *more], [*notes, *told, note]
+    reaching = [chip for chip in of_chips if chip.name in levels]
+    of_chip, sentences = _at_equal_accuracy(part, reaching, list(levels.values()))
+    more, note = _fronts(part, of_chips)
+    return [*rows, *of_chip, *more], [*notes, *sentences, note]
 
 
 def _winner(
@@ -98,19 +98,19 @@ def _winner(
         ranks: of every chip that some design fits, the designs as accurate as its best, cheapest first.
     """
     first, *others = ranks[chip.name]
-    own = Choice(chip, first)
-    rows = _figures(part, own, "winner")
-    told = [_told_winner(part, own)]
+    winner = Choice(chip, first)
+    rows = _figures(part, winner, "winner")
+    sentences = [_winner_sentence(part, winner)]
     if not others:
-        told.append("no other design that fits is as accurate")
+        sentences.append("no other design that fits is as accurate")
     for design, titles in _rivals(chip, ranks).items():
         if design == first:
-            told.append(f"it wins on {', '.join(titles)} too")
+            sentences.append(f"it wins on {', '.join(titles)} too")
             continue
         rival = Choice(chip, design)
-        rows += _over_winner(part, own, rival, titles)
-        told.append(f"the {', '.join(titles)} ({_name(rival)}) {_verdict(part, level, own, rival)}")
-    return rows, "; ".join(told)
+        rows += _over_winner(part, winner, rival, titles)
+        sentences.append(f"the {', '.join(titles)} ({_name(rival)}) {_verdict(part, level, winner, rival)}")
+    return rows, "; ".join(sentences)
 
 
 def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[str]]:
@@ -133,28 +133,30 @@ def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[st
     return titles
 
 
-def _over_winner(part: Found, own: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
+def _over_winner(part: Found, winner: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
     """Return how many times the winner's energy a rival takes; nothing where it does not fit."""
     if not rival.fits:
         return []
-    found = ratio(own.drawn_uj(), rival.drawn_uj())
+    over_winner = ratio(winner.drawn_uj(), rival.drawn_uj())
     figures = [f"{title}: energy_uj over the winner's" for title in titles]
-    return [_ratio_row(part, rival, figure, found, own.chip.has_values) for figure in figures]
+    return [_ratio_row(part, rival, figure, over_winner, winner.chip.has_values) for figure in figures]
 
 
-def _verdict(part: Found, level: Level, own: Choice, rival: Choice) -> str:
+def _verdict(part: Found, level: Level, winner: Choice, rival: Choice) -> str:
     """Return what a rival is to a chip's winner there, in words."""
     if not np.isfinite(rival.drawn_uj()).all():
         return "cannot run on this chip"
     if not rival.fits:
         return "does not fit"
-    found, has_value = ratio(own.drawn_uj(), rival.drawn_uj()), own.chip.has_values
+    over_winner, has_value = ratio(winner.drawn_uj(), rival.drawn_uj()), winner.chip.has_values
     if rival.row["accuracy"] >= level.least:
-        return f"takes {_compared(found, has_value)}"
-    less = float(own.row["accuracy"] - rival.row["accuracy"])
-    error = math.hypot(accuracy_error(part, own.row), accuracy_error(part, rival.row))
+        return f"takes {_compared(over_winner, has_value)}"
+    less = float(winner.row["accuracy"] - rival.row["accuracy"])
+    error = math.hypot(accuracy_error(part, winner.row), accuracy_error(part, rival.row))
     how = "beyond" if less > error else "within"
-    return f"is less accurate by {less:.3g} ± {error:.2g}, {how} the error, at {_times(found, has_value)}"
+    return (
+        f"is less accurate by {less:.3g} ± {error:.2g}, {how} the error, at {_times(over_winner, has_value)}"
+    )
 
 
 def _at_equal_accuracy(
@@ -179,7 +181,7 @@ def _at_equal_accuracy(
         rows += [row for one in choices for row in _figures(part, one, "equal accuracy", column)]
         rows += [_between(part, one, other, column) for one, other in combinations(choices, 2)]
         choices.sort(key=lambda one: one.median_uj(column))
-        notes.append(f"{about}, {how}: {'; '.join(_told_order(choices, column))}")
+        notes.append(f"{about}, {how}: {'; '.join(_order_sentences(choices, column))}")
         orders.append([one.chip.name for one in choices])
     if orders[0] != orders[1]:
         notes[1] += f"; flat out the order is {', '.join(orders[0])}"
@@ -189,31 +191,31 @@ def _at_equal_accuracy(
 def _between(part: Found, one: Choice, other: Choice, column: str) -> Row:
     """Return how many times the energy on one chip is that on another."""
     figure = f"equal accuracy: {column} over that on {other.chip.name}"
-    found = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
-    return _ratio_row(part, one, figure, found, one.chip.has_values and other.chip.has_values)
+    factor = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
+    return _ratio_row(part, one, figure, factor, one.chip.has_values and other.chip.has_values)
 
 
-def _told_order(choices: Sequence[Choice], column: str) -> list[str]:
+def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
     """Return the energies on some chips, cheapest first, and each over the one before it and the first."""
-    told = [f"{one.chip.name} {_energy(one, column)}, {_name(one)}" for one in choices]
+    sentences = [f"{one.chip.name} {_energy(one, column)}, {_name(one)}" for one in choices]
     for before, one in enumerate(choices[1:]):
         for other in (choices[place] for place in dict.fromkeys((before, 0))):
-            found = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
-            times = _compared(found, one.chip.has_values and other.chip.has_values)
-            told.append(f"{one.chip.name} over {other.chip.name}: {times}")
-    return told
+            factor = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
+            times = _compared(factor, one.chip.has_values and other.chip.has_values)
+            sentences.append(f"{one.chip.name} over {other.chip.name}: {times}")
+    return sentences
 
 
-def _fronts(part: Found, every: Sequence[Chip]) -> tuple[list[Row], str]:
+def _fronts(part: Found, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
     """Return how many designs are on each chip's front, how many on two, and how alike energies rank."""
-    fronts = [chip.front() for chip in every]
+    fronts = [chip.front() for chip in of_chips]
     base = Row(HARDWARE, "", part.task, split=part.split, study=part.name)
     rows = []
-    told = [f"{chip.name} {len(front)}" for chip, front in zip(every, fronts, strict=True)]
-    for chip, front in zip(every, fronts, strict=True):
+    sentences = [f"{chip.name} {len(front)}" for chip, front in zip(of_chips, fronts, strict=True)]
+    for chip, front in zip(of_chips, fronts, strict=True):
         figure = "designs on the front"
         rows.append(replace(base, figure=figure, ours=float(len(front)), hardware=chip.name))
-    for (a, b), (x, y) in zip(combinations(every, 2), combinations(fronts, 2), strict=True):
+    for (a, b), (x, y) in zip(combinations(of_chips, 2), combinations(fronts, 2), strict=True):
         medians = a.medians_uj(), b.medians_uj()
         both = np.isfinite(medians).all(axis=0)
         shared = f"designs on the front of {b.name} too"
@@ -221,21 +223,21 @@ def _fronts(part: Found, every: Sequence[Chip]) -> tuple[list[Row], str]:
         rows.append(replace(base, figure=shared, ours=float(len(x & y)), hardware=a.name))
         rows.append(replace(base, figure=ranks, ours=number(spearman(*medians)), hardware=a.name))
         differ = "are the same" if x == y else f"share {len(x & y)}"
-        told.append(f"{a.name} and {b.name} {differ}")
+        sentences.append(f"{a.name} and {b.name} {differ}")
     return (
         rows,
-        f"{part.name}, {part.task}: designs on the fronts of accuracy and energy_uj: {', '.join(told)}",
+        f"{part.name}, {part.task}: designs on the fronts of accuracy and energy_uj: {', '.join(sentences)}",
     )
 
 
-def _figures(part: Found, one: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
+def _figures(part: Found, choice: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
     """Return the energy of a design on a chip with its interval; flat out, what else it is beside."""
-    row = one.row
+    row = choice.row
     names = ("accuracy", "n_weights", FLAT_OUT, "latency_ms") if column == FLAT_OUT else (column,)
     return [
         replace(
             measured(part, HARDWARE, f"{title}: {name}", None, row, name),
-            hardware=one.chip.name,
+            hardware=choice.chip.name,
             low=number(row.get(f"{name}_low")),
             high=number(row.get(f"{name}_high")),
         )
@@ -244,42 +246,44 @@ def _figures(part: Found, one: Choice, title: str, column: str = FLAT_OUT) -> li
     ]
 
 
-def _ratio_row(part: Found, one: Choice, figure: str, found: Ratio, has_value: bool) -> Row:
-    row = measured(part, HARDWARE, figure, None, one.row, FLAT_OUT)
-    ours = number(found.median) if has_value else None
-    return replace(row, hardware=one.chip.name, ours=ours, low=number(found.low), high=number(found.high))
+def _ratio_row(part: Found, choice: Choice, figure: str, factor: Ratio, has_value: bool) -> Row:
+    row = measured(part, HARDWARE, figure, None, choice.row, FLAT_OUT)
+    ours = number(factor.median) if has_value else None
+    return replace(
+        row, hardware=choice.chip.name, ours=ours, low=number(factor.low), high=number(factor.high)
+    )
 
 
-def _told_winner(part: Found, one: Choice) -> str:
-    axes = described(one.row)
-    design = f"{_name(one)}: {axes}" if axes else _name(one)
-    accuracy = f"accuracy {one.row['accuracy']:.3g} ± {accuracy_error(part, one.row):.2g}"
-    return f"{part.name}, {part.task}: {one.chip.name}: {design} wins, {accuracy}, {_energy(one)}"
+def _winner_sentence(part: Found, choice: Choice) -> str:
+    axes = described(choice.row)
+    design = f"{_name(choice)}: {axes}" if axes else _name(choice)
+    accuracy = f"accuracy {choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"
+    return f"{part.name}, {part.task}: {choice.chip.name}: {design} wins, {accuracy}, {_energy(choice)}"
 
 
-def _energy(one: Choice, column: str = FLAT_OUT) -> str:
+def _energy(choice: Choice, column: str = FLAT_OUT) -> str:
     """Return an energy as its median and quantiles: `10 uJ (8 to 12)`; `8 to 12 uJ` where it has no value."""
-    values = np.quantile(one.drawn_uj(column), QUANTILES, method="inverted_cdf")
+    values = np.quantile(choice.drawn_uj(column), QUANTILES, method="inverted_cdf")
     median, low, high = (_short(value) for value in values)
-    return f"{median} uJ ({low} to {high})" if one.chip.has_values else f"{low} to {high} uJ"
+    return f"{median} uJ ({low} to {high})" if choice.chip.has_values else f"{low} to {high} uJ"
 
 
-def _times(found: Ratio, has_value: bool) -> str:
+def _times(factor: Ratio, has_value: bool) -> str:
     """Return `2 times the energy (1 to 3)`; `1 to 3 times the energy` where it has no value."""
-    median, low, high = (_short(value) for value in found[:3])
+    median, low, high = (_short(value) for value in factor[:3])
     return (
         f"{median} times the energy ({low} to {high})" if has_value else f"{low} to {high} times the energy"
     )
 
 
-def _compared(found: Ratio, has_value: bool) -> str:
+def _compared(factor: Ratio, has_value: bool) -> str:
     """Return how many times an energy, and whether that is beyond the uncertainty."""
-    how = "beyond" if found.is_beyond else "within"
-    return f"{_times(found, has_value)}, more in {found.share:.0%} of draws, {how} the uncertainty"
+    how = "beyond" if factor.is_beyond else "within"
+    return f"{_times(factor, has_value)}, more in {factor.share:.0%} of draws, {how} the uncertainty"
 
 
-def _name(one: Choice) -> str:
-    return f"{one.row['family']}, trial {one.row['trial']}"
+def _name(choice: Choice) -> str:
+    return f"{choice.row['family']}, trial {choice.row['trial']}"
 
 
 def _short(value: float) -> str:

@@ -63,7 +63,7 @@ def measured(
     """Return the row of one figure of one design; `ours` is missing where there is no such design."""
     if row is None:
         return Row(system, figure, part.task, printed, split=part.split, study=part.name)
-    found = Row(
+    of_design = Row(
         system,
         figure,
         part.task,
@@ -77,8 +77,8 @@ def measured(
         study=part.name,
     )
     if column != "accuracy":
-        return found
-    return replace(found, se=standard_error(part, row), test=number(row.get("accuracy_test")))
+        return of_design
+    return replace(of_design, se=standard_error(part, row), test=number(row.get("accuracy_test")))
 
 
 def standard_error(part: Found, row: pandas.Series[Any]) -> float | None:

@@ -44,25 +44,25 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.report.papers import papers
 
     known = papers()
-    wanted = _wanted(arguments.system, list(known))
+    systems = _systems(arguments.system, list(known))
     chips = _chips(arguments.hardware)
-    studies = {one.folder.resolve(): one for text in arguments.results for one in _studies(Path(text))}
-    found = report(list(studies.values()), chips)
-    rows = [row for row in found.rows if wanted is None or row.system in wanted]
+    studies = {study.folder.resolve(): study for text in arguments.results for study in _studies(Path(text))}
+    gathered = report(list(studies.values()), chips)
+    rows = [row for row in gathered.rows if systems is None or row.system in systems]
     used = {row.system for row in rows}
     titles = [f"{name}: {known[name].title} ({known[name].source})" for name in known if name in used]
     splits = dict.fromkeys((row.study, row.task, row.split) for row in rows if row.split)
-    told = [f"{study}, {task}: {split}" for study, task, split in splits]
+    splits_of_rows = [f"{study}, {task}: {split}" for study, task, split in splits]
     code = 0 if rows else _NOTHING
     columns = [row.columns for row in rows]
-    said = {name: {row[name] for row in columns} - {None, ""} for name in _SHOWN}
+    values = {name: {row[name] for row in columns} - {None, ""} for name in _SHOWN}
     # On a terminal, what no row says takes no room, nor does the name of the only study.
-    shown = [name for name in _SHOWN if len(said[name]) > (name == "study")]
-    return Answer(columns, [*titles, *told, *found.notes], shown, "", code, True)
+    shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
+    return Answer(columns, [*titles, *splits_of_rows, *gathered.notes], shown, "", code, True)
 
 
-def _wanted(text: str | None, known: list[str]) -> set[str] | None:
-    """Return the systems that are asked for; None: all, and our families against each other.
+def _systems(text: str | None, known: list[str]) -> set[str] | None:
+    """Return the systems of --system; None: all, and our families against each other.
 
     Raises:
         ExpressionError: one is unknown, or none is named.
@@ -71,11 +71,11 @@ def _wanted(text: str | None, known: list[str]) -> set[str] | None:
 
     if text is None:
         return None
-    wanted = dict.fromkeys(text.upper().replace(",", "").replace(" ", ""))
-    unknown = [name for name in wanted if name not in known]
-    if unknown or not wanted:
+    letters = dict.fromkeys(text.upper().replace(",", "").replace(" ", ""))
+    unknown = [name for name in letters if name not in known]
+    if unknown or not letters:
         raise ExpressionError(f"--system must be letters among {', '.join(known)}, e.g. DE, got '{text}'")
-    return set(wanted)
+    return set(letters)
 
 
 def _chips(names: list[str] | None) -> list[str]:
