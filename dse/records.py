@@ -467,7 +467,7 @@ class Operations:
     Arrays are (...) design points. Such a classifier computes once, when its input is complete.
 
     macs, additions: multiply-accumulates, and additions without multiplication.
-    updates: state updates, of a spiking classifier.
+    updates: neuron updates of a spiking classifier, each as much as one of a neuron with two states.
     n_weights: numbers that it stores.
     duration_ms: length of the input that it saw.
     number_bits: bits per stored number and per operand; what was measured here, not what might do as well.

@@ -152,6 +152,8 @@ class Profile(ABC):
         Raises:
             NotApplicable: the chip cannot run such a classifier.
         """
+        if load.is_spiking:
+            raise NotApplicable(f"{self.name} has no figures for neurons of this kind")
         raise NotApplicable(f"{self.name} runs only networks of spiking layers")
 
     def pipeline_steps(self, load: Workload) -> int:

@@ -27,6 +27,7 @@ from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, mea
 from dse.measure.objectives.accuracy import accuracy
 from dse.measure.on_chips import columns_on
 from dse.neurons import neuron_of
+from dse.neurons.cuba_lif import CubaLif
 from dse.records import (
     Answers,
     Array,
@@ -450,7 +451,8 @@ def _load(
         if all(neuron.on_chips for neuron in neurons):
             return workload
         additions = workload.synaptic_operations
-        updates = updates * np.array([neuron.state_updates for neuron in neurons])
+        # Hardware counts updates of neurons with as many states as CUBA-LIF.
+        updates = updates * np.array([n.state_updates / CubaLif.state_updates for n in neurons])
         bits = weight_bits if network.arithmetic == "integer" else 32
     else:
         assert response.synapses is not None  # the family counts what no stack says

@@ -318,7 +318,7 @@ def test_every_number_says_what_it_is(profile):
         (lambda d: d["clock_mhz"].update(high=130), "clock_mhz must be one integer"),
         (lambda d: d["flash_kib"].update(low=0, value=0, high=0), "flash_kib must be one integer >= 1"),
         (lambda d: d["wake_us"].update(low=50), "wake_us must be 0 <= low <= value <= high"),
-        (lambda d: d.pop("sleep_uw"), "sleep_uw is missing"),
+        (lambda d: d.pop("sleep_uw"), "sleep_uw is required"),
     ],
 )
 def test_a_wrong_number_is_named(tmp_path, change, message):

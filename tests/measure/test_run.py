@@ -12,7 +12,18 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.objectives.information import itr_bits
 from dse.measure.on_chips import columns_on
 from dse.measure.run import measure, read_out
-from dse.records import Answers, Dataset, Head, Layer, Network, Outcome, Parameters, Response, Spikes
+from dse.records import (
+    Answers,
+    Dataset,
+    Head,
+    Layer,
+    Network,
+    Operations,
+    Outcome,
+    Parameters,
+    Response,
+    Spikes,
+)
 from tests.layers import cuba_parameters
 from tests.saved_data import in_a_row
 
@@ -85,6 +96,25 @@ def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
     assert found.confusion_test is not None
     assert found.confusion_test.tolist() == [[1, 0], [0, 0]]
     assert found.points == {} and found.hardware == {}
+
+
+def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome: Outcome, dataset: Dataset) -> None:
+    network = outcome.network
+    assert isinstance(network, Network)
+    layers = tuple(replace(layer, neuron="lif") for layer in network.layers)
+    other = replace(outcome, network=replace(network, layers=layers))
+    m4 = load("mcu_m4")
+    found = measure(other, dataset, np.array([]), np.array([]), [LOIHI, OPERATIONS, m4])
+    assert found.hardware["loihi1_silicon"] == {}
+    assert found.columns["n_weights"] == 25
+    as_cuba = measure(outcome, dataset, np.array([]), np.array([]), [OPERATIONS])
+    # The same additions; what updates cost is no part of that convention.
+    assert found.hardware["op_4.6_0.9"]["energy_uj"] == as_cuba.hardware["op_4.6_0.9"]["energy_uj"]
+    assert isinstance(found.read_outs_load, Operations)
+    assert found.read_outs_load.additions[-1] == 8 * 5 + 4 * 2
+    # A neuron with one state is updated at half the cost of one with two: 8 updates count as 4.
+    assert found.read_outs_load.updates[-1] == 4
+    assert found.hardware["mcu_m4"]["energy_uj"] > 0
 
 
 def test_points_count_the_work_up_to_the_decision(outcome: Outcome, dataset: Dataset) -> None:
