@@ -152,9 +152,8 @@ class Profile(ABC):
         Raises:
             NotApplicable: the chip cannot run such a classifier.
         """
-        if load.is_spiking:
-            raise NotApplicable(f"{self.name} has no figures for neurons of this kind")
-        raise NotApplicable(f"{self.name} runs only networks of spiking layers")
+        neurons = ", of neurons that it has figures for" if load.is_spiking else ""
+        raise NotApplicable(f"{self.name} runs only networks of spiking layers{neurons}")
 
     def pipeline_steps(self, load: Workload) -> int:
         """Return the steps that the last step's answer still takes through the layers; 0 on most chips."""

@@ -148,8 +148,8 @@ def test_a_terminal_shows_every_number(capsys: Captured) -> None:
         ("value: 4.6", "value: -4.6", ":6: mac_pj must be 0 <= low <= value <= high, got [0.23, -4.6, 4.6]"),
         ("low: 0.23", "low: 23", ":6: mac_pj must be 0 <= low <= value <= high, got [23, 4.6, 4.6]"),
         ("unit: pJ", "unit: pt", ":6: mac_pj.unit must be 'pJ', got 'pt'"),
-        ("unit: pJ, ", "", ":6: mac_pj.unit is missing"),
-        ("addition_pj", "additions_pj", ":7: unknown number 'additions_pj'; known: "),
+        ("unit: pJ, ", "", ":6: mac_pj.unit is required"),
+        ("addition_pj", "additions_pj", ":7: unknown key 'additions_pj'; known: "),
         ("kind: operations", "kind: operation", ":4: unknown kind of hardware 'operation'; known: "),
         (
             "name: mine",

@@ -235,7 +235,7 @@ def test_every_number_says_what_it_is():
     [
         (lambda d: d["dram_pj"].update(unit="nJ"), "dram_pj.unit must be 'pJ', got 'nJ'"),
         (lambda d: d["fetched_per_used"].update(low=3), "fetched_per_used must be 0 <= low <= value"),
-        (lambda d: d.pop("update_pj"), "update_pj is missing"),
+        (lambda d: d.pop("update_pj"), "update_pj is required"),
     ],
 )
 def test_a_wrong_number_is_named(tmp_path, change, message):

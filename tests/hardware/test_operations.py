@@ -98,11 +98,11 @@ def test_it_is_a_profile_of_its_kind():
     [
         (lambda d: d["mac_pj"].update(unit="nJ"), "mac_pj.unit must be 'pJ', got 'nJ'"),
         (lambda d: d["mac_pj"].update(low=5), "mac_pj must be 0 <= low <= value <= high"),
-        (lambda d: d.pop("addition_pj"), "addition_pj is missing"),
-        (lambda d: d.pop("mac_pj"), "mac_pj is missing"),
+        (lambda d: d.pop("addition_pj"), "addition_pj is required"),
+        (lambda d: d.pop("mac_pj"), "mac_pj is required"),
         (
             lambda d: d.update(static_mw=d["mac_pj"]),
-            "unknown number 'static_mw'; known: .*mac_pj, addition_pj",
+            "unknown key 'static_mw'; known: .*mac_pj, addition_pj",
         ),
     ],
 )
