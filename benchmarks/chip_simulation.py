@@ -23,7 +23,7 @@ import numpy as np
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.profile import Profile
 from dse.native.compiled import compiled
-from dse.records import Array, Workload
+from dse.records import Array, Floats, Ints, Workload
 
 BUFFER = 16
 """Messages that a link or a core's input holds; SANA-FE's, for Loihi."""
@@ -46,11 +46,11 @@ class Layout:
 
     n_inputs: int
     n_cores: int
-    core: Array
-    tile: Array
-    row: Array
-    destination: Array
-    targets: Array
+    core: Ints
+    tile: Ints
+    row: Ints
+    destination: Ints
+    targets: Ints
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Run:
 
     counts: Mapping[str, int]
     energy_pj: float
-    step_ns: Array
+    step_ns: Floats
 
 
 def layout(

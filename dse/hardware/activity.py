@@ -14,12 +14,14 @@ r_(l-1) mean rate of the layer before, n_l inputs of a neuron; steps count from 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dse.records import Floats
 
 
 def expected_updates(
     sizes: tuple[int, ...], rates: ArrayLike, n_steps: int, fan_in: tuple[float, ...] | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the expected neuron updates of each layer after the input in an inference, (..., layer - 1).
 
     Args:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dse.records import Floats
 
 _MS_PER_HOUR = 3.6e6
 _ROUNDING = 1e-12
@@ -11,7 +13,7 @@ _ROUNDING = 1e-12
 
 def mean_power_mw(
     contacts_per_hour: ArrayLike, energy_uj: ArrayLike, contact_ms: ArrayLike, idle_mw: ArrayLike
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the mean power in mW of one inference per contact, with idling in between.
 
         P = r E + (1 - r t) P_idle          r contacts per time
@@ -47,7 +49,7 @@ def mean_power_mw(
     return np.asarray(rate * energy * 1e-3 / 3600 + np.maximum(1 - busy, 0.0) * idle)
 
 
-def battery_h(battery_mwh: ArrayLike, power_mw: ArrayLike) -> NDArray[np.float64]:
+def battery_h(battery_mwh: ArrayLike, power_mw: ArrayLike) -> Floats:
     """Return how many hours a battery lasts at a mean power; infinite where nothing is drawn.
 
     Raises:

@@ -27,12 +27,9 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dse.hardware.plan import Misfit, Placement
-from dse.records import Workload
-
-_Whole = NDArray[np.int64]
+from dse.records import Ints, Workload
 
 _PRACTICE_BITS = 8  # per weight, in the logs that `practice` counts weights of
 
@@ -375,7 +372,8 @@ def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple
     tiles = [_tiles(a, b, rules.cores_per_tile) for a, b in pairwise(first)]
     of_layers = []
     for layer, size in enumerate(net.sizes):
-        sending, n_sent = np.zeros(1, np.int64), np.full(1, size)
+        sending: Ints = np.zeros(1, np.int64)
+        n_sent: Ints = np.full(1, size)
         if layer:
             sending, start, end = tiles[layer - 1]
             n_sent = _neurons(size, cores[layer - 1], start, end)
@@ -389,25 +387,25 @@ def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple
     return tuple(of_layers)
 
 
-def neurons_per_core(n: int, n_cores: int) -> NDArray[np.int64]:
+def neurons_per_core(n: int, n_cores: int) -> Ints:
     """Return how many of n neurons each core holds: as even as can be, larger shares first."""
     return n // n_cores + (np.arange(n_cores) < n % n_cores).astype(np.int64)
 
 
-def _tiles(first: int, end: int, cores_per_tile: int) -> tuple[_Whole, _Whole, _Whole]:
+def _tiles(first: int, end: int, cores_per_tile: int) -> tuple[Ints, Ints, Ints]:
     """Return the tiles of cores first..end - 1, and which of these lie on each: from, to, counted from 0."""
     tile = np.arange(first // cores_per_tile, (end - 1) // cores_per_tile + 1)
     start = np.maximum(tile * cores_per_tile, first) - first
     return tile, start, np.minimum((tile + 1) * cores_per_tile, end) - first
 
 
-def _neurons(size: int, n_cores: int, start: _Whole, end: _Whole) -> _Whole:
+def _neurons(size: int, n_cores: int, start: Ints, end: Ints) -> Ints:
     """Return how many neurons cores start..end - 1 of a layer hold (`neurons_per_core`)."""
     share, more = divmod(size, n_cores)
     return share * (end - start) + np.minimum(end, more) - np.minimum(start, more)
 
 
-def _distance(sending: _Whole, n_sent: _Whole, receiving: _Whole, n_received: _Whole) -> float:
+def _distance(sending: Ints, n_sent: Ints, receiving: Ints, n_received: Ints) -> float:
     """Return the sum over senders and receivers (position, how many) of their distances."""
     n_positions = 1 + int(max(sending.max(), receiving.max()))
     left = np.cumsum(np.bincount(sending, n_sent, n_positions))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dse.measure.objectives.accuracy import wilson_se
-from dse.records import Array
+from dse.records import Bools, Floats
 from dse.report.designs import Found, best, full_read_outs
 from dse.report.rows import number
 from dse.skyline.front import front_mask
@@ -67,15 +66,15 @@ class Chip:
 
     name: str
     designs: pandas.DataFrame
-    energies_uj: Mapping[str, Array]
-    fits: NDArray[np.bool_]
+    energies_uj: Mapping[str, Floats]
+    fits: Bools
 
     @property
-    def accuracies(self) -> Array:
+    def accuracies(self) -> Floats:
         """Accuracy of each design, (design,)."""
         return np.asarray(self.designs["accuracy"], dtype=np.float64)
 
-    def medians_uj(self, column: str = FLAT_OUT) -> Array:
+    def medians_uj(self, column: str = FLAT_OUT) -> Floats:
         """Return the median energy of each design, (design,)."""
         return np.asarray(np.median(self.energies_uj[column], axis=0))
 
@@ -127,9 +126,9 @@ class Choice(NamedTuple):
         """Whether the chip can run and hold it."""
         return bool(self.chip.fits[self.design])
 
-    def drawn_uj(self, column: str = FLAT_OUT) -> Array:
+    def drawn_uj(self, column: str = FLAT_OUT) -> Floats:
         """Return its energy in every draw, (draw,)."""
-        energies: Array = self.chip.energies_uj[column][:, self.design]
+        energies: Floats = self.chip.energies_uj[column][:, self.design]
         return energies
 
     def median_uj(self, column: str = FLAT_OUT) -> float:
@@ -186,7 +185,7 @@ def cheapest(chips: Sequence[Chip], least: float, column: str = FLAT_OUT) -> lis
     return [Choice(chip, designs[0]) for chip, designs in ranks if designs]
 
 
-def ratio(energies_uj: Array, other: Array) -> Ratio:
+def ratio(energies_uj: Floats, other: Floats) -> Ratio:
     """Return how many times one energy another is, in each draw of both, broadcast together, uJ.
 
     Two energies of 0 are equal.
@@ -197,7 +196,7 @@ def ratio(energies_uj: Array, other: Array) -> Ratio:
     return Ratio(float(median), float(low), float(high), float(np.mean(ratios > 1)))
 
 
-def ratio_apart(energies_uj: Array, other: Array) -> Ratio:
+def ratio_apart(energies_uj: Floats, other: Floats) -> Ratio:
     """Return how many times one energy another is, (draw,) each, where figures are drawn independently.
 
     Every draw of one chip meets every draw of the other.

@@ -38,7 +38,6 @@ def papers() -> dict[str, Paper]:
     return {system: _read(Paper, system, tuple(_document().data[system])) for system in _document().data}
 
 
-@cache
 def paper(system: str, cls: type[P]) -> P:
     """Return a published system with its figures.
 

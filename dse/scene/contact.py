@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Array
+from dse.records import Floats
 from dse.scene.scene import Sensor
 
 
@@ -26,12 +26,12 @@ class Contact:
     """
 
     radius_mm: float
-    pressure: Array
-    shear: Array
+    pressure: Floats
+    shear: Floats
     saturated: bool
 
 
-def contact(sensor: Sensor, pins_mm: Array, force_n: float, tip_mpa: float, texture_mpa: float) -> Contact:
+def contact(sensor: Sensor, pins_mm: Floats, force_n: float, tip_mpa: float, texture_mpa: float) -> Contact:
     """Return the contact of a dome pressed by a force onto a flat texture (Hertz).
 
     Args:

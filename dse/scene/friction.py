@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Array
+from dse.records import Floats
 
 RELAXATION_S = 0.002
 LEAVES_AT = 0.15
@@ -39,9 +39,9 @@ class Friction(NamedTuple):
 
 
 def travel(
-    friction: Friction, v_mm_s: Array, force_n: Array, step_s: float, line: Array, line_step_mm: float,
-    normals: Array,
-) -> tuple[Array, Array]:  # fmt: skip
+    friction: Friction, v_mm_s: Floats, force_n: Floats, step_s: float, line: Floats, line_step_mm: float,
+    normals: Floats,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Return deflection s and slip distance X in mm at the n + 1 ends of n steps, both (n + 1,) from 0.
 
     Args:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Array, Block
+from dse.records import Block, Floats
 from dse.scene import background, simulate
 from dse.scene.scene import Camera, Scene
 
@@ -38,9 +38,15 @@ def events(scene: Scene, k: int, step_ms: float = STEP_MS) -> Block:
 
 
 def camera(
-    t_s: Array, px: Array, radius_px: float, edge_px: float, start: Array, thresholds: Array, camera: Camera,
+    t_s: Floats,
+    px: Floats,
+    radius_px: float,
+    edge_px: float,
+    start: Floats,
+    thresholds: Floats,
+    camera: Camera,
     resets: Block | None = None,
-) -> Block:  # fmt: skip
+) -> Block:
     """Return what the camera sends while pins move, without background; sorted by time, row and column.
 
     Args:
@@ -64,7 +70,7 @@ def camera(
     return in_order([Block(*sent)])
 
 
-def frame(px: Array, radius_px: float, edge_px: float, contrast: float, size: tuple[int, int]) -> Array:
+def frame(px: Floats, radius_px: float, edge_px: float, contrast: float, size: tuple[int, int]) -> Floats:
     """Return the light (height, width) of one frame, white is 1; `size` is (width, height), px (pin, 2)."""
     light = np.empty(size[::-1])
     _draw(np.ascontiguousarray(px, np.float64), radius_px, edge_px, 1 / contrast, light)

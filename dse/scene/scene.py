@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from dse.records import Array
+from dse.records import Floats
 from dse.registry import param
 
 
@@ -109,7 +109,7 @@ class Motion(Protocol):
     def duration_s(self) -> float:
         """Time after which the tip stands still; t counts from motion onset."""
 
-    def speed(self, t_s: Array) -> Array:
+    def speed(self, t_s: Floats) -> Floats:
         """Return the speed in mm/s at times (n,) within [0, duration_s]; callers set it to 0 outside."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dse.native.compiled import compiled
 from dse.preprocessing import Pooling
 from dse.preprocessing.kernels import add, flush
-from dse.records import Array, Ints
+from dse.records import Ints
 
 EVENTS, DROPPED, OVERFLOW, LOST, LOOKS = range(5)
 """Places in `tally`: events sent, dropped in refractory time, not stored; looks at pins outside; looks."""
@@ -68,10 +68,10 @@ class Written(NamedTuple):
 class EventColumns(NamedTuple):
     """A Block as a kernel takes it."""
 
-    t_us: Array
-    x: Array
-    y: Array
-    polarity: Array
+    t_us: Ints
+    x: Ints
+    y: Ints
+    polarity: Ints
 
 
 def list_sink(capacity: int) -> Sink:

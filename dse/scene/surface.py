@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Array
+from dse.records import Floats
 from dse.scene.scene import Sensor, Texture
 
 N = 512
@@ -43,10 +43,10 @@ class Surface:
     line_step_mm: distance of its points.
     """
 
-    slope: Array
+    slope: Floats
     steepest: float
     step_mm: float
-    line: Array
+    line: Floats
     line_step_mm: float
 
 
@@ -62,7 +62,7 @@ def surface(texture: Texture, sensor: Sensor, rng: np.random.Generator) -> Surfa
     return Surface(slope, steepest, step_mm, friction_line(rng), line_step_mm)
 
 
-def rough(texture: Texture, rng: np.random.Generator) -> Array:
+def rough(texture: Texture, rng: np.random.Generator) -> Floats:
     """Return heights (N, N) in mm of a random surface with its weave, scaled to its rms height."""
     fx, fy = _frequencies(STEP_MM)
     f = np.hypot(fx, texture.grain * fy)
@@ -77,7 +77,7 @@ def rough(texture: Texture, rng: np.random.Generator) -> Array:
     return np.asarray(_unit(h) * texture.rms_um * 1e-3)
 
 
-def printed(radius_mm: float) -> tuple[Array, float]:
+def printed(radius_mm: float) -> tuple[Floats, float]:
     """Return heights (N, N) in mm of cylinders with gaps as wide as their radius, and the grid's step in mm.
 
     The patch holds a whole number of pitches 3 R, so that it repeats without a seam. R = 0 is flat.
@@ -91,7 +91,7 @@ def printed(radius_mm: float) -> tuple[Array, float]:
     return PRINTED_HEIGHT_MM / (1 + np.exp((r - radius_mm) / (_PRINTED_EDGE_MM / 4))), step_mm
 
 
-def slope_of(h: Array, step_mm: float, depth_mm: float, average_mm: float) -> Array:
+def slope_of(h: Floats, step_mm: float, depth_mm: float, average_mm: float) -> Floats:
     """Return grad(h * K), (N, N, 2) float32: [..., 0] along x, [..., 1] along y."""
     fx, fy = _frequencies(step_mm)
     f = np.hypot(fx, fy)
@@ -100,7 +100,7 @@ def slope_of(h: Array, step_mm: float, depth_mm: float, average_mm: float) -> Ar
     return np.ascontiguousarray(np.stack(parts, axis=-1), dtype=np.float32)
 
 
-def friction_line(rng: np.random.Generator) -> Array:
+def friction_line(rng: np.random.Generator) -> Floats:
     """Return a periodic line of unit variance whose correlation falls to 1/e over 8 of its points."""
     f = np.fft.rfftfreq(_LINE_POINTS)
     # A Gaussian autocorrelation exp(-(x / length)^2) is white noise filtered by exp(-(pi f length)^2 / 2).
@@ -109,7 +109,7 @@ def friction_line(rng: np.random.Generator) -> Array:
     return _unit(np.fft.irfft(np.fft.rfft(rng.standard_normal(_LINE_POINTS)) * gain, n=_LINE_POINTS))
 
 
-def _weave(period_mm: float, angle: float, rng: np.random.Generator) -> Array:
+def _weave(period_mm: float, angle: float, rng: np.random.Generator) -> Floats:
     """Return two crossed gratings whose waves fit the patch, their phases straying slowly."""
     side = N * STEP_MM
     y, x = np.mgrid[:N, :N] / N
@@ -125,15 +125,15 @@ def _weave(period_mm: float, angle: float, rng: np.random.Generator) -> Array:
     return woven
 
 
-def _frequencies(step_mm: float) -> tuple[Array, Array]:
+def _frequencies(step_mm: float) -> tuple[Floats, Floats]:
     return np.fft.rfftfreq(N, step_mm)[None, :], np.fft.fftfreq(N, step_mm)[:, None]
 
 
-def _filtered(noise: Array, gain: Array) -> Array:
+def _filtered(noise: Floats, gain: Floats) -> Floats:
     return np.asarray(np.fft.irfft2(np.fft.rfft2(noise) * gain, s=noise.shape))
 
 
-def _unit(x: Array) -> Array:
+def _unit(x: Floats) -> Floats:
     """Return x without its mean, scaled to variance 1; what does not vary stays 0."""
     x = x - x.mean()
     spread = x.std()

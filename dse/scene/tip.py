@@ -14,21 +14,21 @@ import functools
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Array
+from dse.records import Floats
 from dse.scene.scene import Sensor
 
 SPREAD = 0.03
 
 
 @functools.lru_cache(maxsize=8)
-def pins_mm(sensor: Sensor) -> Array:
+def pins_mm(sensor: Sensor) -> Floats:
     """Return the rest positions (pin, 2) float64 in mm around the axis of the dome; read-only."""
     pins = _pins_mm(sensor)
     pins.flags.writeable = False
     return pins
 
 
-def _pins_mm(sensor: Sensor) -> Array:
+def _pins_mm(sensor: Sensor) -> Floats:
     pitch = sensor.pin_pitch_mm
     if sensor.layout == "grid":
         line = (np.arange(sensor.n_across) - (sensor.n_across - 1) / 2) * pitch
@@ -41,7 +41,7 @@ def _pins_mm(sensor: Sensor) -> Array:
     return np.concatenate(rings)
 
 
-def image_px(sensor: Sensor, at_mm: Array) -> Array:
+def image_px(sensor: Sensor, at_mm: Floats) -> Floats:
     """Return where points (..., 2) of the tip lie in the image: pixels from the top left of the frame."""
     r2 = (at_mm**2).sum(axis=-1, keepdims=True)
     middle = np.array(sensor.frame_px) / 2

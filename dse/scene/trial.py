@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse import seeds
-from dse.records import Array
+from dse.records import Floats
 from dse.scene.contact import Contact, contact
 from dse.scene.friction import Friction, travel
 from dse.scene.scene import Scene, Sensor, Texture
@@ -34,9 +34,9 @@ class Trial:
     surface: Surface
     contact: Contact
     friction: Friction
-    pins_mm: Array
-    offset_px: Array
-    start_mm: Array
+    pins_mm: Floats
+    offset_px: Floats
+    start_mm: Floats
     force_n: float
     drift: float
     tilt_mm: float
@@ -45,7 +45,7 @@ class Trial:
     ripple: float
     ripple_hz: float
     ripple_phase: float
-    normals: Array
+    normals: Floats
     key: int
 
 
@@ -105,7 +105,7 @@ def generator(scene: Scene, k: int, purpose: str) -> np.random.Generator:
     return seeds.generator(scene.seed, cell, purpose, repetition)
 
 
-def speed(scene: Scene, k: int, drawn: Trial, t_s: Array) -> Array:
+def speed(scene: Scene, k: int, drawn: Trial, t_s: Floats) -> Floats:
     """Return the speed of the tip in mm/s at times (n,) of the record; 0 outside the profile."""
     motion = scene.motions[scene.cell(k)[1]]
     t = t_s - drawn.onset_s
@@ -113,10 +113,10 @@ def speed(scene: Scene, k: int, drawn: Trial, t_s: Array) -> Array:
     v = np.zeros(len(t_s))
     v[inside] = motion.speed(t[inside])
     ripple = 1 + drawn.ripple * np.sin(2 * np.pi * drawn.ripple_hz * t_s + drawn.ripple_phase)
-    return np.maximum(0.0, drawn.gain * v * ripple)
+    return np.asarray(np.maximum(0.0, drawn.gain * v * ripple))
 
 
-def path(scene: Scene, k: int, drawn: Trial, step_s: float) -> tuple[Array, Array]:
+def path(scene: Scene, k: int, drawn: Trial, step_s: float) -> tuple[Floats, Floats]:
     """Return the skin's deflection s and slip distance X in mm, (n + 1,), at steps that cover the record."""
     n = int(np.ceil(scene.duration_ms / 1000 / step_s - 1e-9))
     if drawn.contact.radius_mm == 0 or scene.motions[scene.cell(k)[1]].peak_mm_s == 0:

@@ -30,8 +30,8 @@ _WARM_UP_MS = 100.0
 
 
 @dataclass(frozen=True)
-class _Made:
-    """What is kept of a simulated trial. cpu_s: time of the one core that made it."""
+class _Summary:
+    """A simulated trial, without its events. cpu_s: time of the one core that simulated it."""
 
     texture: str
     n_events: int
@@ -61,26 +61,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Simulate, write what is asked for, and return one row per texture.
+    """Simulate, write the files, and return one row per texture.
 
     Raises:
-        ConfigError: with every fault of the scene, or of where to write what.
+        ConfigError: with every fault of the scene, and of the paths to write to.
     """
     from dse.scene.checks import warnings
     from dse.scene.load import load_scene
 
     scene = load_scene(arguments.scene, overrides_of(arguments))
-    trials, shown = _wanted(arguments, scene.n_trials)
+    trials, shown = _choices(arguments, scene.n_trials)
     notes = warnings(scene)
     try:
-        with progress.shown(not arguments.quiet) as told:
-            # Compiles what is not compiled yet, so that the speeds below are those of simulation alone.
+        with progress.shown(not arguments.quiet) as meter:
+            # Compiles the kernels first: the speeds below are those of simulation alone.
             _simulated(dataclasses.replace(scene, duration_ms=min(_WARM_UP_MS, scene.duration_ms)), shown)
             if arguments.out is None:
-                made = [_simulated(scene, shown)[1]]
+                summaries = [_simulated(scene, shown)[1]]
             else:
-                made = _write(scene, trials, arguments.out, arguments.jobs or _cores(), told)
-                notes += _empty(trials, made)
+                summaries = _write(scene, trials, arguments.out, arguments.jobs or _cores(), meter)
+                notes += _empty(trials, summaries)
                 notes.append(
                     f"to train on this file, write into a search space: {_data_section(scene, arguments.out)}"
                 )
@@ -88,10 +88,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
                 notes.append(f"page of trial {shown}: {_draw(scene, shown, arguments.figure)}")
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; no incomplete file was written") from None
-    return Answer(_rows(scene, made), notes)
+    return Answer(_rows(scene, summaries), notes)
 
 
-def _wanted(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
+def _choices(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
     """Return the trials to simulate and the one to show.
 
     Raises:
@@ -119,7 +119,7 @@ def _wanted(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
 
 
 def _place_faults(path: Path, suffix: str) -> Iterator[str]:
-    """Yield why a file cannot be written at a path, before hours are spent on what belongs in it."""
+    """Yield why a file cannot be written at a path, before hours are spent on its content."""
     if path.suffix != suffix:
         yield f"must end in {suffix}"
     elif path.is_dir():
@@ -140,7 +140,7 @@ def _span(text: str | None, n: int) -> range | None:
     return range(low, high) if low < high <= n else None
 
 
-def _write(scene: Scene, trials: range, path: Path, jobs: int, told: progress.Progress) -> list[_Made]:
+def _write(scene: Scene, trials: range, path: Path, jobs: int, meter: progress.Progress) -> list[_Summary]:
     """Simulate the trials into a file, in order; memory holds a few of them."""
     from dse.dataset.parts import in_order
     from dse.recordings.archive import event_archive
@@ -148,57 +148,58 @@ def _write(scene: Scene, trials: range, path: Path, jobs: int, told: progress.Pr
 
     recordings = Trials(scene)
     columns = {name: values[trials.start : trials.stop] for name, values in recordings.columns.items()}
-    told.expect(len(trials))
-    made = []
+    meter.expect(len(trials))
+    summaries = []
     with (
         event_archive(path, recordings.width, recordings.height, recordings.duration_us, columns) as append,
-        contextlib.closing(in_order(lambda k: _simulated(scene, k), trials, jobs)) as done,
+        contextlib.closing(in_order(lambda k: _simulated(scene, k), trials, jobs)) as simulated,
     ):
-        for k, (block, one) in zip(trials, done, strict=True):
+        for k, (block, summary) in zip(trials, simulated, strict=True):
             append(block)
-            made.append(one)
-            told.advance(f"trial {k}: {one.texture}, {one.n_events} events")
-    return made
+            summaries.append(summary)
+            meter.advance(f"trial {k}: {summary.texture}, {summary.n_events} events")
+    return summaries
 
 
-def _simulated(scene: Scene, k: int) -> tuple[Block, _Made]:
+def _simulated(scene: Scene, k: int) -> tuple[Block, _Summary]:
     from dse.scene import simulate
 
     began = time.thread_time()
     block, flags = simulate.simulated(scene, k)
     texture = scene.textures[scene.cell(k)[0]].name
-    return block, _Made(texture, len(block.t_us), time.thread_time() - began, flags)
+    return block, _Summary(texture, len(block.t_us), time.thread_time() - began, flags)
 
 
-def _rows(scene: Scene, made: Sequence[_Made]) -> list[dict[str, Any]]:
+def _rows(scene: Scene, summaries: Sequence[_Summary]) -> list[dict[str, Any]]:
     """Return one row per texture that was touched, in the order of the scene."""
     rows = []
-    for name in dict.fromkeys(one.texture for one in made):
-        mine = [one for one in made if one.texture == name]
-        n_events, touched_s = sum(one.n_events for one in mine), len(mine) * scene.duration_ms / 1000
+    for name in dict.fromkeys(summary.texture for summary in summaries):
+        of_texture = [summary for summary in summaries if summary.texture == name]
+        n_events = sum(summary.n_events for summary in of_texture)
+        touched_s = len(of_texture) * scene.duration_ms / 1000
         rows.append(
             {
                 "texture": name,
-                "trials": len(mine),
+                "trials": len(of_texture),
                 "touch_s": touched_s,
                 "events": n_events,
                 "million_events_per_s": n_events / touched_s / 1e6,
-                "x_real_time": touched_s / max(sum(one.cpu_s for one in mine), 1e-9),
-                "refractory_drops": sum(one.flags.refractory_drops for one in mine),
-                "lost_looks": sum(one.flags.lost_looks for one in mine),
-                "contact_saturated": sum(one.flags.contact_saturated for one in mine),
+                "x_real_time": touched_s / max(sum(summary.cpu_s for summary in of_texture), 1e-9),
+                "refractory_drops": sum(summary.flags.refractory_drops for summary in of_texture),
+                "lost_looks": sum(summary.flags.lost_looks for summary in of_texture),
+                "contact_saturated": sum(summary.flags.contact_saturated for summary in of_texture),
             }
         )
     return rows
 
 
-def _empty(trials: range, made: Sequence[_Made]) -> list[str]:
-    """Return what to know about trials without events."""
-    empty = [k for k, one in zip(trials, made, strict=True) if one.n_events == 0]
+def _empty(trials: range, summaries: Sequence[_Summary]) -> list[str]:
+    """Return a note on trials without events."""
+    empty = [k for k, summary in zip(trials, summaries, strict=True) if summary.n_events == 0]
     if not empty:
         return []
     return [
-        f"{len(empty)} of {len(made)} trials sent no event, the first is trial {empty[0]}; exclude them "
+        f"{len(empty)} of {len(summaries)} trials sent no event, the first is trial {empty[0]}; exclude them "
         "from the split of a search space"
     ]
 

@@ -31,12 +31,11 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dse.hardware.placement import Architecture, Rules, architecture, hops, place
 from dse.hardware.plan import Congestion, Plan
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Floats, Workload
+from dse.records import Floats, Ints, Workload
 from dse.registry import register
 
 _EVENTS = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message", "hop_x", "hop_y")
@@ -54,7 +53,7 @@ class _Work:
 
     events: Floats
     busy: Floats
-    destinations: NDArray[np.int64]
+    destinations: Ints
 
 
 @register("hardware.kinds", "mesh")

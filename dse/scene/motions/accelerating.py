@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Array
+from dse.records import Floats
 from dse.registry import param, register
 
 
@@ -34,6 +34,6 @@ class Accelerating:
         """Time at which the travel is done."""
         return 2 * self.travel_mm / self.peak_mm_s
 
-    def speed(self, t_s: Array) -> Array:
+    def speed(self, t_s: Floats) -> Floats:
         """Return the speed in mm/s at times (n,) from motion onset."""
         return np.asarray(self.peak_mm_s * t_s / self.duration_s)

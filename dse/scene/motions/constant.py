@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Array
+from dse.records import Floats
 from dse.registry import param, register
 
 
@@ -46,6 +46,6 @@ class Constant:
         v = self.peak_mm_s
         return self.travel_mm / v + v / (2 * self.acceleration_mm_s2)
 
-    def speed(self, t_s: Array) -> Array:
+    def speed(self, t_s: Floats) -> Floats:
         """Return the speed in mm/s at times (n,) from motion onset."""
         return np.asarray(np.minimum(self.acceleration_mm_s2 * t_s, self.speed_mm_s))

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dse.records import Array
+from dse.records import Floats
 from dse.registry import param, register
 
 
@@ -45,6 +45,6 @@ class Table:
         """The last time."""
         return self.t_s[-1]
 
-    def speed(self, t_s: Array) -> Array:
+    def speed(self, t_s: Floats) -> Floats:
         """Return the speed in mm/s at times (n,) from motion onset."""
         return np.asarray(np.interp(t_s, self.t_s, self.v_mm_s))
