@@ -1,9 +1,9 @@
-"""The records that packages share: reading this file explains the pipeline.
+"""The records that packages share, in the order of the pipeline.
 
     Signals | Events  -> encoder / preprocessing -> Spikes -> Dataset
     Dataset -> model -> Network, Response | Parameters, Answers -> decision, workload -> measurements
 
-Time series are (sample, step, channel) unless said otherwise; event stamps are integer
+Time series are (sample, step, channel) unless stated otherwise; event times are integer
 microseconds; a *step* is one time step of the encoder (a sampling period or a time bin).
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-"""An array of any dtype; where the dtype is fixed, one of the following says so."""
+"""An array of any dtype; the aliases below fix the kind of number."""
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
 Bools = NDArray[np.bool_]
@@ -28,10 +28,10 @@ Arithmetic = Literal["integer", "float32", "ideal"]
 
 @dataclass(frozen=True)
 class Signals:
-    """Sampled recordings laid end to end; recording i is `values[offsets[i]:offsets[i+1]]`.
+    """Sampled recordings, concatenated; recording i is `values[offsets[i]:offsets[i+1]]`.
 
     values: (sum of lengths, channel) float32, in sensor counts or the file's unit.
-    offsets: (n + 1,) int64, starts at 0, never falls.
+    offsets: (n + 1,) int64, starts at 0, never decreases.
     step_ms: sampling period.
     columns: label columns, each (n,): numbers or strings.
     """
@@ -66,9 +66,9 @@ class Block:
 
 @dataclass(frozen=True)
 class Events:
-    """Event recordings laid end to end; recording i is `t_us[offsets[i]:offsets[i+1]]`.
+    """Event recordings, concatenated; recording i is `t_us[offsets[i]:offsets[i+1]]`.
 
-    t_us: (n_events,) int64 microseconds, never falling within a recording.
+    t_us: (n_events,) int64 microseconds, never decreasing within a recording.
     x, y: (n_events,) int32 address; taxel arrays use x = taxel and y = 0.
     polarity: (n_events,) uint8, 1 = ON, 0 = OFF.
     width, height: address ranges (x < width, y < height).
@@ -89,12 +89,12 @@ class Events:
         return len(self.offsets) - 1
 
     def blocks(self, i: int) -> Iterator[Block]:
-        """Yield recording i, in one piece."""
+        """Yield recording i as a single block."""
         part = slice(int(self.offsets[i]), int(self.offsets[i + 1]))
         yield Block(self.t_us[part], self.x[part], self.y[part], self.polarity[part])
 
     def notes(self) -> list[str]:
-        """Return no repairs: events in memory are sound already."""
+        """Return no repairs: events in memory are valid."""
         return []
 
 
@@ -122,7 +122,7 @@ class Spikes:
 
 @dataclass(frozen=True)
 class Rasters:
-    """Recordings that are spikes already, with their label columns, each (n,)."""
+    """Recordings that are spikes, with label columns, each (n,)."""
 
     spikes: Spikes
     columns: Mapping[str, Array]
@@ -142,11 +142,11 @@ class Rasters:
 
 @dataclass(frozen=True)
 class Head:
-    """One part of a joint target, such as the texture of (texture, profile).
+    """One part of a joint target, e.g. the texture of (texture, profile).
 
-    name: of its label column.
+    name: name of its label column.
     classes: names of its classes.
-    of_class: (joint class,) int64, its class in each joint class.
+    of_class: (joint class,) int64, the class of this head in each joint class.
     """
 
     name: str
@@ -156,16 +156,16 @@ class Head:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Spikes with a target, a split, and the window that a classifier may see.
+    """Spikes with a target, a split, and the window that a classifier receives.
 
     target: (n,) int64 into `classes`.
     start: (n,) int32 first step of the window that is evaluated.
-    start_low, start_high: (n,) int32 inclusive bounds of the first step of a training crop
-        (both equal `start` without crops). Every window fits: start_high + n_steps <= spikes.n_steps.
+    start_low, start_high: (n,) int32 inclusive bounds of the first step of a training window
+        (both equal `start` without jitter). Every window fits: start_high + n_steps <= spikes.n_steps.
     n_steps: window length in steps.
     train, validation, test: int64 sample indices, disjoint; test may be empty.
     positions: (n_channels, 3) int32 x, y and plane (polarity or threshold) of every input channel.
-    heads: of a joint target, its parts; empty for a single target.
+    heads: the parts of a joint target; empty for a single target.
     """
 
     spikes: Spikes
@@ -188,13 +188,13 @@ class Layer:
 
     weight: (neuron, input) float32; in integer arithmetic its 8-bit rounding is deployed
         (dse.neurons.fixed_point.quantise).
-        Delayed copies of the inputs are inputs of their own: column k * n_channels + c is channel c
-        seen `delays[k]` steps ago.
+        Delayed copies of the inputs count as inputs: column k * n_channels + c is channel c,
+        `delays[k]` steps ago.
     recurrent: (neuron, neuron) float32 or None; row = postsynaptic, acts one step later.
-    parameters: of the neurons by name, each (neuron,) or one number; their kind says what they mean
-        (dse.neurons). Of CUBA-LIF: decay_current and decay_voltage, (neuron,) int32 12-bit decays in
+    parameters: parameters of the neurons by name, each (neuron,) or one number (defined in
+        dse.neurons). Of CUBA-LIF: decay_current and decay_voltage, (neuron,) int32 12-bit decays in
         [0, 4096], and the integer mantissa `threshold`: a neuron fires where v > threshold / 64.
-    neuron: kind of the neurons.
+    neuron: name of the kind of neurons.
     """
 
     weight: Floats
@@ -205,7 +205,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Network:
-    """A trained spiking network: what runs, and what is exported.
+    """A trained spiking network, as it is run and exported.
 
     delays: input delays in network steps (0 = the spike itself), one copy of the input each.
     steps_per_sample: network steps per input step (>= 1).
@@ -220,20 +220,20 @@ class Network:
 
     @property
     def n_weights(self) -> int:
-        """Number of weights W_t, recurrent and delayed-input weights included; one that is exactly 0 is none.
+        """Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.
 
-        Training leaves no weight at exactly 0; pruning stores what it removes, or what rounds to 0, as 0.
+        Training leaves no weight at exactly 0. Pruned weights, and those that round to 0, are stored as 0.
         """
         return sum(self.stored)
 
     @property
     def n_weights_dense(self) -> int:
-        """Number of weights with those that are 0."""
+        """Number of weights, those that are 0 included."""
         return sum(x.weight.size + (0 if x.recurrent is None else x.recurrent.size) for x in self.layers)
 
     @property
     def stored(self) -> tuple[int, ...]:
-        """Weights into each layer that are not 0, its recurrent ones included."""
+        """Nonzero weights into each layer, recurrent weights included."""
         return tuple(
             int(np.count_nonzero(x.weight) + (0 if x.recurrent is None else np.count_nonzero(x.recurrent)))
             for x in self.layers
@@ -254,7 +254,7 @@ class Response:
     updates: (n, T, layer - 1) int32 neurons with a non-zero membrane potential before reset, or with input.
     step_ms: duration of a network step.
     peak_state: largest |u| or |v| in integer units; above 2**23 - 1 the 24-bit registers of Loihi overflow.
-    synapses: per layer, input first, weights other than 0 that a spike reached in the mean; None: all.
+    synapses: per layer, input first, mean number of nonzero weights that a spike reached; None: all.
     """
 
     output: Array
@@ -267,10 +267,10 @@ class Response:
 
 @dataclass(frozen=True)
 class Parameters:
-    """A trained classifier that is no single spiking network: named arrays, which its family reads back.
+    """A trained classifier other than a single spiking network: named arrays that its family interprets.
 
-    arrays: numbers or strings; nothing that needs pickle.
-    n_channels: input channels that it was trained on.
+    arrays: numbers or strings, never pickled objects.
+    n_channels: number of input channels in training.
     """
 
     arrays: Mapping[str, Array]
@@ -278,18 +278,18 @@ class Parameters:
 
     @property
     def n_weights(self) -> int:
-        """Number of weights W_t, which a spiking family stores beside them."""
+        """Number of weights W_t, stored by families of spiking networks."""
         return int(self.arrays["n_weights"])
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What a classifier without output spikes answers to n samples, after each of k input lengths.
+    """Predictions of a classifier without output spikes for n samples, after each of k input lengths.
 
-    label: (n, k) int64 class; column j looks at the first time_ms[j] of the window only.
-    time_ms: (k,) rising; the last is the whole window.
-    n_weights: (k,) int64 stored numbers W_t that the answer after time_ms[j] needs, by the family's rule.
-    macs, additions: (k,) float64 mean multiply-accumulates and additions per inference until that answer.
+    label: (n, k) int64 class; column j uses only the first time_ms[j] of the window.
+    time_ms: (k,) increasing; the last is the whole window.
+    n_weights: (k,) int64 stored numbers W_t that the prediction after time_ms[j] needs.
+    macs, additions: (k,) float64 mean multiply-accumulates and additions per inference until that prediction.
     input_spikes: (n, k) int64 input spikes until then.
     """
 
@@ -310,14 +310,14 @@ class Workload:
     n_steps: (...,) network steps executed.
     spikes: (..., layer) spikes, input first.
     updates: (..., layer - 1) neuron updates, or None for "every neuron, every step".
-    step_ms: period of a network step on the sensor's clock.
-    synapses: per layer, input first, weights other than 0 that a spike reaches in the mean (output spikes: 0
-        unless recurrent); None: all. Counted over whole inferences: a mean for what decides earlier.
-    stored: per layer after the input, weights into it that are not 0; None: all.
+    step_ms: period of a network step, by the clock of the sensor.
+    synapses: per layer, input first, mean number of nonzero weights that a spike reaches (output spikes:
+        0 unless recurrent); None: all. Counted over whole inferences, also for early decisions.
+    stored: per layer after the input, nonzero weights into it; None: all.
     delay_bits: bits per synapse for an individual delay.
-    cores: per layer after the input, the cores that it is spread over; None: as few as hold it.
-    pipeline_steps: steps that the answer still takes through the layers after n_steps; the decision times of
-        trained networks have them already.
+    cores: per layer after the input, the number of cores that it occupies; None: as few as possible.
+    pipeline_steps: steps from n_steps until the decision has passed through the layers; decision times of
+        trained networks include them.
     """
 
     sizes: tuple[int, ...]
@@ -353,24 +353,24 @@ class Workload:
 
     @property
     def input_ms(self) -> Floats:
-        """Time (...) on the sensor's clock until the input is complete."""
+        """Time (...) until the input is complete, by the clock of the sensor."""
         return np.asarray(self.n_steps) * self.step_ms
 
     @property
     def counts(self) -> Floats:
-        """What happens in an inference, (..., F) float64: steps, spikes of each layer, updates of each."""
+        """Counts per inference, (..., F) float64: steps, spikes of each layer, updates of each layer."""
         n_steps = np.asarray(self.n_steps, np.float64)
         spikes = np.asarray(self.spikes, np.float64)
         updates = n_steps[..., None] * np.array(self.sizes[1:]) if self.updates is None else self.updates
         return np.concatenate([n_steps[..., None], spikes, np.asarray(updates, np.float64)], axis=-1)
 
     def step_us(self, computing_us: Floats) -> Floats:
-        """Return the mean time of a step from that of the inference, (..., as n_steps): 0 without steps."""
+        """Return the mean time of a step, (..., as n_steps), from that of the inference; 0 without steps."""
         steps = np.asarray(self.n_steps, np.float64)
         return np.divide(computing_us, steps, out=np.zeros_like(computing_us), where=steps > 0)
 
     def pipeline_us(self, step_us: Floats) -> Floats:
-        """Return the time that the last answer still takes through the layers, at the step period."""
+        """Return the time that the decision takes through the layers, at the step period."""
         return np.asarray(self.pipeline_steps * np.maximum(self.step_ms * 1e3, step_us))
 
     @property
@@ -379,18 +379,18 @@ class Workload:
 
             sum over layers l of spikes_l (n_(l+1) + n_l where l is recurrent)
 
-        Weights that pruning removed do not count (`synapses` in place of the brackets).
+        Pruned weights do not count (`synapses` replaces the brackets).
         """
         reached = self.fan_out if self.synapses is None else self.synapses
         return np.asarray(self.spikes, dtype=np.float64) @ np.array(reached, dtype=np.float64)
 
     @property
     def macs(self) -> Floats:
-        """Mean multiply-accumulates per inference, (...): none, spikes only add."""
+        """Mean multiply-accumulates per inference, (...): 0, because spikes only add."""
         return np.zeros(np.shape(self.spikes)[:-1])
 
     def mapped(self, change: Callable[[Array], Array]) -> Workload:
-        """Return the same with a change made to every array of design points, leading axes first."""
+        """Return a copy with a function applied to every array of design points."""
         return replace(
             self,
             n_steps=change(self.n_steps),
@@ -399,7 +399,7 @@ class Workload:
         )
 
     def over_steps(self) -> Workload:
-        """Return the inference whose steps these are: spikes (..., step, layer), n_steps (..., step)."""
+        """Return the sum over steps: spikes (..., step, layer), n_steps (..., step)."""
         return replace(
             self,
             n_steps=np.asarray(self.n_steps).sum(axis=-1),
@@ -408,7 +408,7 @@ class Workload:
         )
 
     def check(self) -> None:
-        """Check that counts are possible and shapes belong together.
+        """Check that counts are possible and shapes match.
 
         Raises:
             ValueError: what is wrong.
@@ -438,7 +438,7 @@ class Workload:
                 raise ValueError(f"{name} must be >= {least}, got {number}")
 
     def _check_layers(self) -> None:
-        """Check what is given layer by layer, but for counts."""
+        """Check the fields with one value per layer, except counts."""
         sizes, n_layers = self.sizes, len(self.sizes)
         if n_layers < 2 or min(sizes) < 1 or len(self.recurrent) != n_layers - 1:
             raise ValueError(
@@ -452,25 +452,25 @@ class Workload:
             if given is not None and (
                 len(given) != len(most) or not all(0 <= a <= b for a, b in zip(given, most, strict=True))
             ):
-                raise ValueError(f"{name} must be between 0 and {most} layer by layer, got {given}")
+                raise ValueError(f"{name} must be between 0 and {most} in each layer, got {given}")
         if self.cores is not None and (
             len(self.cores) != n_layers - 1
             or not all(1 <= n <= size for n, size in zip(self.cores, sizes[1:], strict=True))
         ):
-            raise ValueError(f"cores must be between 1 and {sizes[1:]} layer by layer, got {self.cores}")
+            raise ValueError(f"cores must be between 1 and {sizes[1:]} in each layer, got {self.cores}")
 
 
 @dataclass(frozen=True)
 class Operations:
-    """Mean work per inference of a classifier that is no stack of spiking layers.
+    """Mean work per inference of a classifier other than a stack of spiking layers.
 
     Arrays are (...) design points. Such a classifier computes once, when its input is complete.
 
     macs, additions: multiply-accumulates, and additions without multiplication.
     updates: neuron updates of a spiking classifier, each as much as one of a neuron with two states.
-    n_weights: numbers that it stores.
-    duration_ms: length of the input that it saw.
-    number_bits: bits per stored number and per operand; what was measured here, not what might do as well.
+    n_weights: stored numbers.
+    duration_ms: length of the input.
+    number_bits: bits per stored number and per operand, as measured.
     """
 
     macs: Floats
@@ -481,30 +481,30 @@ class Operations:
     number_bits: int = 32
 
     cores: ClassVar[None] = None
-    """Only networks have layers that can be spread over cores by hand."""
+    """Only for networks can a user set the number of cores of a layer."""
 
     @property
     def is_spiking(self) -> bool:
-        """Whether it has state updates: a spiking classifier whose additions are of weights."""
+        """Whether there are neuron updates: a spiking classifier, whose additions are of weights."""
         return bool((np.asarray(self.updates) > 0).any())
 
     @property
     def input_ms(self) -> Floats:
-        """Time (...) on the sensor's clock until the input is complete."""
+        """Time (...) until the input is complete, by the clock of the sensor."""
         return np.asarray(self.duration_ms)
 
     @property
     def counts(self) -> Floats:
-        """What happens in an inference, (..., 4) float64: 1, macs, additions, state updates."""
+        """Counts per inference, (..., 4) float64: 1, macs, additions, neuron updates."""
         columns = np.broadcast_arrays(1.0, self.macs, self.additions, self.updates)
         return np.stack(columns, axis=-1).astype(np.float64)
 
     def step_us(self, computing_us: Floats) -> Floats:
-        """Return the time of the inference: it is one step."""
+        """Return the time of the inference, which is one step."""
         return computing_us
 
     def pipeline_us(self, step_us: Floats) -> Floats:
-        """Return 0: there are no layers that an answer must still pass."""
+        """Return 0: there are no layers for the decision to pass."""
         return np.zeros_like(step_us)
 
     @property
@@ -513,7 +513,7 @@ class Operations:
         return self.additions
 
     def mapped(self, change: Callable[[Array], Array]) -> Operations:
-        """Return the same with a change made to every array of design points."""
+        """Return a copy with a function applied to every array of design points."""
         return Operations(
             macs=change(self.macs),
             additions=change(self.additions),
@@ -549,7 +549,7 @@ class DecisionSurface:
     decision_latency_ms: mean time of the decision (undecided: T).
     undecided: fraction of samples that never reach theta.
     ties: fraction of samples whose argmax at the decision was a tie (lowest index wins).
-    work: (phi, theta, m) mean per-sample cumulative work up to the decision, empty where none was asked for.
+    work: (phi, theta, m) mean cumulative work of a sample up to the decision; empty if not requested.
     """
 
     phi: Array
@@ -564,10 +564,10 @@ class DecisionSurface:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One training run of one design (one repeat): everything measured, nothing summarised over seeds.
+    """Result of one training run (one repeat) of a design, not summarised over seeds.
 
-    network: what was trained, for `respond` of its family.
-    validation, test: a spiking family gives responses, any other answers; test is None without a test set.
+    network: the trained classifier, an argument of `respond` of its family.
+    validation, test: responses of a spiking family, answers of any other; test is None without a test set.
     history: epoch curves by name (loss, accuracy_train, seconds).
     health: dead and saturated units, non-finite gradients, overflow, initialisation notes.
     """

@@ -210,7 +210,7 @@ def test_more_spikes_never_cost_less(sizes, recurrent, spikes, layer, more):
         ({"recurrent": ()}, "recurrent one value less"),
         (
             {"synapses": (3.0, 0.0)},
-            r"synapses must be between 0 and \(2, 0\) layer by layer, got \(3.0, 0.0\)",
+            r"synapses must be between 0 and \(2, 0\) in each layer, got \(3.0, 0.0\)",
         ),
         ({"synapses": (float("nan"), 0.0)}, "synapses must be between"),
         ({"synapses": (1.0,)}, "synapses must be between"),
