@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+
+from dse.config import ConfigError, load_space
 
 from dse.config import Sections
 from dse.config.contracts import Family
@@ -81,3 +84,11 @@ def write_recordings(path: Path) -> None:
         speed=np.where(np.arange(24) % 3 == 0, -50, 50),
         repetition=np.arange(24) // 12,
     )
+
+
+def faults_of(path: Path, overrides: dict[str, str] | None = None, *, check_data: bool = False) -> list[str]:
+    """Return the faults without the name of the file."""
+    with pytest.raises(ConfigError) as caught:
+        load_space(path, overrides, check_data=check_data)
+    assert str(caught.value) == "\n".join(map(str, caught.value.faults))
+    return [str(fault).removeprefix(f"{path}:") for fault in caught.value.faults]

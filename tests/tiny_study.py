@@ -25,6 +25,23 @@ from dse.study import explore
 from tests.layers import cuba_parameters
 from tests.waiting import until
 
+REAL = """
+study: real
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}, class_names: {fabric: names}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model: {kind: snn, hidden: [12], input_delays: [0, 2]}
+training: {epochs: 4, batch_size: 9, learning_rate: 0.02}
+decision: {phi: [0, 2], theta: [0.4, 0.6]}
+hardware: [loihi1_silicon]
+objectives: [accuracy:max, energy_uj:min]
+search: {sampler: grid, repeats: 2}
+execution: {jobs: 1}
+"""
+"""A search space of real networks on the recordings of `write_recordings`."""
+
 N_CHANNELS, N_STEPS, N_PER_CLASS = 4, 20, 12
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import hots
 from dse.models.surfaces.time_surfaces import Field, Memory, prepared
-from tests.models.surfaces.test_time_surfaces import drawn, stream
+from tests.models.surfaces.streams import drawn, stream
 
 
 def test_frames_per_event_are_exact_surfaces_in_every_layer() -> None:

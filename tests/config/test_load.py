@@ -17,15 +17,7 @@ from dse.recordings import EventSource
 from dse.recordings.scene import Trials
 from dse.records import Events, Rasters, Signals
 from dse.registry import param, register
-from tests.spaces import SPACE, write_space
-
-
-def faults_of(path: Path, overrides: dict[str, str] | None = None, *, check_data: bool = False) -> list[str]:
-    """Return the faults without the name of the file."""
-    with pytest.raises(ConfigError) as caught:
-        load_space(path, overrides, check_data=check_data)
-    assert str(caught.value) == "\n".join(map(str, caught.value.faults))
-    return [str(fault).removeprefix(f"{path}:") for fault in caught.value.faults]
+from tests.spaces import SPACE, faults_of, write_space
 
 
 def test_a_file_without_faults(tmp_path: Path) -> None:

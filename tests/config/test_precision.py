@@ -9,8 +9,7 @@ import pytest
 
 from dse.config import load_space
 from dse.config.schema import json_schema
-from tests.config.test_load import faults_of
-from tests.spaces import write_space
+from tests.spaces import faults_of, write_space
 
 LINE = "objectives: [accuracy:max, n_weights:min]"
 

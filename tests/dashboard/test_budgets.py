@@ -15,7 +15,7 @@ from dse.dashboard.write import write_page
 from dse.skyline.front import comparable, skyline
 from dse.skyline.pareto import hypervolume
 from dse.skyline.pick import pick
-from tests.dashboard.test_page import HOSTILE, Page
+from tests.dashboard.page import HOSTILE, Page
 from tests.page_data import OBJECTIVES, points
 
 DIRECTIONS = {**OBJECTIVES, "latency_ms": "min", "spikes_per_inference": "min"}

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from dse.figures.learning import draw_learning, gather_learning
-from tests.dashboard.test_design import (  # noqa: F401  (opened is a fixture)
-    HOSTILE,
+from tests.dashboard.designs import (
     details,
     hash_of,
-    opened,
     plain,
     table,
 )
+from tests.dashboard.page import HOSTILE
 
 SHOWN = "chosen=0.0&compare=0.0,1.3,2.1,0.6"
 
@@ -43,7 +42,7 @@ def wait_for(page, text):
     )
 
 
-def test_designs_stand_side_by_side_as_the_front_numbers_them(opened):  # noqa: F811
+def test_designs_stand_side_by_side_as_the_front_numbers_them(opened):
     page = opened(fragment=SHOWN)
     wait_for(page, "0.800")  # a point off the page, restored from its surface
     assert heads(page) == [["1", "0.0"], ["2", "1.3"], ["3", "2.1"], ["4", "0.6"]]
@@ -65,7 +64,7 @@ def test_designs_stand_side_by_side_as_the_front_numbers_them(opened):  # noqa: 
     assert front == [["1", 100, 0.85], ["2", 30, 0.9], ["3", 10, 0.5], ["4", 60, 0.8]]
 
 
-def test_a_fifth_replaces_the_oldest_and_any_can_be_removed_or_chosen(opened):  # noqa: F811
+def test_a_fifth_replaces_the_oldest_and_any_can_be_removed_or_chosen(opened):
     page = opened(fragment=SHOWN)
     assert page.tab.get_attribute("#design .head button", "aria-pressed") == "true"
     page.tab.evaluate("location.hash += '&chosen=1.1'")
@@ -89,7 +88,7 @@ def test_a_fifth_replaces_the_oldest_and_any_can_be_removed_or_chosen(opened):  
     assert "compare" not in hash_of(page)
 
 
-def test_figures_have_the_same_scales(opened):  # noqa: F811
+def test_figures_have_the_same_scales(opened):
     losses = {0: [4.0, 1.0], 1: [40.0, 10.0, 5.0]}
     documents = {
         trial: details(
@@ -117,7 +116,7 @@ def test_figures_have_the_same_scales(opened):  # noqa: F811
     assert "This file does not contain the details of this design." in text
 
 
-def test_nothing_recorded_leaves_the_numbers(opened):  # noqa: F811
+def test_nothing_recorded_leaves_the_numbers(opened):
     page = opened({}, "compare=0.1,2.1")
     wait_for(page, "0.500")
     assert not page.tab.is_visible("#compare select")
@@ -125,7 +124,7 @@ def test_nothing_recorded_leaves_the_numbers(opened):  # noqa: F811
     assert page.tab.get_attribute("#compare .scroll", "tabindex") == "0"
 
 
-def test_long_and_hostile_names_stay_text_and_inside(opened):  # noqa: F811
+def test_long_and_hostile_names_stay_text_and_inside(opened):
     frame = table(4).assign(task=HOSTILE[0])
     frame["encoder.kind"] = [HOSTILE[trial] for trial in frame["trial"]]
     frame["model.name"] = [HOSTILE[-1 - trial] for trial in frame["trial"]]

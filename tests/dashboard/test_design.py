@@ -2,119 +2,32 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
-import itertools
 import json
 import subprocess
 import sys
 from xml.etree import ElementTree
 
 import numpy as np
-import pandas as pd
-import pytest
 
 from dse.config import load_space
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
 from dse.deploy import bundle
 from dse.figures.confusion import draw_confusion, gather_confusion
-from dse.figures.learning import draw_learning, gather_learning
-from dse.figures.raster import draw_recording, gather_recording
 from dse.measure.decision import decide
 from dse.study import explore
 from tests import tiny_study
-from tests.dashboard.test_page import HOSTILE, Page
-from tests.deploy.test_evaluate import SPACE
-
-OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
-PHI, THETA = (0, 2, 4), (0.5, 0.8)
-ACCURACY = (0.5, 0.6, 0.9, 0.7, 0.9, 0.8)  # over phi and theta; of the best two the first is faster
-LATENCY_MS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
-CHIPS = {"large chip": 1.0, "small chip": 3.0}  # µJ for every ms of decision latency
-OFF_PAGE = (5, 6)  # points of trial 0 that its page does not carry
-CLASSES = ("denim", "silk & wool")
-
-
-def table(trials=3):
-    """Return designs that answer at the end, and the decision surface of each; `OFF_PAGE` is left out."""
-    rows = []
-    for trial, (chip, price) in itertools.product(range(trials), CHIPS.items()):
-        about = {"trial": trial, "task": "texture", "hardware": chip, "model.hidden": 10 * (trial + 1)}
-        about |= {"encoder.kind": "threshold", "n_weights": 100 * (trial + 1)}
-        at_end = {"accuracy": 0.85, "decision_latency_ms": 100.0, "energy_uj": 100 * price}
-        rows.append(about | at_end | {"point": 0})
-        for point, (phi, theta) in enumerate(itertools.product(PHI, THETA), 1):
-            if trial or point not in OFF_PAGE:
-                rows.append(
-                    about | columns_at(point - 1, price) | {"point": point, "phi": phi, "theta": theta}
-                )
-    return pd.DataFrame(rows)
-
-
-def columns_at(place, price):
-    measured = {"accuracy": ACCURACY[place], "decision_latency_ms": LATENCY_MS[place], "accuracy_se": 0.02}
-    energy = price * LATENCY_MS[place]
-    return measured | {"energy_uj": energy, "energy_uj_low": energy / 2, "energy_uj_high": 2 * energy}
-
-
-def plain(figure):
-    found = json.loads(figure.to_json())
-    found["layout"].pop("template", None)
-    return found
-
-
-def surface(**changes):
-    on = {
-        chip: {name: [columns_at(k, price)[name] for k in range(6)] for name in columns_at(0, price)}
-        | {"undecided": [0.0, 0.1, 0.2, 0.3, 0.4, 0.5], "n_weights": [100] * 6}
-        for chip, price in CHIPS.items()
-    }
-    grid = {"first_point": 1, "phi": list(PHI), "theta": list(THETA), "hardware": on}
-    return {"weight_bits": None, "pruned_after": None} | grid | changes
-
-
-def example(title="recording 7: denim", classes=CLASSES):
-    output = np.zeros((20, 2), np.uint8)
-    output[[1, 4, 6, 9, 12, 15], [1, 0, 0, 0, 1, 0]] = 1
-    drawn = gather_recording(output, output, 5.0, classes, 0, (2.0, 0.5))
-    figure = plain(draw_recording(drawn))
-    spikes = drawn.spikes.tolist()
-    return {"title": title, "true": classes[0], "figure": figure, "step_ms": 5.0, "n_steps": 20} | {
-        "spikes": spikes,
-        "classes": list(classes),
-    }
-
-
-def details(trial=0, figures=None, **parts):
-    """Return a document as `dse.dashboard.details` gathers it."""
-    confusion = draw_confusion(gather_confusion(np.array([[8, 1], [3 + trial, 8]]), CLASSES))
-    learning = draw_learning(gather_learning([{"loss": np.array([2.0 + trial, 1.0, 0.5])}]))
-    own = {"confusion": plain(confusion), "learning": plain(learning)} if figures is None else figures
-    task = {"figures": own, "surfaces": [surface()], "examples": [example()]} | parts
-    return {"trial": trial, "notes": [], "tasks": {"texture": task}}
-
-
-@pytest.fixture
-def opened(new_tab, tmp_path):
-    """Return a function that writes a page with details of trials and opens it."""
-    pages = []
-
-    def open_page(
-        documents=None, fragment="", *, frame=None, name="fabric", scheme="light", size=(1280, 720)
-    ):
-        documents = {0: details(0), 1: details(1)} if documents is None else documents
-        page = gather_page(table() if frame is None else frame, name=name, objectives=OBJECTIVES)
-        packed = {
-            str(trial): base64.b64encode(gzip.compress(json.dumps(document).encode())).decode()
-            for trial, document in documents.items()
-        }
-        path = write_filled("page", page | {"details": packed}, tmp_path / f"page{len(pages)}.html")
-        pages.append(Page(new_tab(size, scheme), path))
-        return pages[-1].open(fragment)
-
-    yield open_page
-    assert [fault for page in pages for fault in page.faults] == []
+from tests.dashboard.designs import (
+    ACCURACY,
+    LATENCY_MS,
+    details,
+    example,
+    hash_of,
+    plain,
+    surface,
+    table,
+)
+from tests.dashboard.page import HOSTILE
 
 
 def listed(page):
@@ -123,10 +36,6 @@ def listed(page):
         "Object.fromEntries([...document.querySelectorAll('#design > div > dl dt')]"
         ".map((dt) => [dt.textContent, dt.nextElementSibling.textContent.replace(/\\u00a0/g, ' ')]))"
     )
-
-
-def hash_of(page):
-    return page.tab.evaluate("Object.fromEntries(new URLSearchParams(location.hash.slice(1)))")
 
 
 def ring(page):
@@ -510,7 +419,7 @@ def test_every_figure_fits_its_panel(opened):
 
 def test_beside_its_study_the_line_that_exports_a_design_runs(opened, tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
-    (tmp_path / "real.yaml").write_text(SPACE)
+    (tmp_path / "real.yaml").write_text(tiny_study.REAL)
     found = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "its results", progress=False)
     results = str(found.folder.relative_to(tmp_path))
     page = gather_page(found.points(), name="real", objectives=found.objectives, results=results)

@@ -9,33 +9,8 @@ import pandas as pd
 import pytest
 
 from dse.dashboard.write import write_page
+from tests.dashboard.page import HOSTILE, SPOT, Page
 from tests.page_data import OBJECTIVES, failed, points
-
-HOSTILE = (
-    '<img src=x onerror="window.hacked=1">',
-    "</script><script>window.hacked=1</script>",
-    '"><svg onload=window.hacked=1>',
-    "'; window.hacked=1; //",
-    '<a href="javascript:window.hacked=1">click</a>',
-    "%{text} ${window.hacked=1} {{script}}",
-    "🦔 émoji \u202e rtl \u2028 line",
-    "x" * 500,
-)
-
-
-SPOT = """([x, y]) => {
-  const plot = document.getElementById("plot");
-  const box = plot.getBoundingClientRect();
-  const { xaxis, yaxis } = plot._fullLayout;
-  return [box.left + xaxis._offset + xaxis.d2p(x), box.top + yaxis._offset + yaxis.d2p(y)];
-}"""
-
-CLOUD = """([x, y]) => {
-  const { xaxis, yaxis } = document.getElementById("plot")._fullLayout;
-  const brush = document.getElementById("cloud").getContext("2d");
-  return [...brush.getImageData(xaxis._offset + xaxis.d2p(x), yaxis._offset + yaxis.d2p(y), 1, 1).data];
-}"""
-
 
 # Where a point lies in space is plotly's to say; what follows from pointing at it and pressing is ours.
 PRESSED_IN_SPACE = """(row) => {
@@ -49,58 +24,6 @@ PRESSED_IN_SPACE = """(row) => {
   plot.dispatchEvent(new PointerEvent("pointerup", at));
   return pointed;
 }"""
-
-
-class Page:
-    """A page opened from disk, and every complaint of the browser about it."""
-
-    def __init__(self, tab, path):
-        self.tab, self.path, self.faults = tab, path, []
-        tab.on("pageerror", lambda error: self.faults.append(str(error)))
-        tab.on("console", lambda line: self.faults.append(line.text) if line.type == "error" else None)
-        tab.on("request", lambda request: self._requested(request.url))
-
-    def _requested(self, url):
-        if not url.startswith(("file:", "data:", "blob:")):
-            self.faults.append(f"fetched {url}")
-
-    def open(self, fragment=""):
-        self.tab.goto(f"{self.path.as_uri()}#{fragment}")
-        self.tab.wait_for_function(
-            "document.querySelector('#plot')?.data || !document.querySelector('#state').hidden"
-        )
-        return self
-
-    def cells(self, column):
-        return self.tab.eval_on_selector_all(
-            f"#front tbody tr td:nth-child({column})", "cells => cells.map((cell) => cell.textContent)"
-        )
-
-    def traces(self):
-        return self.tab.evaluate(
-            "document.getElementById('plot').data"
-            ".map((t) => ({type: t.type, mode: t.mode, x: t.x, y: t.y, bars: t.error_y?.array,"
-            " symbol: t.marker?.symbol}))"
-        )
-
-    def marked(self, symbol):
-        """Return where a mark is drawn, x first."""
-        found = [trace for trace in self.traces() if trace["symbol"] == symbol]
-        return [(trace["x"][0], trace["y"][0]) for trace in found]
-
-    def cloud(self, x, y):
-        """Return the colour that the canvas has at a value: red, green, blue and how opaque."""
-        return self.tab.evaluate(CLOUD, [x, y])
-
-    def point_at(self, x, y):
-        """Move the pointer to a value of the plane."""
-        self.tab.locator("#plot").scroll_into_view_if_needed()
-        left, top = self.tab.evaluate(SPOT, [x, y])
-        self.tab.mouse.move(left, top)
-        return left, top
-
-    def overflow(self):
-        return self.tab.evaluate("document.documentElement.scrollWidth - innerWidth")
 
 
 @pytest.fixture

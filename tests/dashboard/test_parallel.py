@@ -13,7 +13,7 @@ import pytest
 from dse.dashboard.definition import Definition
 from dse.dashboard.write import write_page
 from dse.figures.labels import OKABE_ITO_LIGHT
-from tests.dashboard.test_page import HOSTILE, Page
+from tests.dashboard.page import HOSTILE, Page
 from tests.page_data import ACCURACY, ENERGY, OBJECTIVES, points
 
 AXES = ["↑ accuracy", "↓ energy (µJ)", "↓ weights", "model.hidden", "φ"]

@@ -31,29 +31,13 @@ from dse.study.results import Study
 from tests import tiny_study
 from tests.spaces import write_space
 
-SPACE = """
-study: real
-seed: 3
-data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}, class_names: {fabric: names}}
-task: {target: fabric}
-window: {n_steps: 16, at: middle}
-split: {stratified: {validation: 0.5}}
-model: {kind: snn, hidden: [12], input_delays: [0, 2]}
-training: {epochs: 4, batch_size: 9, learning_rate: 0.02}
-decision: {phi: [0, 2], theta: [0.4, 0.6]}
-hardware: [loihi1_silicon]
-objectives: [accuracy:max, energy_uj:min]
-search: {sampler: grid, repeats: 2}
-execution: {jobs: 1}
-"""
-
 
 @pytest.fixture(scope="module")
 def real(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """One spiking network, trained twice."""
     folder = tmp_path_factory.mktemp("real")
     tiny_study.write_recordings(folder / "tiny.npz")
-    (folder / "real.yaml").write_text(SPACE)
+    (folder / "real.yaml").write_text(tiny_study.REAL)
     return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
 
 
@@ -113,7 +97,7 @@ def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, A
 
 def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> None:
     tiny_study.write_recordings(tmp_path / "tiny.npz")
-    text = f"{SPACE}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
+    text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
     (tmp_path / "real.yaml").write_text(text)
     found = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
     base = {"trial": 0, "task": "fabric", "weight_bits": 3, "pruned_after": 0.5}

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.adam import adam
 from dse.engine.layers import weights
@@ -15,7 +16,6 @@ from dse.engine.network import gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
-from tests.engine.test_network import rows_of
 
 
 def drawn(rng: np.random.Generator, n_in: int, n_out: int, ring: bool = False) -> TrainedLayer:

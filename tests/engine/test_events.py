@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense, gather
 from dse.records import Spikes
-from tests.engine.test_network import rows_of
 
 
 def stored(x: np.ndarray) -> Spikes:

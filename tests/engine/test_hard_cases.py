@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.ours import rows_of
 from dse.engine.events import dense
 from dse.engine.layers import Weights, forward, weights
 from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
-from tests.engine.test_network import rows_of
 
 LOWEST, HIGHEST = np.float32(-4), np.float32(254 / 64)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.ours import rows_of
 from dse.engine import kernels
 from dse.engine.adam import adam
 from dse.engine.batch import batch_of
@@ -16,7 +17,6 @@ from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import _sources
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
-from tests.engine.test_network import rows_of
 
 
 def gathered(rows: Rows, table: np.ndarray, kind: type, out_kind: type) -> np.ndarray:

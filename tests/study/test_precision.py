@@ -29,7 +29,7 @@ from dse.study.precision import AS_TRAINED, Job, common, evaluate, missing, near
 from dse.study.results import Study
 from dse.study.workers import Workers
 from tests.joint_data import joint
-from tests.models.snn.test_family import toy
+from tests.models.snn.toy import toy
 from tests.saved_data import save
 from tests.spaces import design_of, write_space
 

@@ -31,7 +31,7 @@ from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic, Outcome
-from tests.models.snn.test_family import rngs, toy
+from tests.models.snn.toy import rngs, toy
 
 # Triton asks for this variable when it is imported and when a kernel starts; no other test is to see it.
 INTERPRET = "TRITON_INTERPRET", os.environ.get("TRITON_INTERPRET", "1")

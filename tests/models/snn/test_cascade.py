@@ -17,7 +17,7 @@ from dse.models.snn.respond import respond
 from dse.models.training import Training
 from dse.records import Dataset, Network, Outcome, Parameters, Response, Spikes
 from tests.joint_data import joint
-from tests.models.snn.test_family import rngs
+from tests.models.snn.toy import rngs
 
 FAST = Training(epochs=20, batch_size=8, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
 SHORT = Training(epochs=2, batch_size=8, dropout=0.1)

@@ -15,9 +15,7 @@ from dse.models.snn.train import train
 from dse.models.training import FitRequest, Training
 from dse.neurons import fixed_point
 from dse.records import Outcome, Spikes
-from tests.models.snn.test_family import accuracy, fit, rngs, toy
-
-SHORT = Training(epochs=4, batch_size=9, learning_rate=0.1, dropout=0.2, average_epochs=3)
+from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 
 def test_the_smallest_magnitudes_go_rounded_down_and_the_first_of_equal_ones() -> None:

@@ -18,8 +18,7 @@ from dse.models.snn.respond import respond
 from dse.neurons.fixed_point import quantise
 from dse.records import Array, Layer, Network
 from tests.layers import cuba_parameters
-from tests.models.snn.test_family import fit, rngs, toy
-from tests.models.snn.test_prune import SHORT
+from tests.models.snn.toy import SHORT, fit, rngs, toy
 
 STEP = 1 / 32
 BITS = st.integers(2, 8)

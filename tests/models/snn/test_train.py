@@ -17,7 +17,7 @@ from dse.models.snn.train import train
 from dse.models.training import FitRequest, Training, TrainingDiverged
 from dse.neurons import fixed_point
 from dse.records import Dataset, Outcome, Spikes
-from tests.models.snn.test_family import toy
+from tests.models.snn.toy import toy
 
 
 def own(design: int) -> Callable[..., np.random.Generator]:

@@ -14,7 +14,7 @@ from dse.models.surfaces import prototypes, time_surfaces
 from dse.models.surfaces.prototypes import clustered, drawn_surfaces, learnt_online
 from dse.models.surfaces.time_surfaces import Field, Stream, surface
 from dse.records import Array
-from tests.models.surfaces.test_time_surfaces import drawn
+from tests.models.surfaces.streams import drawn
 
 FIELD = Field(6, 5, 3, 2, 5e4)
 

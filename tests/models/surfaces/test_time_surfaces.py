@@ -12,14 +12,7 @@ from hypothesis import strategies as st
 from dse.models.surfaces import time_surfaces
 from dse.models.surfaces.time_surfaces import Field, Memory, Stream, nearest, neighbours, prepared, surface
 from dse.records import Array
-
-WIDTH, HEIGHT, PLANES = 6, 5, 3
-
-
-def stream(*events: tuple[int, int, int, int]) -> Stream:
-    """Return events given as (t_us, x, y, plane)."""
-    t, x, y, plane = np.array(events, dtype=np.int64).reshape(-1, 4).T
-    return Stream(t.copy(), x.astype(np.int32), y.astype(np.int32), plane.astype(np.int32))
+from tests.models.surfaces.streams import HEIGHT, PLANES, WIDTH, drawn, stream
 
 
 def all_surfaces(events: Stream, field: Field) -> Array:
@@ -29,21 +22,6 @@ def all_surfaces(events: Stream, field: Field) -> Array:
 def definition(events: Stream, field: Field) -> Array:
     found = [surface(events, i, field) for i in range(len(events.t_us))]
     return np.array(found).reshape(len(found), field.size)
-
-
-def drawn(seed: int, n: int, width: int = WIDTH, height: int = HEIGHT, planes: int = PLANES) -> Stream:
-    """Return events of which many come at the same time."""
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(rng.choice([0, 0, 1, 700, 40_000], n))
-    return stream(
-        *zip(
-            t.tolist(),
-            rng.integers(0, width, n).tolist(),
-            rng.integers(0, height, n).tolist(),
-            rng.integers(0, planes, n).tolist(),
-            strict=True,
-        )
-    )
 
 
 fields = st.builds(

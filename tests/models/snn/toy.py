@@ -1,0 +1,58 @@
+"""A small task that networks learn at once, and how tests train on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from dse import seeds
+from dse.models.snn.family import SNN
+from dse.models.training import Generators, Training
+from dse.records import Dataset, Outcome, Spikes
+from tests.saved_data import in_a_row
+
+SHORT = Training(epochs=4, batch_size=9, learning_rate=0.1, dropout=0.2, average_epochs=3)
+
+
+def rngs(repeat: int = 0) -> Callable[..., np.random.Generator]:
+    return partial(lambda purpose, *index: seeds.generator(1, {}, purpose, repeat, *index))
+
+
+def fit(data: Dataset, model: SNN, training: Training, own: Generators) -> Outcome:
+    return model.fit(data, training, own)
+
+
+def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3, margin: int = 0) -> Dataset:
+    """Return three classes told apart by which third of the channels fires more."""
+    rng = np.random.default_rng(11)
+    target = np.arange(n) % 3
+    share = np.full((n, n_channels), rate / 4)
+    for i in range(n):
+        third = n_channels // 3
+        share[i, target[i] * third : (target[i] + 1) * third] = rate
+    x = rng.random((n, n_steps + 2 * margin, n_channels)) < share[:, None]
+    flat = x.reshape(-1, n_channels)
+    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
+    spikes = Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), n_steps + 2 * margin, n_channels, 5.0)
+    start = np.full(n, margin, np.int32)
+    order = rng.permutation(n)
+    return Dataset(
+        spikes,
+        target.astype(np.int64),
+        ("a", "b", "c"),
+        start,
+        start - margin,
+        start + margin,
+        n_steps,
+        np.sort(order[: n // 2]),
+        np.sort(order[n // 2 :]),
+        np.zeros(0, np.int64),
+        in_a_row(n_channels),
+    )
+
+
+def accuracy(outcome: Outcome, data: Dataset) -> float:
+    label = outcome.validation.output.sum(axis=1, dtype=np.int64).argmax(axis=1)
+    return float((label == data.target[data.validation]).mean())
