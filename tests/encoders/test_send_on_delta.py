@@ -52,13 +52,13 @@ def test_channels_are_threshold_then_polarity_then_channel():
     assert np.flatnonzero(spikes[1]).tolist() == [1, 3, 7]  # OFF of channel 1; ON of 0; OFF of 1 at 4
     encoder = SendOnDelta((1.0, 4.0), "value")
     assert encoder.n_channels(3) == 12
-    found = encoder.encode_all(one(values), np.array([0]), np.array([2]))
-    assert (found.n_channels, found.channel.tolist(), found.row_offsets.tolist()) == (
+    encoded = encoder.encode_all(one(values), np.array([0]), np.array([2]))
+    assert (encoded.n_channels, encoded.channel.tolist(), encoded.row_offsets.tolist()) == (
         12,
         [1, 3, 7],
         [0, 0, 3],
     )
-    assert (found.step_ms, found.channel.dtype, found.row_offsets.dtype) == (28.0, np.int32, np.int64)
+    assert (encoded.step_ms, encoded.channel.dtype, encoded.row_offsets.dtype) == (28.0, np.int32, np.int64)
 
 
 @given(
@@ -72,8 +72,8 @@ def test_channels_are_threshold_then_polarity_then_channel():
 )  # fmt: skip
 def test_the_fast_path_is_the_definition(values, thresholds, reference, polarity):
     encoder = SendOnDelta(tuple(thresholds), reference, polarity)
-    found = dense(encoder.encode_all(one(values), np.array([0]), np.array([len(values)])))
-    assert np.array_equal(found[0], send_on_delta(values, tuple(thresholds), reference, polarity))
+    encoded = dense(encoder.encode_all(one(values), np.array([0]), np.array([len(values)])))
+    assert np.array_equal(encoded[0], send_on_delta(values, tuple(thresholds), reference, polarity))
 
 
 def test_merged_polarities_by_hand():
@@ -83,9 +83,9 @@ def test_merged_polarities_by_hand():
     merged = [[], [], [0], [], [0], [1, 3]]
     for polarity, wanted in (("separate", separate), ("merged", merged)):
         encoder = SendOnDelta((2.0, 4.0), "value", polarity)
-        found = encoder.encode_all(one(values), np.array([0]), np.array([6]))
-        assert [np.flatnonzero(row).tolist() for row in dense(found)[0]] == wanted
-    assert found.n_channels == encoder.n_channels(2) == 4
+        encoded = encoder.encode_all(one(values), np.array([0]), np.array([6]))
+        assert [np.flatnonzero(row).tolist() for row in dense(encoded)[0]] == wanted
+    assert encoded.n_channels == encoder.n_channels(2) == 4
 
 
 @given(values=arrays.arrays(np.int16, (12, 2), elements=st.integers(-30, 30)))
@@ -120,12 +120,12 @@ def test_recordings_of_many_lengths_cut_to_their_spans(reference):
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     encoder = SendOnDelta((2.0, 5.0), reference)
     first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
-    found = dense(encoder.encode_all(Signals(values, offsets, 1.0, {}), first, length))
-    assert found.shape == (3, 12, 12)
+    encoded = dense(encoder.encode_all(Signals(values, offsets, 1.0, {}), first, length))
+    assert encoded.shape == (3, 12, 12)
     for i in range(3):
         whole = send_on_delta(values[offsets[i] : offsets[i + 1]], (2.0, 5.0), reference)
-        assert np.array_equal(found[i, : length[i]], whole[first[i] : first[i] + length[i]])
-        assert not found[i, length[i] :].any()
+        assert np.array_equal(encoded[i, : length[i]], whole[first[i] : first[i] + length[i]])
+        assert not encoded[i, length[i] :].any()
 
 
 def test_it_is_a_component_whose_thresholds_are_an_axis():
@@ -147,8 +147,8 @@ def test_events_of_public_recordings(shared_data):
     for theta, about in ((1, 5000), (2, 2040), (3, 1110), (5, 480)):
         crossings, spikes = _crossings(windows, theta)
         assert np.median(crossings) == pytest.approx(about, rel=0.01)
-        found = SendOnDelta((float(theta),), "level").encode_all(everywhere, n, whole)
-        per_window = np.diff(found.row_offsets[::128])
+        encoded = SendOnDelta((float(theta),), "level").encode_all(everywhere, n, whole)
+        per_window = np.diff(encoded.row_offsets[::128])
         assert np.array_equal(per_window, spikes)
 
 
@@ -168,11 +168,11 @@ def _crossings(windows: np.ndarray, theta: int) -> tuple[np.ndarray, np.ndarray]
 def test_copies_of_a_channel_lie_where_it_does_in_planes_of_their_own():
     inputs = np.array([[5, 2, 0], [7, 3, 0], [5, 2, 1]], dtype=np.int32)
     encoder = SendOnDelta((1.0, 2.0))
-    found = encoder.positions(inputs)
-    assert found.shape == (encoder.n_channels(3), 3) and found.dtype == np.int32
-    assert found[:, :2].tolist() == inputs[:, :2].tolist() * 4
-    assert found[:, 2].tolist() == [0, 0, 4, 1, 1, 5, 2, 2, 6, 3, 3, 7]
-    assert len(np.unique(found, axis=0)) == len(found)
+    encoded = encoder.positions(inputs)
+    assert encoded.shape == (encoder.n_channels(3), 3) and encoded.dtype == np.int32
+    assert encoded[:, :2].tolist() == inputs[:, :2].tolist() * 4
+    assert encoded[:, 2].tolist() == [0, 0, 4, 1, 1, 5, 2, 2, 6, 3, 3, 7]
+    assert len(np.unique(encoded, axis=0)) == len(encoded)
     assert inputs[2].tolist() == [5, 2, 1], "the input is left as it was"
     merged = SendOnDelta((1.0, 2.0), polarity="merged").positions(inputs)
     assert merged.tolist() == [[5, 2, 0], [7, 3, 0], [5, 2, 2], [5, 2, 1], [7, 3, 1], [5, 2, 3]]

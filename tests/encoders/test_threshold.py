@@ -79,10 +79,10 @@ def test_it_is_algorithm_1(values, target, tolerance):
     matching = "nearest" if tolerance is None else "tolerance"
     encoder = Threshold(matching, tolerance=tolerance or 0.0)
     encoder = fitted(encoder, signals, target, np.arange(5))
-    found = encoded(encoder, signals)
+    encoded_spikes = encoded(encoder, signals)
     as_printed = encoded(fitted(Threshold("own_label"), signals, target, np.arange(5)), signals)
     for i in range(5):
-        assert np.array_equal(found[i], plain(values[i], means, tolerance, deviations, None))
+        assert np.array_equal(encoded_spikes[i], plain(values[i], means, tolerance, deviations, None))
         assert np.array_equal(as_printed[i], plain(values[i], means, None, None, target[i]))
 
 
@@ -174,15 +174,17 @@ def test_recordings_cut_to_their_spans():
     rng = np.random.default_rng(4)
     recordings = [rng.integers(0, 9, (n, 2)) for n in (30, 7, 19)]
     first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
-    found = dense(Threshold("none", smoothing_ms=30).encode_all(recorded(*recordings), first, length))
-    assert found.shape == (3, 12, 2)
+    encoded_spikes = dense(
+        Threshold("none", smoothing_ms=30).encode_all(recorded(*recordings), first, length)
+    )
+    assert encoded_spikes.shape == (3, 12, 2)
     for i in (0, 2):
         smooth = np.stack(
             [recordings[i][max(0, t - 2) : t + 1].mean(axis=0) for t in range(30 - 11 * i // 2)]
         )
         piece = smooth[first[i] : first[i] + length[i]]
-        assert np.array_equal(found[i, : length[i]], piece >= piece.mean(axis=0))
-    assert not found[1].any() and not found[2, 9:].any()
+        assert np.array_equal(encoded_spikes[i, : length[i]], piece >= piece.mean(axis=0))
+    assert not encoded_spikes[1].any() and not encoded_spikes[2, 9:].any()
     empty = Threshold("none").encode_all(recorded([1, 2]), np.zeros(1, int), np.zeros(1, int))
     assert (empty.channel.size, empty.row_offsets.tolist()) == (0, [0])
 
@@ -193,10 +195,10 @@ def test_recordings_cut_to_their_spans():
     first=st.integers(0, 8),
 )
 def test_moving_average(values, window, first):
-    found = moving_average(values, window, first, 9 - first)
+    encoded_spikes = moving_average(values, window, first, 9 - first)
     for t in range(first, 9):
         expected = values[max(0, t + 1 - max(window, 1)) : t + 1].mean(axis=0, dtype=np.float64)
-        assert found[t - first] == pytest.approx(expected, abs=1e-12)
+        assert encoded_spikes[t - first] == pytest.approx(expected, abs=1e-12)
 
 
 @given(values=arrays.arrays(np.float64, (7, 2), elements=st.integers(-9, 9).map(lambda x: x / 4 + 1e5)))
@@ -215,10 +217,10 @@ def test_it_is_a_component_that_knows_its_channels():
     inputs = np.array([[3, 1, 0], [4, 1, 1]], np.int32)
     encoder = dataclasses.replace(Threshold(), n_classes=20)
     assert encoder.n_channels(19) == 380, "as published"
-    found = encoder.positions(inputs)
-    assert (found.shape, found.dtype) == ((40, 3), np.int32)
-    assert found[:4].tolist() == [[3, 1, 0], [4, 1, 20], [3, 1, 1], [4, 1, 21]]
-    assert len({*map(tuple, found.tolist())}) == 40
+    encoded_spikes = encoder.positions(inputs)
+    assert (encoded_spikes.shape, encoded_spikes.dtype) == ((40, 3), np.int32)
+    assert encoded_spikes[:4].tolist() == [[3, 1, 0], [4, 1, 20], [3, 1, 1], [4, 1, 21]]
+    assert len({*map(tuple, encoded_spikes.tolist())}) == 40
     assert Threshold("none").positions(inputs).tolist() == inputs.tolist()
 
 

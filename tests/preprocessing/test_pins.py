@@ -51,8 +51,8 @@ def pin_counts(n, low, high, rng):
 
 def test_the_rectangle_is_that_of_the_pins():
     rng = np.random.default_rng(1)
-    found = pin_rectangle(pin_counts(240, 40, 199, rng), pin_counts(180, 10, 169, rng))
-    assert found == (40, 10, 160, 160)
+    rectangle = pin_rectangle(pin_counts(240, 40, 199, rng), pin_counts(180, 10, 169, rng))
+    assert rectangle == (40, 10, 160, 160)
 
 
 def test_a_broken_pixel_does_not_move_the_rectangle():

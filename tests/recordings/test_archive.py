@@ -43,14 +43,14 @@ def read(path):
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     write(tmp_path / "touch.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["touch.npz"]
-    found = read(tmp_path / "touch.npz")
-    assert found.n_recordings == 3
+    restored = read(tmp_path / "touch.npz")
+    assert restored.n_recordings == 3
     for i, given in enumerate(BLOCKS):
-        (one,) = found.blocks(i)
+        (one,) = restored.blocks(i)
         for name in ADDRESSES:
             assert getattr(one, name).tolist() == getattr(given, name).tolist()
-    assert found.columns["texture"].tolist() == ["denim", "wool", "wool"]
-    assert found.columns["force_n"].tolist() == [0.8, 1.0, 1.2]
+    assert restored.columns["texture"].tolist() == ["denim", "wool", "wool"]
+    assert restored.columns["force_n"].tolist() == [0.8, 1.0, 1.2]
 
 
 def test_numpy_reads_it_and_arrays_are_as_small_as_their_range(tmp_path: Path) -> None:

@@ -27,19 +27,19 @@ def sparse(raster, step_ms=2.0):
 
 
 def test_windows_of_signals_by_hand():
-    found = cut(signals([5, 3, 4], 1), 3, 1)
-    assert found.values[:, 0].tolist() == [0, 1, 2, 1, 2, 3, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
-    assert found.offsets.tolist() == [0, 3, 6, 9, 12, 15, 18] and found.step_ms == 5.0
-    assert found.columns["recording"].tolist() == [0, 0, 0, 1, 2, 2]
-    assert found.columns["window"].tolist() == [0, 1, 2, 0, 0, 1]
-    assert found.columns["fabric"].tolist() == ["f0", "f0", "f0", "f1", "f2", "f2"]
-    assert found.columns["force"].tolist() == [0, 0, 0, 10, 20, 20]
+    windows = cut(signals([5, 3, 4], 1), 3, 1)
+    assert windows.values[:, 0].tolist() == [0, 1, 2, 1, 2, 3, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
+    assert windows.offsets.tolist() == [0, 3, 6, 9, 12, 15, 18] and windows.step_ms == 5.0
+    assert windows.columns["recording"].tolist() == [0, 0, 0, 1, 2, 2]
+    assert windows.columns["window"].tolist() == [0, 1, 2, 0, 0, 1]
+    assert windows.columns["fabric"].tolist() == ["f0", "f0", "f0", "f1", "f2", "f2"]
+    assert windows.columns["force"].tolist() == [0, 0, 0, 10, 20, 20]
 
 
 def test_windows_follow_each_other_without_a_distance_and_the_rest_is_dropped():
-    found = cut(signals([7, 3], 1), 3)
-    assert found.values[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 7, 8, 9]
-    assert found.columns["recording"].tolist() == [0, 0, 1]
+    windows = cut(signals([7, 3], 1), 3)
+    assert windows.values[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 7, 8, 9]
+    assert windows.columns["recording"].tolist() == [0, 0, 1]
 
 
 def test_a_distance_beyond_the_length_skips_steps():
@@ -54,18 +54,18 @@ def test_a_distance_beyond_the_length_skips_steps():
 def test_cutting_signals_is_the_loop(lengths, cut_steps, every):
     recorded = signals([max(length, cut_steps) for length in lengths])
     before = recorded.values.copy()
-    found = cut(recorded, cut_steps, every)
+    windows = cut(recorded, cut_steps, every)
     expected = [
         (i, recorded.values[a + start : a + start + cut_steps])
         for i, (a, b) in enumerate(zip(recorded.offsets, recorded.offsets[1:], strict=False))
         for start in range(0, b - a - cut_steps + 1, every or cut_steps)
     ]
-    assert found.n_recordings == len(expected)
+    assert windows.n_recordings == len(expected)
     for number, (i, values) in enumerate(expected):
-        assert np.array_equal(found.values[found.offsets[number] : found.offsets[number + 1]], values)
-        assert found.columns["recording"][number] == i
-        assert found.columns["fabric"][number] == f"f{i}"
-    assert found.values.dtype == np.float32 and found.offsets.dtype == np.int64
+        assert np.array_equal(windows.values[windows.offsets[number] : windows.offsets[number + 1]], values)
+        assert windows.columns["recording"][number] == i
+        assert windows.columns["fabric"][number] == f"f{i}"
+    assert windows.values.dtype == np.float32 and windows.offsets.dtype == np.int64
     assert np.array_equal(recorded.values, before) and "recording" not in recorded.columns
 
 
@@ -78,7 +78,7 @@ def test_cutting_signals_is_the_loop(lengths, cut_steps, every):
 def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
     cut_steps = min(cut_steps, shape[1])
     raster = np.random.default_rng(1).random(shape) < rate
-    found = cut(Rasters(sparse(raster), {"label": np.arange(shape[0])}), cut_steps, every)
+    windows = cut(Rasters(sparse(raster), {"label": np.arange(shape[0])}), cut_steps, every)
     expected = [
         (i, raster[i, start : start + cut_steps])
         for i in range(shape[0])
@@ -86,10 +86,16 @@ def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
     ]
     whole = sparse(np.array([window for _, window in expected]))
     for name in ("row_offsets", "channel"):
-        one, other = getattr(found.spikes, name), getattr(whole, name)
+        one, other = getattr(windows.spikes, name), getattr(whole, name)
         assert np.array_equal(one, other) and one.dtype == other.dtype
-    assert (found.spikes.n_steps, found.spikes.n_channels, found.spikes.step_ms) == (cut_steps, shape[2], 2.0)
-    assert found.columns["recording"].tolist() == [i for i, _ in expected] == found.columns["label"].tolist()
+    assert (windows.spikes.n_steps, windows.spikes.n_channels, windows.spikes.step_ms) == (
+        cut_steps,
+        shape[2],
+        2.0,
+    )
+    assert (
+        windows.columns["recording"].tolist() == [i for i, _ in expected] == windows.columns["label"].tolist()
+    )
 
 
 def test_without_a_length_nothing_is_cut():

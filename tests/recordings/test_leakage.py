@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsClassifier
 
-from dse.config.settings import Split, Window
+from dse.config.settings import Column, Split, Window
 from dse.recordings import RecordingError, leakage
 from dse.recordings.splits import split
 from dse.recordings.targets import target
@@ -19,19 +19,21 @@ def warned(lengths, levels):
 
 
 def test_a_label_read_off_the_length_is_reported():
-    found = warned(100 + 50 * CODES + RNG.integers(0, 5, 90), None)
-    assert len(found) == 1
-    assert found[0].startswith(
+    sentences = warned(100 + 50 * CODES + RNG.integers(0, 5, 90), None)
+    assert len(sentences) == 1
+    assert sentences[0].startswith(
         "recording length alone predicts fabric with accuracy 1.000 on validation (largest class 0.333)"
     )
-    assert "use windows of one length" in found[0]
+    assert "use windows of one length" in sentences[0]
 
 
 def test_a_label_read_off_the_level_is_reported():
     levels = RNG.normal(size=(90, 4)) + 5 * CODES[:, None]
-    found = warned(np.full(90, 100), levels)
-    assert len(found) == 1 and "resting level (mean of each channel) alone predicts fabric" in found[0]
-    assert "use the encoder send_on_delta" in found[0]
+    sentences = warned(np.full(90, 100), levels)
+    assert (
+        len(sentences) == 1 and "resting level (mean of each channel) alone predicts fabric" in sentences[0]
+    )
+    assert "use the encoder send_on_delta" in sentences[0]
 
 
 def test_honest_data_is_left_in_peace():
@@ -81,22 +83,26 @@ def test_the_traps_of_public_recordings_are_found(shared_data):
     lengths = np.diff(signals.offsets)
     start, _, _, n_steps = place(Window(128), lengths, np.ones(644, dtype=bool))
     levels = mean_levels(signals, start, n_steps)
-    found = {}
+    sentences = {}
     for name, settings in {
         "fabric": "fabric",
         "force": "force",
-        "speed": {"column": "velocity", "abs": True},
+        "speed": Column("velocity", abs=True),
     }.items():
         codes, classes = target(signals.columns, settings)
         train, validation, _ = split(
             signals.columns, codes, classes, Split({"repetition": 0}, {"repetition": 1})
         )
-        found[name] = leakage.warnings(lengths, levels, codes, train, validation, name)
+        sentences[name] = leakage.warnings(lengths, levels, codes, train, validation, name)
     # The README of the data gives kNN on the mean level 0.960 for fabric, 0.230 for speed.
     assert (
-        len(found["fabric"]) == 1 and "resting level" in found["fabric"][0] and "0.960" in found["fabric"][0]
+        len(sentences["fabric"]) == 1
+        and "resting level" in sentences["fabric"][0]
+        and "0.960" in sentences["fabric"][0]
     )
-    assert len(found["force"]) == 1 and "resting level" in found["force"][0]
+    assert len(sentences["force"]) == 1 and "resting level" in sentences["force"][0]
     assert (
-        len(found["speed"]) == 1 and "recording length" in found["speed"][0] and "1.000" in found["speed"][0]
+        len(sentences["speed"]) == 1
+        and "recording length" in sentences["speed"][0]
+        and "1.000" in sentences["speed"][0]
     )

@@ -15,7 +15,7 @@ def members(first: np.ndarray, n: np.ndarray, n_pools: int) -> list[list[int]]:
 
 
 @pytest.mark.parametrize(
-    ("size", "pool", "stride", "padding", "found"),
+    ("size", "pool", "stride", "padding", "pools"),
     [
         (8, 4, None, 0, [[0, 1, 2, 3], [4, 5, 6, 7]]),
         (10, 4, 4, 0, [[0, 1, 2, 3], [4, 5, 6, 7]]),  # the third would stick out
@@ -31,16 +31,16 @@ def members(first: np.ndarray, n: np.ndarray, n_pools: int) -> list[list[int]]:
         (2, 1, 1, 0, [[0], [1]]),
     ],
 )
-def test_pixels_of_every_pool(size, pool, stride, padding, found):
+def test_pixels_of_every_pool(size, pool, stride, padding, pools):
     settings = Preprocessing(1, pool=(pool, 1), stride=None if stride is None else (stride, 1),
                              padding=(padding, 0))  # fmt: skip
     along_x = pooling(settings, size, 2)
-    assert members(along_x.first_x, along_x.n_x, along_x.width) == found
-    assert (along_x.width, along_x.height) == (len(found), 2)
+    assert members(along_x.first_x, along_x.n_x, along_x.width) == pools
+    assert (along_x.width, along_x.height) == (len(pools), 2)
     turned = Preprocessing(1, pool=(1, pool), stride=None if stride is None else (1, stride),
                            padding=(0, padding))  # fmt: skip
     along_y = pooling(turned, 2, size)
-    assert members(along_y.first_y, along_y.n_y, along_y.height) == found
+    assert members(along_y.first_y, along_y.n_y, along_y.height) == pools
 
 
 @pytest.mark.parametrize(("size", "n"), [(160, 40), (312, 78), (10, 2)])
@@ -49,17 +49,17 @@ def test_number_of_pools_of_whole_frames(size, n):
 
 
 def test_pools_lie_in_the_crop():
-    found = pooling(Preprocessing(1, pool=2, crop=(3, 1, 5, 2)), 10, 4)
-    assert (found.width, found.height, found.n_channels) == (2, 1, 4)
-    assert members(found.first_x, found.n_x, 2) == [[3, 4], [5, 6]]
-    assert members(found.first_y, found.n_y, 1) == [[1, 2]]
-    assert found.first_x.dtype == found.n_y.dtype == np.int32
+    pools = pooling(Preprocessing(1, pool=2, crop=(3, 1, 5, 2)), 10, 4)
+    assert (pools.width, pools.height, pools.n_channels) == (2, 1, 4)
+    assert members(pools.first_x, pools.n_x, 2) == [[3, 4], [5, 6]]
+    assert members(pools.first_y, pools.n_y, 1) == [[1, 2]]
+    assert pools.first_x.dtype == pools.n_y.dtype == np.int32
 
 
 def test_padding_of_a_crop_is_empty_although_the_frame_goes_on():
-    found = pooling(Preprocessing(1, pool=3, stride=2, padding=1, crop=(2, 1, 5, 3)), 10, 6)
-    assert members(found.first_x, found.n_x, found.width) == [[2, 3], [3, 4, 5], [5, 6]]
-    assert members(found.first_y, found.n_y, found.height) == [[1, 2], [2, 3]]
+    pools = pooling(Preprocessing(1, pool=3, stride=2, padding=1, crop=(2, 1, 5, 3)), 10, 6)
+    assert members(pools.first_x, pools.n_x, pools.width) == [[2, 3], [3, 4, 5], [5, 6]]
+    assert members(pools.first_y, pools.n_y, pools.height) == [[1, 2], [2, 3]]
 
 
 def test_the_pins_are_a_crop():
@@ -89,10 +89,10 @@ def test_unknown_pins_are_a_fault():
 
 
 def test_what_the_kernels_read():
-    found = pooling(Preprocessing(2.5, pool_threshold=3, exceeds=True, polarity="ignore_on"), 3, 2)
-    assert (found.needed, found.counts_needed) == (4, True)
-    assert (found.poles, found.only, found.n_channels) == (1, 0, 6)
-    assert (found.bin_us, found.start_us, found.end_us) == (2500, 0, END_OF_TIME_US)
+    pools = pooling(Preprocessing(2.5, pool_threshold=3, exceeds=True, polarity="ignore_on"), 3, 2)
+    assert (pools.needed, pools.counts_needed) == (4, True)
+    assert (pools.poles, pools.only, pools.n_channels) == (1, 0, 6)
+    assert (pools.bin_us, pools.start_us, pools.end_us) == (2500, 0, END_OF_TIME_US)
     plain = pooling(Preprocessing(1), 3, 2)
     assert (plain.needed, plain.counts_needed, plain.poles, plain.only) == (1, False, 2, -1)
     assert pooling(Preprocessing(1, polarity="ignore_off"), 3, 2).only == 1

@@ -292,9 +292,11 @@ def test_windows_that_share_steps_must_not_be_in_two_parts():
     assert leak(columns, drawn, *whole, overlap) == ""
     assert leak({}, drawn, np.array([0]), np.array([1]), none, Window(4)) == ""
     torn = np.array([0, 1, 2]), np.array([3, 4, 5])
-    found = leak(columns, drawn, *torn, none, overlap)
-    assert found.startswith("windows with common steps of one recording are in train and in validation (1 of")
-    assert found.endswith("split.stratified.group: recording prevents this")
+    sentence = leak(columns, drawn, *torn, none, overlap)
+    assert sentence.startswith(
+        "windows with common steps of one recording are in train and in validation (1 of"
+    )
+    assert sentence.endswith("split.stratified.group: recording prevents this")
     late = leak(columns, by_column, np.array([0, 1]), np.array([2, 3, 4]), np.array([5]), overlap)
     assert "are in validation and in test (1 of the 1 in test)" in late
     assert late.endswith("a split by column 'recording' prevents this")
@@ -324,10 +326,10 @@ def test_leak_is_the_comparison_of_all_windows(n_windows, cut_steps, every, seed
         and columns["recording"][i] == columns["recording"][j]
         and abs(starts[i] - starts[j]) < cut_steps
     ]
-    found = leak(
+    sentence = leak(
         columns,
         Split(stratified=Stratified(0.2)),
         *(np.flatnonzero(part == p) for p in range(3)),
         Window(cut_steps=cut_steps, every_steps=every),
     )
-    assert bool(found) == bool(shared)
+    assert bool(sentence) == bool(shared)

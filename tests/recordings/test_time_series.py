@@ -116,9 +116,9 @@ def test_check_of_a_missing_or_cut_file_is_its_one_fault(write, tmp_path):
 
 def test_unlabelled_recordings_keep_the_columns_they_have(write, tmp_path):
     write("x.npz", **{k: v for k, v in GOOD.items() if k != "label"})
-    found = SOURCE.with_columns_found(tmp_path)
-    assert (found.columns, found.class_names) == ({"force": "force"}, {})
-    assert list(found.read(tmp_path).columns) == ["force"]
+    component = SOURCE.with_columns_found(tmp_path)
+    assert (component.columns, component.class_names) == ({"force": "force"}, {})
+    assert list(component.read(tmp_path).columns) == ["force"]
 
 
 def test_public_recordings(shared_data):

@@ -35,21 +35,21 @@ def test_a_network_survives_the_disk(tmp_path: Path) -> None:
     )
     network = Network(layers, n_channels=3, delays=(0, 2), steps_per_sample=2, arithmetic="ideal")
     store.save_arrays(tmp_path / "w.npz", store.record_arrays(network))
-    found = store.record_of(Network, store.load_arrays(tmp_path / "w.npz"))
-    assert (found.n_channels, found.delays, found.steps_per_sample, found.arithmetic) == (
+    restored = store.record_of(Network, store.load_arrays(tmp_path / "w.npz"))
+    assert (restored.n_channels, restored.delays, restored.steps_per_sample, restored.arithmetic) == (
         3,
         (0, 2),
         2,
         "ideal",
     )
-    for got, put in zip(found.layers, layers, strict=True):
+    for got, put in zip(restored.layers, layers, strict=True):
         assert (got.recurrent is None) == (put.recurrent is None)
         assert got.neuron == put.neuron == "cuba_lif"
         assert np.array_equal(got.weight, put.weight)
         assert set(got.parameters) == {"decay_current", "decay_voltage", "threshold"}
         for name, values in put.parameters.items():
             assert np.array_equal(got.parameters[name], values)
-    assert np.array_equal(found.layers[0].recurrent, np.eye(5))
+    assert np.array_equal(restored.layers[0].recurrent, np.eye(5))
     with pytest.raises(store.StoreError, match="needs the array '1/weight'"):
         store.record_of(Network, {k: v for k, v in store.record_arrays(network).items() if k != "1/weight"})
 
@@ -66,11 +66,11 @@ def test_a_response_survives_the_disk(tmp_path: Path) -> None:
     arrays = store.response_arrays(response, np.array([4, 9, 2]))
     assert arrays["output"].nbytes == 14  # 105 spikes in bits
     store.save_arrays(tmp_path / "r.npz", arrays)
-    found = store.response_of(store.load_arrays(tmp_path / "r.npz"))
+    restored = store.response_of(store.load_arrays(tmp_path / "r.npz"))
     for name in ("output", "spikes", "updates"):
-        assert np.array_equal(getattr(found, name), getattr(response, name))
-        assert getattr(found, name).dtype == getattr(response, name).dtype
-    assert (found.step_ms, found.peak_state) == (2.5, 2**31)
+        assert np.array_equal(getattr(restored, name), getattr(response, name))
+        assert getattr(restored, name).dtype == getattr(response, name).dtype
+    assert (restored.step_ms, restored.peak_state) == (2.5, 2**31)
 
 
 def test_what_a_pruned_net_reached_survives_the_disk() -> None:
@@ -84,10 +84,10 @@ def test_what_a_pruned_net_reached_survives_the_disk() -> None:
 def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
     own = {"n_layers": np.array([3, 4]), "names": np.array(["felt", "silk"]), "0/weight": np.eye(2)}
     store.save_arrays(tmp_path / "w.npz", store.record_arrays(Parameters(own, 7)))
-    found = store.fitted_of(store.load_arrays(tmp_path / "w.npz"))
-    assert isinstance(found, Parameters)
-    assert found.n_channels == 7 and set(found.arrays) == set(own)
-    assert all(np.array_equal(found.arrays[name], x) for name, x in own.items())
+    restored = store.fitted_of(store.load_arrays(tmp_path / "w.npz"))
+    assert isinstance(restored, Parameters)
+    assert restored.n_channels == 7 and set(restored.arrays) == set(own)
+    assert all(np.array_equal(restored.arrays[name], x) for name, x in own.items())
     layer = Layer(
         np.eye(2, dtype=np.float32), None, cuba_parameters(np.ones(2, np.int32), np.ones(2, np.int32), 80)
     )
@@ -101,9 +101,9 @@ def test_answers_are_stored_with_their_samples(tmp_path: Path) -> None:
     k = np.arange(2)
     answers = Answers(np.eye(2, dtype=np.int64), k + 1.0, k, k * 1.0, k * 2.0, np.eye(2, dtype=np.int64))
     store.save_arrays(tmp_path / "a.npz", store.response_arrays(answers, np.array([4, 9])))
-    found = store.load_arrays(tmp_path / "a.npz")
-    assert found.pop("index").tolist() == [4, 9]
-    assert all(np.array_equal(x, vars(answers)[name]) for name, x in found.items()) and len(found) == 6
+    restored = store.load_arrays(tmp_path / "a.npz")
+    assert restored.pop("index").tolist() == [4, 9]
+    assert all(np.array_equal(x, vars(answers)[name]) for name, x in restored.items()) and len(restored) == 6
 
 
 @dataclass(frozen=True)

@@ -53,16 +53,16 @@ def path(tmp_path: Path) -> Path:
 
 
 def error(path: Path) -> str:
-    with pytest.raises(RecordingError) as found:
+    with pytest.raises(RecordingError) as recording:
         read(Aedat2(), path)
-    return str(found.value)
+    return str(recording.value)
 
 
 def test_a_recorded_header_has_a_chip_and_no_events(shared_data):
     path = shared_data / "native_event_files" / "tonic_sample_aedat_header.aedat"
     assert detect(path) == Aedat2() and Aedat2().frame(path) == (346, 260)
-    found, notes = read(Aedat2(), path)
-    assert len(found.t_us) == 0 and notes == []
+    recording, notes = read(Aedat2(), path)
+    assert len(recording.t_us) == 0 and notes == []
     repairs = Repairs(path.name, False)
     with pytest.raises(RecordingError, match=r"_header\.aedat: .*got none"):
         list(checked(Aedat2().blocks(path, repairs.broken), 346, 260, repairs.broken))
@@ -77,17 +77,17 @@ def test_round_trip(tmp_path_factory, data, chip, start):
     path = tmp_path_factory.getbasetemp() / "round_trip.aedat"
     t_us = (1 << 32) - start + block.t_us  # the clock wraps within a step or two
     path.write_bytes(head(chip) + words(address(block, chip), t_us))
-    found, notes = read(Aedat2(), path)
+    recording, notes = read(Aedat2(), path)
     assert notes == [] and Aedat2().frame(path) == CHIPS[chip]
     first = t_us[0] >> 32 << 32 if len(t_us) else 0
-    assert same(found, t_us - first, block.x, block.y, block.polarity)
+    assert same(recording, t_us - first, block.x, block.y, block.polarity)
 
 
 def test_words_by_hand(path):
     # DVS128: the word's last bit is 0 for ON; the external input at bit 15 is no event
     path.write_bytes(head() + words([5 << 8 | 3 << 1, 5 << 8 | 3 << 1 | 1, 1 << 15], [10, 20, 30]))
-    found, _ = read(Aedat2(), path)
-    assert same(found, [10, 20], [124, 124], [122, 122], [1, 0])
+    recording, _ = read(Aedat2(), path)
+    assert same(recording, [10, 20], [124, 124], [122, 122], [1, 0])
 
 
 def test_frames_inertial_samples_and_external_inputs_are_passed_over(path):
@@ -95,8 +95,8 @@ def test_frames_inertial_samples_and_external_inputs_are_passed_over(path):
     pixels = address(block, DAVIS240)
     others = [1 << 31 | pixels[1], 1 << 31 | 3 << 10 | 5, pixels[2] | 1 << 10, 1 << 31 | 1 << 10]
     path.write_bytes(head(DAVIS240) + words(np.ravel([pixels, others], "F"), np.arange(8)))
-    found, notes = read(Aedat2(), path)
-    assert notes == [] and same(found, [0, 2, 4, 6], block.x, block.y, block.polarity)
+    recording, notes = read(Aedat2(), path)
+    assert notes == [] and same(recording, [0, 2, 4, 6], block.x, block.y, block.polarity)
 
 
 def test_times_that_run_backwards_are_left_to_the_check(path):
@@ -118,16 +118,16 @@ def test_blocks_do_not_show(path, n):
     block = many(n, 128, 128)
     t_us = block.t_us + (1 << 32) - 3 * BLOCK_EVENTS  # wraps where the second block begins
     path.write_bytes(head() + words(address(block, DVS128), t_us))
-    found, _ = read(Aedat2(), path)
-    assert same(found, t_us, block.x, block.y, block.polarity)
+    recording, _ = read(Aedat2(), path)
+    assert same(recording, t_us, block.x, block.y, block.polarity)
 
 
 def test_cut_in_an_event(path):
     data = head() + coded(many(3, 128, 128))
     path.write_bytes(data[:-3])
     assert error(path).startswith(f"a.aedat: the last word must have 8 bytes, got 5 at byte {len(data) - 8}")
-    found, notes = read(Aedat2(), path, repair=True)
-    assert len(found.t_us) == 2 and len(notes) == 1
+    recording, notes = read(Aedat2(), path, repair=True)
+    assert len(recording.t_us) == 2 and len(notes) == 1
 
 
 def test_addresses_that_a_dvs128_does_not_have(path):
@@ -137,8 +137,8 @@ def test_addresses_that_a_dvs128_does_not_have(path):
     path.write_bytes(head() + words(addresses, block.t_us))
     at = len(head()) + 8
     assert f"the address at byte {at} must be valid for a DVS128, got 0x0004" in error(path)
-    found, notes = read(Aedat2(), path, repair=True)
-    assert found.t_us.tolist() == [0, 6, 12]
+    recording, notes = read(Aedat2(), path, repair=True)
+    assert recording.t_us.tolist() == [0, 6, 12]
     assert notes[0].endswith("--repair drops words with an address that the chip does not have (2 in all)")
 
 
@@ -149,8 +149,8 @@ def test_a_header_without_a_chip(path):
     assert error(path).startswith(
         "a.aedat: the header must name the chip in a line '# AEChip: ...', but has none"
     )
-    found, notes = read(Aedat2(), path, repair=True)
-    assert same(found, block.t_us, block.x, block.y, block.polarity)
+    recording, notes = read(Aedat2(), path, repair=True)
+    assert same(recording, block.t_us, block.x, block.y, block.polarity)
     assert notes[0].endswith("--repair treats an unnamed camera as a DVS128")
 
 

@@ -54,14 +54,14 @@ def packet(data: bytes, count: int, kind: int = POLARITY, **fields: int) -> byte
 
 def coded(block: Block, **fields: int) -> bytes:
     """Return the events in packets, a new one wherever the overflow counter rises."""
-    found = b""
+    recording = b""
     counters = block.t_us >> 31
     for overflow in np.unique(counters) if len(counters) else [0]:
         part = counters == overflow
         bits = 1 | block.polarity[part].astype(np.int64) << 1 | block.y[part] << 2
         pairs = np.stack([bits | block.x[part].astype(np.int64) << 17, block.t_us[part] % (1 << 31)], axis=-1)
-        found += packet(pairs.astype("<u4").tobytes(), int(part.sum()), overflow=int(overflow), **fields)
-    return found
+        recording += packet(pairs.astype("<u4").tobytes(), int(part.sum()), overflow=int(overflow), **fields)
+    return recording
 
 
 @pytest.fixture
@@ -70,9 +70,9 @@ def path(tmp_path: Path) -> Path:
 
 
 def error(path: Path) -> str:
-    with pytest.raises(RecordingError) as found:
+    with pytest.raises(RecordingError) as recording:
         read(Aedat31(), path)
-    return str(found.value)
+    return str(recording.value)
 
 
 @given(
@@ -89,12 +89,12 @@ def test_round_trip(tmp_path_factory, parts, start, between):
         data += packet(between, 1, FRAME)
         data += coded(Block(times[-1], block.x, block.y, block.polarity))
     path.write_bytes(data)
-    found, notes = read(Aedat31(), path)
+    recording, notes = read(Aedat31(), path)
     assert notes == []
     x, y, polarity = (
         np.concatenate([[], *(getattr(block, name) for block in parts)]) for name in ("x", "y", "polarity")
     )
-    assert same(found, np.concatenate([[], *times]), x, y, polarity)
+    assert same(recording, np.concatenate([[], *times]), x, y, polarity)
 
 
 def test_bytes_by_hand(path):
@@ -133,8 +133,8 @@ def test_other_types_other_sources_and_empty_packets_are_passed_over(path):
         + others
         + packet(b"", 0)
     )
-    found, notes = read(Aedat31(), path)
-    assert notes == [] and same(found, first.t_us, first.x, first.y, first.polarity)
+    recording, notes = read(Aedat31(), path)
+    assert notes == [] and same(recording, first.t_us, first.x, first.y, first.polarity)
 
 
 def test_a_large_packet_comes_in_blocks(path):
@@ -155,8 +155,8 @@ def test_cut_in_a_packet(path, missing, whole):
         f"a.aedat: the packet at byte {at} must hold 3 events of 8 bytes, but the file ends after {whole} "
         "of them"
     )
-    found, notes = read(Aedat31(), path, repair=True)
-    assert found.t_us.tolist() == [0, 3, 6, 0, 3, 6][: 3 + whole]
+    recording, notes = read(Aedat31(), path, repair=True)
+    assert recording.t_us.tolist() == [0, 3, 6, 0, 3, 6][: 3 + whole]
     assert len(notes) == 1 and (f"({3 - whole} in all)" in notes[0]) == (whole < 2)
 
 
@@ -167,8 +167,8 @@ def test_cut_in_a_packet_header(path):
         f"a.aedat: the packet header at byte {len(data)} must have 28 bytes, but the file ends after 10"
     )
     assert error(path).startswith(sentence)
-    found, notes = read(Aedat31(), path, repair=True)
-    assert len(found.t_us) == 3 and notes == [f"{sentence}; --repair drops a truncated packet header"]
+    recording, notes = read(Aedat31(), path, repair=True)
+    assert len(recording.t_us) == 3 and notes == [f"{sentence}; --repair drops a truncated packet header"]
 
 
 @pytest.mark.parametrize(
@@ -194,8 +194,8 @@ def test_a_packet_header_that_is_not_sound_ends_the_reading(path, fields):
     bad = packet(bytes(24), 3, **fields) + coded(block)
     path.write_bytes(good + bad)
     assert f"a.aedat: the packet header at byte {len(good)} must hold sizes" in error(path)
-    found, notes = read(Aedat31(), path, repair=True)
-    assert len(found.t_us) == 3
+    recording, notes = read(Aedat31(), path, repair=True)
+    assert len(recording.t_us) == 3
     assert notes[0].endswith(f"--repair drops the bytes after an invalid packet header ({len(bad)} in all)")
 
 
@@ -204,8 +204,10 @@ def test_an_absurd_packet_takes_no_memory(path, kind):
     n = 2**31 - 1
     path.write_bytes(head() + packet(bytes(80), 0, kind, size=8, capacity=n, n=n, valid=n))
     assert "must hold 2147483647 events of 8 bytes, but the file ends after 10 of them" in error(path)
-    found, notes = read(Aedat31(), path, repair=True)
-    assert len(found.t_us) == 0 and notes[0].endswith(f"({n - 10} in all)")  # all of them marked as invalid
+    recording, notes = read(Aedat31(), path, repair=True)
+    assert len(recording.t_us) == 0 and notes[0].endswith(
+        f"({n - 10} in all)"
+    )  # all of them marked as invalid
 
 
 def test_polarity_events_of_another_layout_are_left_out(path):
@@ -213,15 +215,15 @@ def test_polarity_events_of_another_layout_are_left_out(path):
     path.write_bytes(head() + packet(bytes(36), 3) + coded(block))
     at = len(head())
     assert f"the polarity events of the packet at byte {at} must be 8 bytes long" in error(path)
-    found, notes = read(Aedat31(), path, repair=True)
-    assert same(found, block.t_us, block.x, block.y, block.polarity) and len(notes) == 1
+    recording, notes = read(Aedat31(), path, repair=True)
+    assert same(recording, block.t_us, block.x, block.y, block.polarity) and len(notes) == 1
 
 
 def test_times_after_a_reset_are_left_to_the_check(path):
     block = many(3, 240, 180)
     path.write_bytes(head() + coded(block) + coded(block))
-    found, notes = read(Aedat31(), path)
-    assert found.t_us.tolist() == [0, 3, 6, 0, 3, 6] and notes == []
+    recording, notes = read(Aedat31(), path)
+    assert recording.t_us.tolist() == [0, 3, 6, 0, 3, 6] and notes == []
 
 
 def test_a_header_alone_has_no_events(path):

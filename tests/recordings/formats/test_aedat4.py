@@ -88,19 +88,19 @@ def path(tmp_path: Path) -> Path:
 
 
 def error(path: Path) -> str:
-    with pytest.raises(RecordingError) as found:
+    with pytest.raises(RecordingError) as recording:
         read(Aedat4(), path)
-    return str(found.value)
+    return str(recording.value)
 
 
 def test_a_recorded_file(shared_data):
     path = shared_data / "native_event_files" / "tonic_sample.aedat4"
     assert detect(path) == Aedat4() and Aedat4().frame(path) == (320, 240)
-    found, notes = read(Aedat4(), path)
-    assert notes == [] and len(found.t_us) == 111954 and found.polarity.sum() == 55023
-    assert (found.t_us[0], found.t_us[-1]) == (1605537493718345, 1605537494308262)
-    assert (found.x[0], found.y[0], found.x[-1], found.y[-1]) == (154, 204, 88, 237)
-    sums = [zlib.crc32(a.astype(np.int64).tobytes()) for a in (found.t_us, found.x, found.y)]
+    recording, notes = read(Aedat4(), path)
+    assert notes == [] and len(recording.t_us) == 111954 and recording.polarity.sum() == 55023
+    assert (recording.t_us[0], recording.t_us[-1]) == (1605537493718345, 1605537494308262)
+    assert (recording.x[0], recording.y[0], recording.x[-1], recording.y[-1]) == (154, 204, 88, 237)
+    sums = [zlib.crc32(a.astype(np.int64).tobytes()) for a in (recording.t_us, recording.x, recording.y)]
     assert sums == [1231361461, 828355067, 2444565237]  # as three other readers decode it
 
 
@@ -116,13 +116,13 @@ def test_round_trip(tmp_path_factory, parts, compression, end):
     table = b"a table of packets"
     header = head(compression)
     path.write_bytes(head(compression, len(header + data)) + data + table if end else header + data)
-    found, notes = read(Aedat4(), path)
+    recording, notes = read(Aedat4(), path)
     assert notes == [] and Aedat4().frame(path) == (320, 240)
     columns = {
         name: np.concatenate([[], *(getattr(block, name) for block in parts)])
         for name in ("t_us", "x", "y", "polarity")
     }
-    assert same(found, **columns)
+    assert same(recording, **columns)
 
 
 def test_the_first_stream_of_events_is_taken(path):
@@ -153,8 +153,8 @@ def damaged(path: Path, bad: bytes, lost: int = 0) -> tuple[str, list[str]]:
     path.write_bytes(head() + coded(first) + bad + coded(last))
     sentence = error(path)
     assert f"the packet at byte {len(head() + coded(first))} " in sentence
-    found, notes = read(Aedat4(), path, repair=True)
-    assert same(found, BLOCK.t_us, BLOCK.x, BLOCK.y, BLOCK.polarity)
+    recording, notes = read(Aedat4(), path, repair=True)
+    assert same(recording, BLOCK.t_us, BLOCK.x, BLOCK.y, BLOCK.polarity)
     return sentence, notes
 
 
@@ -182,8 +182,8 @@ def test_half_a_frame(path, compression):
     data = COMPRESS[compression](content(BLOCK))
     path.write_bytes(head(compression) + packet(data[: len(data) // 2]))
     assert "a.aedat4: the packet at byte " in error(path)
-    found, notes = read(Aedat4(), path, repair=True)
-    assert len(found.t_us) == 0 and len(notes) == 1
+    recording, notes = read(Aedat4(), path, repair=True)
+    assert len(recording.t_us) == 0 and len(notes) == 1
 
 
 def test_a_packet_of_no_bytes(path):
@@ -193,8 +193,8 @@ def test_a_packet_of_no_bytes(path):
 def test_a_packet_of_no_events(path):
     none = part(BLOCK, slice(0))
     path.write_bytes(head() + coded(none) + coded(BLOCK) + coded(none))
-    found, notes = read(Aedat4(), path)
-    assert notes == [] and len(found.t_us) == 1000
+    recording, notes = read(Aedat4(), path)
+    assert notes == [] and len(recording.t_us) == 1000
 
 
 def test_a_packet_of_an_unknown_stream(path):
@@ -215,9 +215,9 @@ def test_damaged_places_within_a_flatbuffer(tmp_path_factory, data):
     for _ in range(data.draw(st.integers(1, 4))):
         whole[data.draw(st.integers(0, 31))] = data.draw(st.integers(0, 255))
     path.write_bytes(head(NONE) + packet(bytes(whole)) + coded(BLOCK, NONE))
-    found, notes = read(Aedat4(), path, repair=True)
-    assert len(found.t_us) >= 1000 and len(notes) <= 1
-    assert found.t_us[-1000:].tolist() == BLOCK.t_us.tolist()
+    recording, notes = read(Aedat4(), path, repair=True)
+    assert len(recording.t_us) >= 1000 and len(notes) <= 1
+    assert recording.t_us[-1000:].tolist() == BLOCK.t_us.tolist()
 
 
 def test_a_claim_of_too_many_events_takes_no_memory(path):
@@ -248,8 +248,8 @@ def test_an_absurd_length_ends_the_reading(path, size):
         f"a.aedat4: the packet at byte {len(good)} must end within the {len(bad)} bytes left, "
         f"got a length of {size} bytes"
     )
-    found, notes = read(Aedat4(), path, repair=True)
-    assert len(found.t_us) == 1000
+    recording, notes = read(Aedat4(), path, repair=True)
+    assert len(recording.t_us) == 1000
     assert notes[0].endswith(f"--repair drops the bytes of an unfinished packet ({len(bad)} in all)")
 
 
@@ -259,8 +259,8 @@ def test_cut_in_a_packet(path, left):
     path.write_bytes(good + coded(BLOCK)[:left])
     sentence = f"a.aedat4: the packet at byte {len(good)} must end within the {left} bytes left, got "
     assert error(path).startswith(sentence)
-    found, notes = read(Aedat4(), path, repair=True)
-    assert len(found.t_us) == 1000 and notes[0].endswith(f"({left} in all)")
+    recording, notes = read(Aedat4(), path, repair=True)
+    assert len(recording.t_us) == 1000 and notes[0].endswith(f"({left} in all)")
 
 
 def test_cut_between_packets_shows_by_the_missing_table(path):
@@ -270,8 +270,8 @@ def test_cut_between_packets_shows_by_the_missing_table(path):
         f"a.aedat4: the table of packets must begin between byte {len(head())} and the end of the file at "
         f"byte {len(head() + coded(BLOCK))}, got byte {length}"
     )
-    found, notes = read(Aedat4(), path, repair=True)
-    assert len(found.t_us) == 1000 and notes[0].endswith("--repair reads the packets that are present")
+    recording, notes = read(Aedat4(), path, repair=True)
+    assert len(recording.t_us) == 1000 and notes[0].endswith("--repair reads the packets that are present")
 
 
 def test_a_header_alone_has_no_events(path):
@@ -330,8 +330,8 @@ def test_a_damaged_header_gives_a_sentence_or_is_read(tmp_path_factory, damage):
     path.write_bytes(bytes(data))
     try:
         read(Aedat4(), path, repair=True)
-    except RecordingError as found:
-        assert str(found).startswith("damaged_head.aedat4: ")
+    except RecordingError as recording:
+        assert str(recording).startswith("damaged_head.aedat4: ")
 
 
 def test_memory_does_not_follow_the_length(path):

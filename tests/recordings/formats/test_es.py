@@ -32,16 +32,16 @@ def coded(block: Block, kind: int = DVS) -> bytes:
     """Return the bytes of the events: elapsed time beyond a byte's range goes before the event."""
     full = 255 >> kind
     most = (1 << kind) - 1
-    found, before = bytearray(), 0
+    recording, before = bytearray(), 0
     for t, x, y, polarity in zip(block.t_us, block.x, block.y, block.polarity, strict=True):
         steps, rest = divmod(int(t) - before, full)
         while steps:
-            found.append(full << kind | min(steps, most))
+            recording.append(full << kind | min(steps, most))
             steps -= min(steps, most)
-        found.append(rest << kind | int(polarity) << (kind - 1))
-        found += int(x).to_bytes(2, "little") + (HEIGHT - 1 - int(y)).to_bytes(2, "little")
+        recording.append(rest << kind | int(polarity) << (kind - 1))
+        recording += int(x).to_bytes(2, "little") + (HEIGHT - 1 - int(y)).to_bytes(2, "little")
         before = int(t)
-    return bytes(found)
+    return bytes(recording)
 
 
 @pytest.fixture
@@ -50,19 +50,19 @@ def path(tmp_path: Path) -> Path:
 
 
 def error(path: Path) -> str:
-    with pytest.raises(RecordingError) as found:
+    with pytest.raises(RecordingError) as recording:
         read(EventStream(), path)
-    return str(found.value)
+    return str(recording.value)
 
 
 def test_a_recorded_file(shared_data):
     path = shared_data / "native_event_files" / "faery_dvs.es"
     assert detect(path) == EventStream() and EventStream().frame(path) == (320, 240)
-    found, notes = read(EventStream(), path)
-    assert notes == [] and len(found.t_us) == 473225 and found.polarity.sum() == 270001
-    assert (found.t_us[0], found.x[0], found.y[0]) == (0, 0, 0)
-    assert (found.t_us[-1], found.x[-1], found.y[-1]) == (999000, 38, 193)
-    sums = [zlib.crc32(a.astype(np.int64).tobytes()) for a in (found.t_us, found.x, found.y)]
+    recording, notes = read(EventStream(), path)
+    assert notes == [] and len(recording.t_us) == 473225 and recording.polarity.sum() == 270001
+    assert (recording.t_us[0], recording.x[0], recording.y[0]) == (0, 0, 0)
+    assert (recording.t_us[-1], recording.x[-1], recording.y[-1]) == (999000, 38, 193)
+    sums = [zlib.crc32(a.astype(np.int64).tobytes()) for a in (recording.t_us, recording.x, recording.y)]
     assert sums == [4149783995, 2153943521, 3035768722]  # as two other readers decode it
 
 
@@ -76,31 +76,31 @@ def test_generic_events_are_refused_by_name(shared_data):
 def test_round_trip(tmp_path_factory, block, kind):
     path = tmp_path_factory.getbasetemp() / "round_trip.es"
     path.write_bytes(head(kind) + coded(block, kind))
-    found, notes = read(EventStream(), path)
-    assert notes == [] and same(found, block.t_us, block.x, block.y, block.polarity)
+    recording, notes = read(EventStream(), path)
+    assert notes == [] and same(recording, block.t_us, block.x, block.y, block.polarity)
     assert EventStream().frame(path) == (WIDTH, HEIGHT)
 
 
 def test_bytes_by_hand(path):
     # 127 us, a reset, 127 us, then 5 us: ON at column 258, row 1 from the bottom
     path.write_bytes(head() + bytes([0xFF, 0xFE, 0xFF, 5 << 1 | 1, 2, 1, 1, 0]))
-    found, _ = read(EventStream(), path)
-    assert same(found, [259], [258], [HEIGHT - 2], [1])
+    recording, _ = read(EventStream(), path)
+    assert same(recording, [259], [258], [HEIGHT - 2], [1])
 
 
 def test_atis_threshold_crossings_pass_time_only(path):
     # 2 x 63 us, a threshold crossing after 4 us, a change (OFF) after 1 us
     path.write_bytes(head(ATIS) + bytes([0xFE, 4 << 2 | 3, 9, 0, 9, 0, 1 << 2, 7, 0, 0, 0]))
-    found, _ = read(EventStream(), path)
-    assert same(found, [131], [7], [HEIGHT - 1], [0])
+    recording, _ = read(EventStream(), path)
+    assert same(recording, [131], [7], [HEIGHT - 1], [0])
 
 
 @pytest.mark.parametrize("n", [BLOCK_EVENTS - 1, BLOCK_EVENTS, 2 * BLOCK_EVENTS + 3])
 def test_blocks_do_not_show(path, n):
     block = many(n, WIDTH, HEIGHT)
     path.write_bytes(head() + b"\xff\xff" + coded(block))  # no event begins where a block does
-    found, _ = read(EventStream(), path)
-    assert same(found, block.t_us + 254, block.x, block.y, block.polarity)
+    recording, _ = read(EventStream(), path)
+    assert same(recording, block.t_us + 254, block.x, block.y, block.polarity)
     sizes = [len(x.t_us) for x in EventStream().blocks(path, Repairs("a", False).broken)]
     assert max(sizes) <= BLOCK_EVENTS
 
@@ -111,8 +111,8 @@ def test_cut_in_an_event(path, left):
     path.write_bytes(data[: 30 + left])
     sentence = f"a.es: the event at byte 30 must have 5 bytes, but the file ends after {left}"
     assert error(path).startswith(sentence)
-    found, notes = read(EventStream(), path, repair=True)
-    assert len(found.t_us) == 2 and notes == [f"{sentence}; --repair drops a truncated event"]
+    recording, notes = read(EventStream(), path, repair=True)
+    assert len(recording.t_us) == 2 and notes == [f"{sentence}; --repair drops a truncated event"]
 
 
 @pytest.mark.parametrize(

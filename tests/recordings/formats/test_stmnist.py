@@ -27,11 +27,11 @@ def read(path, repair=False):
 def matrix(n, seed=0):
     """A spike train with one to three taxels per column, its times in seconds."""
     rng = np.random.default_rng(seed)
-    found = np.zeros((N_ROWS, n))
+    recording = np.zeros((N_ROWS, n))
     for _ in range(3):
-        found[rng.integers(0, 100, n), np.arange(n)] = rng.choice([-1, 1], n)
-    found[-1] = np.sort(rng.uniform(0, 2, n))
-    return found
+        recording[rng.integers(0, 100, n), np.arange(n)] = rng.choice([-1, 1], n)
+    recording[-1] = np.sort(rng.uniform(0, 2, n))
+    return recording
 
 
 def expected(spikes):
@@ -40,8 +40,8 @@ def expected(spikes):
     return np.rint(spikes[-1, column] * 1e6), taxel % 10, taxel // 10, values > 0
 
 
-def assert_same(found, wanted):
-    for a, b in zip(found, wanted, strict=True):
+def assert_same(recording, wanted):
+    for a, b in zip(recording, wanted, strict=True):
         assert len(a) == len(b) and (a == b).all()
 
 
@@ -50,10 +50,10 @@ def test_the_published_sample(shared_data):
     assert detect(path) == Stmnist() and Stmnist().frame(path) == (10, 10)
     spikes = loadmat(path)["spiketrain"]
     assert spikes.shape == (N_ROWS, 2346)
-    found, notes = read(path)
-    assert len(found[0]) == 2346 and notes == []
-    assert_same(found, expected(spikes))
-    assert [x[0].item() for x in found[:1]] == [196626] and found[0][-1] == 895745
+    recording, notes = read(path)
+    assert len(recording[0]) == 2346 and notes == []
+    assert_same(recording, expected(spikes))
+    assert [x[0].item() for x in recording[:1]] == [196626] and recording[0][-1] == 895745
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -68,9 +68,9 @@ def test_any_number_type_in_blocks(tmp_path, monkeypatch, compressed, dtype):
     savemat(
         path, {"about": "other", "wide": np.ones((3, 900)), "spiketrain": spikes}, do_compression=compressed
     )
-    found, notes = read(path)
+    recording, notes = read(path)
     assert notes == []
-    assert_same(found, expected(spikes.astype(np.float64)))
+    assert_same(recording, expected(spikes.astype(np.float64)))
 
 
 def test_a_long_recording_is_never_held_whole(tmp_path):
@@ -94,11 +94,11 @@ def test_a_file_cut_short_is_an_error_or_its_beginning(tmp_path, compressed):
     ) as e:
         read(path)
     assert str(e.value).endswith("--repair keeps the events before the damage")
-    found, (note,) = read(path, repair=True)
-    n = len(found[0])
+    recording, (note,) = read(path, repair=True)
+    n = len(recording[0])
     wanted = expected(spikes)
     assert len(wanted[0]) / 4 < n < len(wanted[0])
-    assert_same(found, [x[:n] for x in wanted])
+    assert_same(recording, [x[:n] for x in wanted])
     assert "truncated or damaged at byte" in note
 
 
@@ -125,8 +125,8 @@ def test_a_wrong_check_sum_is_not_overlooked(tmp_path, n):
         RecordingError, match=r"a\.mat: (truncated or damaged|the checksum of spiketrain must match)"
     ):
         read(path)
-    found, (note,) = read(path, repair=True)
-    assert_same(found, [x[: len(found[0])] for x in expected(spikes)])
+    recording, (note,) = read(path, repair=True)
+    assert_same(recording, [x[: len(recording[0])] for x in expected(spikes)])
     assert "--repair keeps " in note
 
 
@@ -200,8 +200,8 @@ def test_columns_without_a_time(tmp_path):
         RecordingError, match="column 2 must hold numbers and a time in seconds, got the time nan"
     ):
         read(path)
-    found, (note,) = read(path, repair=True)
-    assert_same(found, expected(np.delete(spikes, [2, 5, 8], axis=1)))
+    recording, (note,) = read(path, repair=True)
+    assert_same(recording, expected(np.delete(spikes, [2, 5, 8], axis=1)))
     assert note.endswith(
         "--repair drops columns without a time or with values that are not numbers (3 in all)"
     )
