@@ -187,7 +187,7 @@ class HOTS:
         rngs: Generators,
     ) -> Array:
         n = _rounded(self.prototypes * self.prototypes_factor**layer)
-        own = rngs("sampled surfaces", layer)
+        own = rngs("drawn surfaces", layer)
         drawn = drawn_surfaces(recordings, n_events, field, self.surfaces, 2 * n, own)
         rng = rngs("prototypes", layer)
         if self.clustering == "online":
