@@ -46,7 +46,7 @@ class Definition:
 
     title: str = param("", doc="title, shown beside the name of the study", axis=False)
     plugins: tuple[str, ...] = param(
-        (), doc="modules, or .py files beside this one, that bring views of their own", axis=False
+        (), doc="plugins with additional views: modules, or .py files relative to this file", axis=False
     )
     views: tuple[str, ...] | None = param(
         None, doc="parts of the page, in order (default: those of the page 'study')", axis=False

@@ -50,7 +50,7 @@ class EnergyFigure:
     """Energy per inference by cause, for the full read-out of a trial on a chip."""
 
     hardware: str = param(doc="profile that costs are on", axis=False)
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> Breakdown:
         runs = results.arrays(trial_of(results, self.trial), "read_out.npz")

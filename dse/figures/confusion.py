@@ -35,7 +35,7 @@ class Confusion:
 class ConfusionFigure:
     """Confusion matrix of a trial on the validation samples, summed over its runs."""
 
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> Confusion:
         trial = trial_of(results, self.trial)

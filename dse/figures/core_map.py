@@ -53,7 +53,7 @@ class CoresFigure:
     """Cores of a chip that the layers of a trial occupy."""
 
     hardware: str = param(doc="profile of the chip", axis=False)
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> CoreMap:
         load = store.work_of(results.arrays(trial_of(results, self.trial), "read_out.npz")[0])

@@ -52,7 +52,9 @@ class TradeFigure:
     parameter: str = param(doc="column that labels the points, such as encoder.gain", axis=False)
     x: str = param("energy_uj", doc="column of the cost", axis=False)
     y: str = param("accuracy", doc="column of the quality", axis=False)
-    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+    hardware: str = param(
+        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
+    )
 
     def gather(self, results: Results) -> Trade:
         frame = full_read_outs(on_one_chip(results.points(), self.hardware))

@@ -83,9 +83,11 @@ class FrontFigure:
     """Design points over two or three columns, with the front of each task."""
 
     columns: tuple[str, ...] = param(
-        (), doc="two or three columns, x first; absent: the first objectives of the study", axis=False
+        (), doc="two or three columns, x first (default: the first objectives of the study)", axis=False
     )
-    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+    hardware: str = param(
+        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
+    )
 
     def gather(self, results: Results) -> Front:
         objectives = {

@@ -38,7 +38,7 @@ class Learning:
 class LearningFigure:
     """Loss, accuracy and gradient norm of a trial over the epochs, one line per run."""
 
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> Learning:
         return gather_learning(results.arrays(trial_of(results, self.trial), "history.npz"))

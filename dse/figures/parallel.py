@@ -58,9 +58,13 @@ class ParallelFigure:
     """Parallel coordinates: design points as lines over several columns, with the front highlighted."""
 
     columns: tuple[str, ...] = param(
-        (), doc="columns, left to right; absent: the axes of the search space and the objectives", axis=False
+        (),
+        doc="columns, left to right (default: the axes of the search space and the objectives)",
+        axis=False,
     )
-    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+    hardware: str = param(
+        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
+    )
 
     def gather(self, results: Results) -> Parallel:
         frame = on_one_chip(results.points(), self.hardware)

@@ -43,9 +43,11 @@ class Precision:
 class PrecisionFigure:
     """Accuracy and cost of a trial with fewer bits per weight and pruned weights."""
 
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
-    task: str = param("", doc="of a joint net, its head; absent: the first", axis=False)
-    hardware: str = param("", doc="profile that costs are on; absent: the first of the study", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    task: str = param("", doc="head of a joint network (default: the first)", axis=False)
+    hardware: str = param(
+        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
+    )
 
     def gather(self, results: Results) -> Precision:
         points = results.points()

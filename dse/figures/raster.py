@@ -62,10 +62,10 @@ class Recording:
 class RecordingFigure:
     """Activity of a network on one recording: output spikes, confidence, spikes of each layer."""
 
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
     sample: int = param(0, doc="place among the validation recordings", low=0, axis=False)
     phi: float | None = param(
-        None, doc="spikes to wait for; absent: it answers at the end", low=0, axis=False
+        None, doc="output spikes before a decision (default: decide at the end)", low=0, axis=False
     )
     theta: float = param(0.5, doc="confidence to reach, where phi is given", low=0, high=1, axis=False)
 

@@ -40,7 +40,7 @@ class SurfaceFigure:
     """Accuracy or latency of a trial over the decision parameters phi and theta."""
 
     quantity: str = param("accuracy", doc="what is drawn", choices=QUANTITIES, axis=False)
-    trial: int | None = param(None, doc="number of the trial; absent: the most accurate one", axis=False)
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
     repeat: int = param(0, doc="run of the trial", low=0, axis=False)
 
     def gather(self, results: Results) -> SurfaceMap:
