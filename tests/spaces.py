@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse.config import ConfigError, load_space
-
-from dse.config import Sections
+from dse.config import ConfigError, Sections, load_space
 from dse.config.contracts import Family
 from dse.config.settings import Training
 

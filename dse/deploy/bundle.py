@@ -190,8 +190,9 @@ def _rule(bundle: Bundle) -> str:
     if bundle.phi is None:
         return f"The class with most output spikes {when} (lowest on ties)."
     return (
-        f"The class that has at least the fraction {bundle.theta:g} of the output spikes, at the first step with "
-        f"more than {bundle.phi:g} of them; without such a step the class with most at the end (lowest on ties)."
+        f"The class that has at least the fraction {bundle.theta:g} of the output spikes, at the first step "
+        f"with more than {bundle.phi:g} of them; without such a step the class with most at the end (lowest "
+        "on ties)."
     )
 
 
