@@ -10,7 +10,7 @@ import numpy as np
 
 from dse.measure.objectives.accuracy import wilson_se
 from dse.records import Bools, Floats
-from dse.report.designs import Found, best, full_read_outs
+from dse.report.designs import StudyTask, best, full_read_outs
 from dse.report.rows import number
 from dse.skyline.front import front_mask
 from dse.study import pricing
@@ -136,7 +136,7 @@ class Choice(NamedTuple):
         return float(self.chip.medians_uj(column)[self.design])
 
 
-def chips(part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
+def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
     """Return the honest designs of a task on every chip of some design points.
 
     Args:
@@ -159,13 +159,13 @@ def chips(part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()) -
     return of_chips
 
 
-def reached(part: Found, chip: Chip) -> Level | None:
+def reached(part: StudyTask, chip: Chip) -> Level | None:
     """Return the accuracy of the best design that fits, with its error; None where none fits."""
     top = best(chip.designs[chip.fits])
     return None if top is None else Level(float(top["accuracy"]), accuracy_error(part, top))
 
 
-def accuracy_error(part: Found, row: pandas.Series[Any]) -> float:
+def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
     """Return the larger of the error over runs and that of so many recordings; 0 where neither is known.
 
     Runs of a design answer the same recordings, so that more runs do not make up for few recordings.

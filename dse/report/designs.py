@@ -28,8 +28,8 @@ _SETTINGS = ("phi", "theta", "read_out_ms")
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a study found for one task.
+class StudyTask:
+    """The designs of a study for one task.
 
     table: one row per design: the columns of its full read-out.
     target: label columns that the task predicts.
@@ -74,8 +74,8 @@ class Found:
 
     def classes(self, trial: int) -> list[str]:
         """Return the classes of this task."""
-        found = record(self.study.folder, trial)
-        return list(found["heads"][self.task]["classes"] if self.joint else found["classes"])
+        run = record(self.study.folder, trial)
+        return list(run["heads"][self.task]["classes"] if self.joint else run["classes"])
 
     def arrays(self, trial: int, kind: str) -> list[dict[str, Array]]:
         """Return an artefact such as 'read_out' or 'confusion' of every run of a design for this task.
@@ -88,8 +88,8 @@ class Found:
         return [store.load_arrays(run / name) for run in runs]
 
 
-def found(study: Study) -> list[Found]:
-    """Return what a study found, task by task; nothing where every design failed.
+def tasks_of(study: Study) -> list[StudyTask]:
+    """Return the designs of a study, task by task; nothing if every design failed.
 
     Raises:
         StoreError: a file is damaged.
@@ -110,7 +110,7 @@ def found(study: Study) -> list[Found]:
         counts = first.get("samples", {})
         n = int(counts.get("validation", 0))
         parts.append(
-            Found(study, task, rows, target, _data(sections.data), _split(sections, counts), joint, n)
+            StudyTask(study, task, rows, target, _data(sections.data), _split(sections, counts), joint, n)
         )
     return parts
 
@@ -174,8 +174,8 @@ def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
 
 
 def best_of(
-    several: Sequence[tuple[Found, pandas.DataFrame]],
-) -> tuple[Found, pandas.Series[Any]] | None:
+    several: Sequence[tuple[StudyTask, pandas.DataFrame]],
+) -> tuple[StudyTask, pandas.Series[Any]] | None:
     """Return the best design of several studies, and where it is from."""
     import pandas
 

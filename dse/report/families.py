@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dse.report.designs import Found, best_of
+from dse.report.designs import StudyTask, best_of
 from dse.report.leaks import Chosen
 from dse.report.rows import FAMILIES, Row, measured
 
@@ -30,7 +30,7 @@ class _Side:
 
     name: str
     is_spiking: bool
-    designs: list[tuple[Found, pandas.DataFrame]]
+    designs: list[tuple[StudyTask, pandas.DataFrame]]
 
     def best(self, column: str = "", limit: float = float("inf")) -> Chosen | None:
         """Return the best design whose column is within a limit."""
@@ -51,13 +51,13 @@ class _Side:
         return min(picked, key=lambda x: (float(x[1][column]), -float(x[1]["accuracy"])), default=None)
 
 
-def compared(parts: Sequence[Found]) -> tuple[list[Row], list[str]]:
+def compared(parts: Sequence[StudyTask]) -> tuple[list[Row], list[str]]:
     """Return what accuracy costs on each side for one task on the same recordings, and who wins.
 
     Designs meet where their recordings are divided alike. With designs of one side only there is nothing to
     set against each other; a sentence says so where both sides exist, under different splits.
     """
-    by_split: dict[str, list[Found]] = {}
+    by_split: dict[str, list[StudyTask]] = {}
     for part in parts:
         by_split.setdefault(part.split, []).append(part)
     rows: list[Row] = []
@@ -73,7 +73,7 @@ def compared(parts: Sequence[Found]) -> tuple[list[Row], list[str]]:
     return rows, notes
 
 
-def _against(parts: Sequence[Found]) -> tuple[list[Row], str] | None:
+def _against(parts: Sequence[StudyTask]) -> tuple[list[Row], str] | None:
     """Return the rows of a comparison and who wins; None where a side has no design."""
     sides = [_side(parts, is_spiking=True), _side(parts, is_spiking=False)]
     tops = [top for side in sides if (top := side.best()) is not None]
@@ -104,7 +104,7 @@ def _against(parts: Sequence[Found]) -> tuple[list[Row], str] | None:
     return rows, "; ".join(verdicts)
 
 
-def _side(parts: Sequence[Found], *, is_spiking: bool) -> _Side:
+def _side(parts: Sequence[StudyTask], *, is_spiking: bool) -> _Side:
     """Return the honest designs of the families that spike, or of those that do not."""
     designs = []
     for part in parts:
@@ -117,7 +117,7 @@ def _side(parts: Sequence[Found], *, is_spiking: bool) -> _Side:
     return _Side("spiking" if is_spiking else "not spiking", is_spiking, designs)
 
 
-def _row(part: Found, row: pandas.Series[Any], figure: str, column: str = "accuracy") -> Row:
+def _row(part: StudyTask, row: pandas.Series[Any], figure: str, column: str = "accuracy") -> Row:
     return measured(part, FAMILIES, figure, None, row, column)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dse.report.designs import Found, found, record
+from dse.report.designs import StudyTask, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
 from dse.report.marks import Mark
@@ -46,7 +46,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
         ConfigError: a profile does not exist, or is wrong.
         StoreError: a study's folder is damaged, or older than this.
     """
-    parts = [part for study in studies for part in found(study)]
+    parts = [part for study in studies for part in tasks_of(study)]
     rows: list[Row] = []
     for module in _systems():
         for group in alike(parts):
@@ -95,7 +95,7 @@ def gather_marks(study: Study) -> list[dict[str, Any]]:
         StoreError: the study's folder is damaged, or older than the report.
     """
     marks: dict[tuple[str, str], Mark] = {}
-    for group in alike(found(study)):
+    for group in alike(tasks_of(study)):
         for module in _systems():
             for mark in module.marks(group):
                 marks.setdefault((mark.task, mark.name), mark)
@@ -103,16 +103,16 @@ def gather_marks(study: Study) -> list[dict[str, Any]]:
     return [{**vars(mark), "values": dict(mark.values)} for mark in ordered]
 
 
-def alike(parts: Sequence[Found]) -> list[list[Found]]:
+def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
     """Return what is of one task on the same recordings together, in the order of the first of each."""
-    groups: dict[tuple[str, str], list[Found]] = {}
+    groups: dict[tuple[str, str], list[StudyTask]] = {}
     for part in parts:
         groups.setdefault((part.data, part.task), []).append(part)
     return list(groups.values())
 
 
 def _of_hardware(
-    study: Study, parts: Sequence[Found], hardware: Sequence[str]
+    study: Study, parts: Sequence[StudyTask], hardware: Sequence[str]
 ) -> tuple[list[Row], list[str]]:
     """Return what wins on which chip, task by task; nothing where there are fewer than two."""
     points = study.points()
@@ -132,7 +132,7 @@ def _of_hardware(
     return rows, notes
 
 
-def _leaks(part: Found) -> list[str]:
+def _leaks(part: StudyTask) -> list[str]:
     """Return why designs are transductive, one sentence per reason."""
     leaky = part.table.loc[part.table["transductive"], "trial"]
     why = [str(record(part.study.folder, int(trial)).get("transductive", "")) for trial in leaky]

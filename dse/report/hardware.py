@@ -32,7 +32,7 @@ from dse.report.chips import (
     ratio_apart,
     reached,
 )
-from dse.report.designs import Found, described
+from dse.report.designs import StudyTask, described
 from dse.report.rows import HARDWARE, Row, measured, number
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ _MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
 
 
 def on_chips(
-    part: Found, points: pandas.DataFrame, hardware: Sequence[str] = ()
+    part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()
 ) -> tuple[list[Row], list[str]]:
     """Return what wins on each chip, which chip is cheapest, whether fronts differ; the same in sentences.
 
@@ -87,7 +87,7 @@ def on_chips(
 
 
 def _winner(
-    part: Found, chip: Chip, level: Level, ranks: Mapping[str, Sequence[int]]
+    part: StudyTask, chip: Chip, level: Level, ranks: Mapping[str, Sequence[int]]
 ) -> tuple[list[Row], str]:
     """Return what wins on a chip, and by how much.
 
@@ -133,7 +133,7 @@ def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[st
     return titles
 
 
-def _over_winner(part: Found, winner: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
+def _over_winner(part: StudyTask, winner: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
     """Return how many times the winner's energy a rival takes; nothing where it does not fit."""
     if not rival.fits:
         return []
@@ -142,7 +142,7 @@ def _over_winner(part: Found, winner: Choice, rival: Choice, titles: Sequence[st
     return [_ratio_row(part, rival, figure, over_winner, winner.chip.has_values) for figure in figures]
 
 
-def _verdict(part: Found, level: Level, winner: Choice, rival: Choice) -> str:
+def _verdict(part: StudyTask, level: Level, winner: Choice, rival: Choice) -> str:
     """Return what a rival is to a chip's winner there, in words."""
     if not np.isfinite(rival.drawn_uj()).all():
         return "cannot run on this chip"
@@ -160,7 +160,7 @@ def _verdict(part: Found, level: Level, winner: Choice, rival: Choice) -> str:
 
 
 def _at_equal_accuracy(
-    part: Found, held: Sequence[Chip], levels: Sequence[Level]
+    part: StudyTask, held: Sequence[Chip], levels: Sequence[Level]
 ) -> tuple[list[Row], list[str]]:
     """Return the cheapest designs of an accuracy that all chips reach, flat out and at the sensor's period.
 
@@ -188,7 +188,7 @@ def _at_equal_accuracy(
     return rows, notes
 
 
-def _between(part: Found, one: Choice, other: Choice, column: str) -> Row:
+def _between(part: StudyTask, one: Choice, other: Choice, column: str) -> Row:
     """Return how many times the energy on one chip is that on another."""
     figure = f"equal accuracy: {column} over that on {other.chip.name}"
     factor = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
@@ -206,7 +206,7 @@ def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
     return sentences
 
 
-def _fronts(part: Found, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
+def _fronts(part: StudyTask, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
     """Return how many designs are on each chip's front, how many on two, and how alike energies rank."""
     fronts = [chip.front() for chip in of_chips]
     base = Row(HARDWARE, "", part.task, split=part.split, study=part.name)
@@ -230,7 +230,7 @@ def _fronts(part: Found, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
     )
 
 
-def _figures(part: Found, choice: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
+def _figures(part: StudyTask, choice: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
     """Return the energy of a design on a chip with its interval; flat out, what else it is beside."""
     row = choice.row
     names = ("accuracy", "n_weights", FLAT_OUT, "latency_ms") if column == FLAT_OUT else (column,)
@@ -246,7 +246,7 @@ def _figures(part: Found, choice: Choice, title: str, column: str = FLAT_OUT) ->
     ]
 
 
-def _ratio_row(part: Found, choice: Choice, figure: str, factor: Ratio, has_value: bool) -> Row:
+def _ratio_row(part: StudyTask, choice: Choice, figure: str, factor: Ratio, has_value: bool) -> Row:
     row = measured(part, HARDWARE, figure, None, choice.row, FLAT_OUT)
     ours = number(factor.median) if has_value else None
     return replace(
@@ -254,7 +254,7 @@ def _ratio_row(part: Found, choice: Choice, figure: str, factor: Ratio, has_valu
     )
 
 
-def _winner_sentence(part: Found, choice: Choice) -> str:
+def _winner_sentence(part: StudyTask, choice: Choice) -> str:
     axes = described(choice.row)
     design = f"{_name(choice)}: {axes}" if axes else _name(choice)
     accuracy = f"accuracy {choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"

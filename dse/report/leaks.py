@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from dse.report.designs import Found, best_of, sections_of
+from dse.report.designs import StudyTask, best_of, sections_of
 from dse.report.marks import Mark, mark
 from dse.report.rows import Row, measured
 
 if TYPE_CHECKING:
     import pandas
 
-Chosen = tuple[Found, "pandas.Series[Any]"]
+Chosen = tuple[StudyTask, "pandas.Series[Any]"]
 
 
 def chosen(
-    parts: Sequence[Found], families: Sequence[str], *, transductive: bool, encoders: bool = True
+    parts: Sequence[StudyTask], families: Sequence[str], *, transductive: bool, encoders: bool = True
 ) -> Chosen | None:
     """Return the best design of some families in several studies, and where it is from.
 
@@ -40,7 +40,7 @@ def chosen(
     return best_of(several)
 
 
-def _by_encoder(part: Found, trial: int) -> bool:
+def _by_encoder(part: StudyTask, trial: int) -> bool:
     """Return whether the encoder of a design reads labels."""
     return bool(sections_of(part.study.folder, int(trial)).reads_labels)
 
@@ -50,16 +50,16 @@ def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chos
     if leaky is None and honest is None:
         return []
     base, row = leaky or (honest[0], None)  # type: ignore[index]
-    found = [measured(base, system, "accuracy, as printed (transductive)", printed, row)]
+    rows = [measured(base, system, "accuracy, as printed (transductive)", printed, row)]
     if honest is None:
-        return found
-    found.append(measured(honest[0], system, "accuracy, honest", None, honest[1]))
+        return rows
+    rows.append(measured(honest[0], system, "accuracy, honest", None, honest[1]))
     if leaky is not None:
-        ours, errors = [x.ours for x in found], [x.se for x in found]
+        ours, errors = [x.ours for x in rows], [x.se for x in rows]
         assert ours[0] is not None and ours[1] is not None  # `best` returns finite accuracies
         se = math.hypot(*errors) if None not in errors else None  # type: ignore[arg-type]
         leak = replace(
-            found[1],
+            rows[1],
             figure="size of the leak (as printed less honest)",
             ours=ours[0] - ours[1],
             se=se,
@@ -68,8 +68,8 @@ def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chos
             trial=None,
             design="",
         )
-        found.append(leak)
-    return found
+        rows.append(leak)
+    return rows
 
 
 def mark_of_leak(

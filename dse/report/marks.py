@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from dse.report.designs import Found
+from dse.report.designs import StudyTask
 from dse.report.papers import papers
 
 
@@ -25,7 +25,7 @@ class Mark:
     says: str
 
 
-def mark(system: str, part: Found, which: str, values: Mapping[str, float], more: str = "") -> Mark:
+def mark(system: str, part: StudyTask, which: str, values: Mapping[str, float], more: str = "") -> Mark:
     """Return the mark of one design of a system.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from dse.measure.objectives.accuracy import wilson_se
-from dse.report.designs import Found, described
+from dse.report.designs import StudyTask, described
 
 if TYPE_CHECKING:
     import pandas
@@ -53,7 +53,7 @@ class Row:
 
 
 def measured(
-    part: Found,
+    part: StudyTask,
     system: str,
     figure: str,
     printed: float | str | None,
@@ -81,7 +81,7 @@ def measured(
     return replace(of_design, se=standard_error(part, row), test=number(row.get("accuracy_test")))
 
 
-def standard_error(part: Found, row: pandas.Series[Any]) -> float | None:
+def standard_error(part: StudyTask, row: pandas.Series[Any]) -> float | None:
     """Return the error of a design's accuracy; where all runs agree, that of so many recordings."""
     error = number(row.get("accuracy_se"))
     if error == 0 and part.n_validation:

@@ -23,7 +23,7 @@ from dse.report.chips import (
     ratio_apart,
     reached,
 )
-from dse.report.designs import Found
+from dse.report.designs import StudyTask
 
 # 20 draws: the 5 % quantile is the smallest, the 95 % quantile the second largest.
 STEADY = np.full(20, 10.0)
@@ -31,8 +31,8 @@ NEAR = np.array([9.0, *[11.0] * 17, 12.0, 14.0])
 DEAR = np.array([15.0, *[20.0] * 17, 30.0, 90.0])
 
 
-def part(n_validation: int) -> Found:
-    return cast(Found, SimpleNamespace(n_validation=n_validation))
+def part(n_validation: int) -> StudyTask:
+    return cast(StudyTask, SimpleNamespace(n_validation=n_validation))
 
 
 def chip(name: str, designs: Sequence[tuple[float, float, int]], fits: Sequence[bool] = ()) -> Chip:

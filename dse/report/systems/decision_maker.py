@@ -13,7 +13,7 @@ import numpy as np
 
 from dse.measure.objectives.accuracy import seeds_se
 from dse.registry import param
-from dse.report.designs import Found, best
+from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
 from dse.report.papers import Paper, paper
 from dse.report.rows import Row, measured, number
@@ -56,22 +56,22 @@ def _paper() -> Lengths:
     return paper("A", Lengths)
 
 
-def rows(parts: Sequence[Found]) -> list[Row]:
+def rows(parts: Sequence[StudyTask]) -> list[Row]:
     """Return accuracy, t_p and t_h with their settings: nets of each trained length, and early read-outs."""
-    found: list[Row] = []
+    table: list[Row] = []
     for part, designs in _shown(parts):
         for chosen, length, at in _by_length(designs):
-            found += _of_length(part, chosen, length, at)
+            table += _of_length(part, chosen, length, at)
         lengths = designs["decision_latency_ms"]
         longest = best(designs[lengths == lengths.max()])
         if longest is not None:
             shorter = sorted(lengths.unique())[:-1]
-            found += _early(part, longest, shorter)
-            found += _hardware(part, longest)
-    return found
+            table += _early(part, longest, shorter)
+            table += _hardware(part, longest)
+    return table
 
 
-def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the published networks of the lengths that stand beside ours, at their peak accuracy."""
     printed = _paper()
     for part, designs in _shown(parts):
@@ -86,7 +86,7 @@ def marks(parts: Sequence[Found]) -> Iterator[Mark]:
             yield mark("A", part, f"samples of {printed.length_ms[at]} ms", values)
 
 
-def _shown(parts: Sequence[Found]) -> Iterator[tuple[Found, pandas.DataFrame]]:
+def _shown(parts: Sequence[StudyTask]) -> Iterator[tuple[StudyTask, pandas.DataFrame]]:
     """Yield the tasks that this system stands beside, and their designs; D and E show the others."""
     for part in parts:
         designs = part.of(_paper().families)
@@ -115,7 +115,7 @@ def printed() -> Iterator[Row]:
         yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=told)
 
 
-def _of_length(part: Found, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
+def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
     """Yield the figures of one trained length beside those at a place among the printed ones."""
     printed = _paper()
     where = f"{length:g} ms (printed: {printed.length_ms[at]} ms)"
@@ -138,7 +138,7 @@ def _of_length(part: Found, chosen: pandas.Series[Any], length: float, at: int) 
             )
 
 
-def _last(part: Found, chosen: pandas.Series[Any]) -> Mapping[str, float | None]:
+def _last(part: StudyTask, chosen: pandas.Series[Any]) -> Mapping[str, float | None]:
     """Return peak accuracy and the settings behind the times of the full read-out, mean over the runs."""
     runs = part.arrays(int(chosen["trial"]), "read_out")
     wanted = ["accuracy_best", *(name for settings in _TIMES.values() for name in settings)]
@@ -146,7 +146,7 @@ def _last(part: Found, chosen: pandas.Series[Any]) -> Mapping[str, float | None]
     return {name: number(np.mean([run[name][-1] for run in runs])) for name in names}
 
 
-def _early(part: Found, row: pandas.Series[Any], lengths: Sequence[float]) -> Iterator[Row]:
+def _early(part: StudyTask, row: pandas.Series[Any], lengths: Sequence[float]) -> Iterator[Row]:
     """Yield what one network answers when it is read out after shorter lengths than it was trained on."""
     if not lengths:
         return
@@ -170,7 +170,7 @@ def _early(part: Found, row: pandas.Series[Any], lengths: Sequence[float]) -> It
             )
 
 
-def _hardware(part: Found, row: pandas.Series[Any]) -> Iterator[Row]:
+def _hardware(part: StudyTask, row: pandas.Series[Any]) -> Iterator[Row]:
     printed = _paper()
     if number(row.get("n_cores")) is not None:
         figure = f"n_cores, {row['hardware']} (printed: of {printed.n_cores_of})"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dse.config.contracts import Family
 from dse.registry import param
-from dse.report.designs import Found, best
+from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
 from dse.report.papers import Paper, paper
 from dse.report.rows import Row, measured
@@ -25,16 +25,16 @@ class Layers(Paper):
     accuracy_natural: Mapping[str, float] = param(doc="accuracy, natural textures")
 
 
-def rows(parts: Sequence[Found]) -> list[Row]:
+def rows(parts: Sequence[StudyTask]) -> list[Row]:
     """Return the accuracy of the best design of one, two and three layers."""
-    printed, found = paper("C", Layers), []
+    printed, table = paper("C", Layers), []
     for part, n, chosen in _by_layers(parts):
         text = f"{printed.accuracy[str(n)]:g}; natural {printed.accuracy_natural[str(n)]:g}"
-        found.append(measured(part, "C", f"accuracy, {_layers(n)}", text, chosen))
-    return found
+        table.append(measured(part, "C", f"accuracy, {_layers(n)}", text, chosen))
+    return table
 
 
-def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the published accuracies of as many layers as ours, on artificial and on natural textures."""
     printed = paper("C", Layers)
     for part, n, _ in _by_layers(parts):
@@ -49,7 +49,7 @@ def _layers_of(model: Family) -> int:
     return int(getattr(model, "layers", 0))
 
 
-def _by_layers(parts: Sequence[Found]) -> Iterator[tuple[Found, int, pandas.Series[Any]]]:
+def _by_layers(parts: Sequence[StudyTask]) -> Iterator[tuple[StudyTask, int, pandas.Series[Any]]]:
     """Yield the best design of each printed number of layers."""
     printed = paper("C", Layers)
     for part in parts:

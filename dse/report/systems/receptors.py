@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dse.registry import param
-from dse.report.designs import Found
+from dse.report.designs import StudyTask
 from dse.report.leaks import Chosen, chosen, mark_of_leak, rows_of_leak
 from dse.report.marks import Mark
 from dse.report.papers import Paper, paper
@@ -28,23 +28,23 @@ class Receptors(Paper):
     recognition_ms: int = param(doc="time of the highest accuracy", unit="ms")
 
 
-def rows(parts: Sequence[Found]) -> list[Row]:
+def rows(parts: Sequence[StudyTask]) -> list[Row]:
     """Return both accuracies, the leak, information transfer, size and time to recognition."""
     printed = paper("G", Receptors)
     leaky, honest = _both(parts)
-    found = rows_of_leak("G", printed.accuracy, leaky, honest)
+    table = rows_of_leak("G", printed.accuracy, leaky, honest)
     if honest is None:
-        return found
+        return table
     part, row = honest
     for column in ("itr_bits", "itr_bits_per_s", "t_c_ms"):
-        found.append(measured(part, "G", f"{column}, honest", None, row, column))
+        table.append(measured(part, "G", f"{column}, honest", None, row, column))
     base = replace(measured(part, "G", "", None, row), se=None, test=None)
     runs = part.arrays(int(row["trial"]), "read_out")
     accuracy = np.mean([run["accuracy"] for run in runs], axis=0)
     earliest = float(runs[0]["decision_latency_ms"][accuracy.argmax()])
     hidden = float(np.sum(getattr(part.model(int(row["trial"])), "hidden", 0)))
     return [
-        *found,
+        *table,
         replace(
             base, figure="time of the highest accuracy, ms", published=printed.recognition_ms, ours=earliest
         ),
@@ -52,12 +52,12 @@ def rows(parts: Sequence[Found]) -> list[Row]:
     ]
 
 
-def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the published accuracy, of windows of one run on both sides of the split."""
     yield from mark_of_leak("G", paper("G", Receptors).accuracy, *_both(parts))
 
 
-def _both(parts: Sequence[Found]) -> tuple[Chosen | None, Chosen | None]:
+def _both(parts: Sequence[StudyTask]) -> tuple[Chosen | None, Chosen | None]:
     """Return the best design as printed, and the best honest one."""
     families = paper("G", Receptors).families
     leaky = chosen(parts, families, transductive=True, encoders=False)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from dse.registry import param
-from dse.report.designs import Found, best
+from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
 from dse.report.papers import Paper, paper
 from dse.report.rows import Row, measured
@@ -31,9 +31,9 @@ class Windows(Paper):
         }
 
 
-def rows(parts: Sequence[Found]) -> list[Row]:
+def rows(parts: Sequence[StudyTask]) -> list[Row]:
     """Return accuracy and t_C of the best design of each classifier."""
-    windows, found = paper("B", Windows), []
+    windows, table = paper("B", Windows), []
     for part in parts:
         for family in windows.families:
             chosen = best(part.of([family]))
@@ -41,11 +41,11 @@ def rows(parts: Sequence[Found]) -> list[Row]:
                 continue
             for column, (artificial, natural) in windows.columns.items():
                 text = f"{artificial[family]}; natural {natural[family]}"
-                found.append(measured(part, "B", f"{column}, {family}", text, chosen, column))
-    return found
+                table.append(measured(part, "B", f"{column}, {family}", text, chosen, column))
+    return table
 
 
-def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the published classifiers whose kind we have, on artificial and on natural textures."""
     windows = paper("B", Windows)
     for part in parts:

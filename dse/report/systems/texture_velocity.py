@@ -10,7 +10,7 @@ import numpy as np
 
 from dse.measure.correlation import spearman
 from dse.registry import param
-from dse.report.designs import Found, best
+from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
 from dse.report.papers import Paper, paper
 from dse.report.rows import Row, measured, number
@@ -56,19 +56,19 @@ def _front(system: str) -> Front:
     return paper(system, Front)
 
 
-def rows(parts: Sequence[Found]) -> list[Row]:
+def rows(parts: Sequence[StudyTask]) -> list[Row]:
     """Return the ends of the front, rank correlations, and accuracy by kind of profile."""
-    found: list[Row] = []
+    table: list[Row] = []
     for part in parts:
         system = "E" if part.of_movement else "D"
         for family in _front(system).families:
             designs = part.of([family])
             if not designs.empty:
-                found += _of_family(part, system, designs, _kind(part, family))
-    return found
+                table += _of_family(part, system, designs, _kind(part, family))
+    return table
 
 
-def marks(parts: Sequence[Found]) -> Iterator[Mark]:
+def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the ends of the published front; spikes as printed, which fit a sum over the test set."""
     for part in parts:
         system = "E" if part.of_movement else "D"
@@ -83,12 +83,12 @@ def marks(parts: Sequence[Found]) -> Iterator[Mark]:
             yield mark(system, part, end, values, more)
 
 
-def _kind(part: Found, family: str) -> str:
+def _kind(part: StudyTask, family: str) -> str:
     """Return what marks rows of networks that are not of one task."""
     return f"{family}: " if family == "cascade" else "joint net: " if part.joint else ""
 
 
-def _of_family(part: Found, system: str, designs: pandas.DataFrame, kind: str) -> Iterator[Row]:
+def _of_family(part: StudyTask, system: str, designs: pandas.DataFrame, kind: str) -> Iterator[Row]:
     front = _front(system)
     peak = best(designs)
     if peak is None:
@@ -111,7 +111,7 @@ def _of_family(part: Found, system: str, designs: pandas.DataFrame, kind: str) -
         yield from _groups(part, peak, front.groups, kind)
 
 
-def _peak(part: Found, system: str, peak: pandas.Series[Any], kind: str) -> Iterator[Row]:
+def _peak(part: StudyTask, system: str, peak: pandas.Series[Any], kind: str) -> Iterator[Row]:
     """Yield the printed settings of the most accurate network beside ours."""
     model = part.model(int(peak["trial"]))
     for name, printed in _front(system).peak.items():
@@ -120,7 +120,9 @@ def _peak(part: Found, system: str, peak: pandas.Series[Any], kind: str) -> Iter
             yield replace(base, ours=number(np.sum(getattr(model, name))), se=None, test=None)
 
 
-def _groups(part: Found, peak: pandas.Series[Any], printed: Mapping[str, float], kind: str) -> Iterator[Row]:
+def _groups(
+    part: StudyTask, peak: pandas.Series[Any], printed: Mapping[str, float], kind: str
+) -> Iterator[Row]:
     """Yield the best network's accuracy on each kind of profile, where classes are named after them."""
     classes = part.classes(int(peak["trial"]))
     runs = part.arrays(int(peak["trial"]), "confusion")
