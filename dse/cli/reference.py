@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import typing
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from dse import registry
 from dse.config.locate import hardware_names
 from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, settings_class
-from dse.config.values import bounds, echo, wanted
-from dse.registry import Rule, rule_of
+from dse.config.values import Key, bounds, echo, keys_of, wanted
+from dse.registry import rule_of
 
 if TYPE_CHECKING:
     from dse.scene.presets import Preset
@@ -106,13 +105,8 @@ def keys(section: str, name: str | None) -> list[Row]:
         return _evidence(section, presets[str(name)])
     package = _package(section)
     cls = registry.known(package)[str(name)] if package else _class(section)
-    hints = typing.get_type_hints(cls)
     with_axes = section in (*WITH_AXES, "decision", "scene", _MOTIONS)
-    return [
-        _row(field, hints[field.name], rule_of(field), with_axes)
-        for field in dataclasses.fields(cls)
-        if field.init
-    ]
+    return [_row(name, key, with_axes) for name, key in keys_of(cls).items()]
 
 
 def _package(section: str) -> str | None:
@@ -187,19 +181,20 @@ def _evidence(section: str, preset: Preset) -> list[Row]:
     ]
 
 
-def _row(field: dataclasses.Field[Any], hint: Any, rule: Rule, with_axes: bool) -> Row:
-    default: Any = field.default
-    if field.default_factory is not dataclasses.MISSING:
-        default = {} if dataclasses.is_dataclass(field.default_factory) else field.default_factory()
-    words, null, _ = wanted(hint).partition(" or null")
+def _row(name: str, key: Key, with_axes: bool) -> Row:
+    rule = key.rule
+    default = "required"
+    if key.default is not None:
+        default = echo({} if dataclasses.is_dataclass(key.default) else key.default())
+    words, null, _ = wanted(key.hint).partition(" or null")
     must = " ".join(filter(None, [words, bounds(rule)])) + null
     if rule.choices:
         must = "one of " + ", ".join(map(str, rule.choices))
     return {
-        "key": field.name,
+        "key": name,
         "must_be": must,
         "unit": rule.unit,
-        "default": "required" if default is dataclasses.MISSING else echo(default),
+        "default": default,
         "axis": "yes" if with_axes and rule.axis else "no",
         "doc": rule.doc,
     }

@@ -22,8 +22,8 @@ from dse.config.sections import (
     settings_class,
 )
 from dse.config.settings import Search
-from dse.config.values import is_list
-from dse.registry import Rule, rule_of
+from dse.config.values import is_list, keys_of
+from dse.registry import Rule
 
 Schema = dict[str, Any]
 _SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
@@ -91,22 +91,20 @@ def _search() -> Schema:
 
 
 def _object(cls: type, *, axes: bool = False, listed: bool = False) -> Schema:
-    hints = typing.get_type_hints(cls)
+    keys = keys_of(cls)
+    for name, key in list(keys.items()):
+        for component in key.rule.choices if key.rule.component else ():
+            keys |= keys_of(cls, {name: component})  # which of them belong together is checked by the reader
     properties: Schema = {}
-    required = []
-    for field in dataclasses.fields(cls):
-        if not field.init:
-            continue
-        rule = rule_of(field)
-        schema = _value(hints[field.name], rule)
+    for name, key in keys.items():
+        rule, schema = key.rule, _value(key.hint, key.rule)
         if (axes or listed) and rule.axis:
             options = [schema, *_axes(schema)] + ([{"type": "array", "items": schema}] if listed else [])
             schema = {"anyOf": options}
         if rule.doc:
             schema = {**schema, "description": rule.doc + (f" ({rule.unit})" if rule.unit else "")}
-        properties[field.name] = schema
-        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            required.append(field.name)
+        properties[name] = schema
+    required = [name for name, key in keys_of(cls).items() if key.default is None]
     return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 
 

@@ -17,12 +17,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse.config import Axis, SearchSpace
+from dse.config import SearchSpace
+from dse.search.proposals import distribution
 from dse.store import StoreError, explained
 from dse.study.journal import Entry, read_journal
 
 if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
+    pass
 
 _NAME = "dse"
 
@@ -80,7 +81,9 @@ class Ledger:
                 state=TrialState.RUNNING,
                 params={name: _scalar(value) for name, value in design.items()},
                 distributions={
-                    name: _distribution(axis) for name, axis in self._axes.items() if name in design
+                    name: distribution(axis, [_scalar(value) for value in axis.values or ()])
+                    for name, axis in self._axes.items()
+                    if name in design
                 },
                 user_attrs={"batch": batch, "design": dict(design)},
             )
@@ -116,18 +119,6 @@ def _quiet() -> Iterator[None]:
 
 def _scalar(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
-
-
-def _distribution(axis: Axis) -> BaseDistribution:
-    """Return an axis as Optuna's tools show it; the samplers have distributions of their own."""
-    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
-
-    if axis.values is not None:
-        return CategoricalDistribution([_scalar(value) for value in axis.values])
-    assert axis.low is not None and axis.high is not None  # a range has ends
-    if axis.is_int:
-        return IntDistribution(int(axis.low), int(axis.high), log=axis.log)
-    return FloatDistribution(axis.low, axis.high, log=axis.log)
 
 
 def _repair(path: Path) -> None:
