@@ -125,7 +125,7 @@ def test_damage_in_the_middle_is_named(ledger: Ledger, tmp_path: Path, space: Se
     lines = path.read_bytes().split(b"\n")
     lines[1] = lines[1][:20]
     path.write_bytes(b"\n".join(lines))
-    with pytest.raises(StoreError, match=r"journal\.log: is damaged"):
+    with pytest.raises(StoreError, match=r"journal\.log: the journal is damaged"):
         Ledger(path, space)
 
 
