@@ -97,7 +97,7 @@ def load(name: str | Path = DEFAULT) -> Definition:
     values = {} if faults else _values(document, path.parent, faults)
     if faults:
         raise in_file_order(faults)
-    return Definition(**{**values, "front": FrontView(**values.get("front", {}))})
+    return Definition(**values)
 
 
 def _path(name: str) -> Path:

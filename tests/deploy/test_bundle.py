@@ -47,7 +47,7 @@ def test_a_bundle_survives_the_disk(made: Bundle, tmp_path: Path) -> None:
         "weights.npz",
     ]
     text = (tmp_path / "b" / "README.md").read_text()
-    assert "felt, silk, wool" in text and "more than 4 output spikes" in text and "| accuracy | 0.9 |" in text
+    assert "felt, silk, wool" in text and "with more than 4 of them" in text and "| accuracy | 0.9 |" in text
 
 
 def test_eight_bits_hold_exactly_what_runs(made: Bundle) -> None:
