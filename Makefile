@@ -34,7 +34,7 @@ test: $(TESTS)
 	$(PYTEST) --ignore tests/engine/gpu
 
 test-gpu: $(GPU)
-	$(PYTEST) tests/engine/gpu
+	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
 
 setup: $(TESTS)
 

@@ -60,13 +60,14 @@ def commands_by_name() -> dict[str, ModuleType]:
 
 def _users_mistakes() -> tuple[type[Exception], ...]:
     """Return the errors whose text is written for users; imported only after an error."""
+    from dse.dashboard.views import ViewError
     from dse.deploy.bundle import BundleError
     from dse.recordings import RecordingError
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.table import TableError
     from dse.store import StoreError
 
-    return ExpressionError, BundleError, RecordingError, TableError, StoreError
+    return ExpressionError, BundleError, RecordingError, TableError, StoreError, ViewError
 
 
 def _parser() -> argparse.ArgumentParser:

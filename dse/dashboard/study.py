@@ -28,8 +28,8 @@ _NEEDED = ("search_space.yaml", "trials.parquet", "points.parquet")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """How a page is asked for.
+class PageRequest:
+    """What a reader wants of a page.
 
     definition: which parts it has; None: `dashboards/study.yaml`.
     n_draws: how often the figures of the hardware are drawn, to show how sure each point's place on the front
@@ -42,7 +42,7 @@ class Asked:
     hardware: tuple[str, ...] = ()
 
 
-def write_page(study: Study, path: Path | None = None, asked: Asked | None = None) -> Path:
+def write_page(study: Study, path: Path | None = None, request: PageRequest | None = None) -> Path:
     """Write the page of a study, by default as page.html in its folder, and return where.
 
     It carries the details of as many designs as there is room for, those on the fronts first.
@@ -54,18 +54,18 @@ def write_page(study: Study, path: Path | None = None, asked: Asked | None = Non
     from dse.dashboard.details import packed_details, shown_first
     from dse.dashboard.write import filled, write_filled
 
-    asked = asked or Asked()
-    _check(study, asked)
-    points = study.points(asked.hardware)
-    page = _gathered(study, _with_failures(study, points), asked) | _progress(study.folder)
+    request = request or PageRequest()
+    _check(study, request)
+    points = study.points(request.hardware)
+    page = _gathered(study, _with_failures(study, points), request) | _progress(study.folder)
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
-    details = packed_details(study, points, shown_first(page), room, asked.hardware)
+    details = packed_details(study, points, shown_first(page), room, request.hardware)
     target = path or study.folder / "page.html"
     return write_filled("page", page | ({"details": details} if details else {}), target)
 
 
-def page_server(folder: Path, host: str, port: int, asked: Asked | None = None) -> Server:
+def page_server(folder: Path, host: str, port: int, request: PageRequest | None = None) -> Server:
     """Return a server of the page of a study, which need not have finished a trial yet.
 
     Raises:
@@ -82,9 +82,9 @@ def page_server(folder: Path, host: str, port: int, asked: Asked | None = None) 
 
     if not (folder / "search_space.yaml").is_file():
         raise store.StoreError(f"{folder}: is not the folder of a study: there is no search_space.yaml")
-    asked = asked or Asked()
-    _check(Study(folder), asked)
-    designs = _Designs(Study(folder), asked.hardware)
+    request = request or PageRequest()
+    _check(Study(folder), request)
+    designs = _Designs(Study(folder), request.hardware)
 
     tables = [folder / name for name in (*_NEEDED, store.WARNINGS)]
     last: dict[str, Any] = {"stamps": None, "page": {}}
@@ -94,13 +94,13 @@ def page_server(folder: Path, host: str, port: int, asked: Asked | None = None) 
         stamps = [stamp(path) for path in tables]
         if stamps != last["stamps"]:
             found = results.open(folder)
-            points = found.points(asked.hardware)
-            page = _gathered(found, _with_failures(found, points), asked)
+            points = found.points(request.hardware)
+            page = _gathered(found, _with_failures(found, points), request)
             designs.points = points
             last.update(stamps=stamps, page=page)
         return {**last["page"], **_progress(folder)}
 
-    empty = _gathered(Study(folder), pandas.DataFrame(), asked)
+    empty = _gathered(Study(folder), pandas.DataFrame(), request)
     going_on = [folder / "journal.log", folder / "artefacts", tables[-1]]
     live = Live(read, tables[:-1], going_on, lambda: {**empty, **_progress(folder)})
     return Server(live, host, port, designs.details, designs.bundle)
@@ -184,25 +184,25 @@ def _zipped(folder: Path) -> bytes:
     return packed.getvalue()
 
 
-def _gathered(study: Study, table: pandas.DataFrame, asked: Asked) -> dict[str, Any]:
+def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, Any]:
     from dse.dashboard.gather import gather_page
 
     marks, lacks = _marks(study) if len(table) else ([], [])
-    if asked.n_draws and "hardware" in table:
-        table = table.assign(front_share=_front_share(study, table, asked))
+    if request.n_draws and "hardware" in table:
+        table = table.assign(front_share=_front_share(study, table, request))
     return gather_page(
         table,
         name=study.space["study"],
         objectives=study.objectives,
         notes=[*study.warnings, *lacks],
         results=str(study.folder),
-        hardware=asked.hardware,
-        definition=asked.definition,
+        hardware=request.hardware,
+        definition=request.definition,
         marks=marks,
     )
 
 
-def _check(study: Study, asked: Asked) -> None:
+def _check(study: Study, request: PageRequest) -> None:
     """Check that profiles can be read, and that a front depends on figures of hardware where they are drawn.
 
     Raises:
@@ -213,10 +213,10 @@ def _check(study: Study, asked: Asked) -> None:
     from dse.store import StoreError
     from dse.study import pricing
 
-    pricing.profiles(study.folder, asked.hardware)
-    if not asked.n_draws:
+    pricing.profiles(study.folder, request.hardware)
+    if not request.n_draws:
         return
-    if not asked.hardware and not study.space.get("hardware"):
+    if not request.hardware and not study.space.get("hardware"):
         raise StoreError(f"{study.folder}: nothing to sample: the study has no hardware")
     if not any(name in DRAWN for name, _ in study.objectives):
         text = (
@@ -225,7 +225,7 @@ def _check(study: Study, asked: Asked) -> None:
         raise StoreError(f"{study.folder}: {text}")
 
 
-def _front_share(study: Study, table: pandas.DataFrame, asked: Asked) -> pandas.Series:
+def _front_share(study: Study, table: pandas.DataFrame, request: PageRequest) -> pandas.Series:
     """Return in what share of draws of the hardware's figures each point is on its task's front.
 
     NaN for rows that no front compares, such as failed trials.
@@ -237,7 +237,7 @@ def _front_share(study: Study, table: pandas.DataFrame, asked: Asked) -> pandas.
 
     objectives = study.objectives
     names = [name for name, _ in objectives]
-    drawing = pricing.draws([study.folder], [table], asked.hardware, names, asked.n_draws)
+    drawing = pricing.draws([study.folder], [table], request.hardware, names, request.n_draws)
     among = front.comparable(table, objectives, by="task").rows
     share = front.front_share(among, objectives, drawing, "task")
     return pandas.Series(share, among.index).reindex(table.index)

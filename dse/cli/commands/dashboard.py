@@ -9,7 +9,7 @@ from dse.cli.answer import Answer
 from dse.cli.numbers import draws, port
 from dse.cli.options import add_hardware
 from dse.config import ConfigError, Fault
-from dse.dashboard.study import Asked, page_server, write_page
+from dse.dashboard.study import PageRequest, page_server, write_page
 
 GROUP = "choose"
 HELP = "serve the page of a study, also while it runs, or write it as one HTML file"
@@ -63,17 +63,17 @@ def answer(arguments: argparse.Namespace) -> Answer:
         faults += error.faults
     if faults:
         raise ConfigError(faults)
-    asked = Asked(page, arguments.draws, tuple(arguments.hardware))
+    request = PageRequest(page, arguments.draws, tuple(arguments.hardware))
     if arguments.html:
         from dse.study import results
 
-        path = write_page(results.open(arguments.results), arguments.html, asked)
+        path = write_page(results.open(arguments.results), arguments.html, request)
         return Answer([{"page": str(path)}], text=str(path))
 
     from dse.dashboard.serve import LOOPBACK, PORT
 
     host, number = arguments.host or LOOPBACK, PORT if arguments.port is None else arguments.port
-    with page_server(Path(arguments.results), host, number, asked) as server:
+    with page_server(Path(arguments.results), host, number, request) as server:
         print(f"{server.url}  (stop with Ctrl-C)", flush=True)
         try:
             server.serve_forever()
