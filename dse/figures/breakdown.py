@@ -103,7 +103,7 @@ def draw_breakdown(breakdown: Breakdown) -> plotly.graph_objects.Figure:
     known = bool(np.isfinite(breakdown.energy_uj))
     # Without a value, the bar of the total lies between the ends of its interval.
     total = breakdown.energy_uj if known else high - low
-    told = (
+    words = (
         f"{short(breakdown.energy_uj)} ({short(low)}–{short(high)})"
         if known
         else f"{short(low)}–{short(high)}"
@@ -126,7 +126,7 @@ def draw_breakdown(breakdown: Breakdown) -> plotly.graph_objects.Figure:
             "color": QUIET,
         },
         "customdata": [f"{name}: {short(uj)} µJ" for name, (_, uj, _) in zip(names, rows, strict=False)]
-        + [f"total: {told} µJ"],
+        + [f"total: {words} µJ"],
         "hovertemplate": "%{customdata}<extra></extra>",
         "showlegend": False,
     }
@@ -144,7 +144,9 @@ def draw_breakdown(breakdown: Breakdown) -> plotly.graph_objects.Figure:
             "xshift": 6,
             "font": {"size": 10},
         }
-        for place, (end, text) in enumerate(zip(ends, [*(short(uj) for _, uj, _ in rows), told], strict=True))
+        for place, (end, text) in enumerate(
+            zip(ends, [*(short(uj) for _, uj, _ in rows), words], strict=True)
+        )
     ]
     layout = {
         "xaxis": {"title": {"text": "energy of an inference (µJ)"}, "range": [0, largest / _BARS]},

@@ -100,13 +100,14 @@ def draw_core_map(core_map: CoreMap) -> plotly.graph_objects.Figure:
     traces, first = [], 0
     for k, (name, neurons) in enumerate(zip(core_map.layers, core_map.neurons, strict=True)):
         total = int(neurons.sum())
-        told = [
+        on_cores = [
             f"core {core}: {name}, {count} of {total} neurons ({count / total:.0%})"
             for core, count in enumerate(neurons.tolist(), first)
         ]
         colour = OKABE_ITO_LIGHT[k % len(OKABE_ITO_LIGHT)]
-        traces.append(_cells((n_rows, n_columns), first, told, colour) | {"name": f"{name}: {len(told)}"})
-        first += len(told)
+        cells = _cells((n_rows, n_columns), first, on_cores, colour)
+        traces.append(cells | {"name": f"{name}: {len(on_cores)}"})
+        first += len(on_cores)
     free = [f"core {core}: free" for core in range(first, n)]
     if free:
         traces.append(_cells((n_rows, n_columns), first, free, FREE) | {"name": "free", "showlegend": False})
@@ -135,12 +136,12 @@ def draw_core_map(core_map: CoreMap) -> plotly.graph_objects.Figure:
     return go.Figure(traces, layout)
 
 
-def _cells(shape: tuple[int, int], first: int, told: Sequence[str], colour: str) -> dict[str, Any]:
+def _cells(shape: tuple[int, int], first: int, words_of_cores: Sequence[str], colour: str) -> dict[str, Any]:
     """Return the cells of consecutive cores of a grid (row, column), and what hovering says of each."""
     cells = np.full(shape, np.nan, np.float32)
     words = np.full(shape, "", object)
-    place = slice(first, first + len(told))
-    cells.flat[place], words.flat[place] = 1, told
+    place = slice(first, first + len(words_of_cores))
+    cells.flat[place], words.flat[place] = 1, words_of_cores
     return {
         "type": "heatmap",
         "z": cells,
@@ -156,7 +157,7 @@ def _cells(shape: tuple[int, int], first: int, told: Sequence[str], colour: str)
 
 
 def _counted(core_map: CoreMap) -> str:
-    told = f"{core_map.n_cores} of {core_map.on_chip} cores"
+    text = f"{core_map.n_cores} of {core_map.on_chip} cores"
     if (core_map.low, core_map.high) != (core_map.n_cores, core_map.n_cores):
-        told += f"; {core_map.low} to {core_map.high} as placed by compilers"
-    return told
+        text += f"; {core_map.low} to {core_map.high} as placed by compilers"
+    return text

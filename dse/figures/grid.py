@@ -104,7 +104,7 @@ def draw_grid(grid: Grid) -> plotly.graph_objects.Figure:
 
     printed = len(grid.y_labels) <= _PRINTED[0] and len(grid.x_labels) <= _PRINTED[1]
     x_words, y_words = ([_safe(text) for text in texts] for texts in (grid.x_labels, grid.y_labels))
-    said = [
+    hover = [
         [[int(n), x, y] for n, x in zip(line, x_words, strict=True)]
         for line, y in zip(grid.n, y_words, strict=True)
     ]
@@ -115,7 +115,7 @@ def draw_grid(grid: Grid) -> plotly.graph_objects.Figure:
             z=[[None if np.isnan(mean) else float(mean) for mean in line] for line in grid.mean],
             text=[["" if np.isnan(mean) else short(float(mean)) for mean in line] for line in grid.mean],
             texttemplate="%{text}" if printed else None,
-            customdata=said,
+            customdata=hover,
             colorscale="Cividis",
             colorbar={
                 "title": {

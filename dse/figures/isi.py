@@ -135,13 +135,13 @@ def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_
         same = of[1:] == of[:-1]
         intervals, of = intervals[same], of[1:][same]
         for g, channels in enumerate(groups.values()):
-            found = intervals[np.isin(of, channels)]
-            if not found.size:
+            of_group = intervals[np.isin(of, channels)]
+            if not of_group.size:
                 continue
-            mean_ms[g, k] = found.mean() * step_ms
-            cv[g, k] = found.std() / found.mean()
+            mean_ms[g, k] = of_group.mean() * step_ms
+            cv[g, k] = of_group.std() / of_group.mean()
             label = dataset.target[i]
-            binned = np.bincount(found - 1, minlength=n_bins)
+            binned = np.bincount(of_group - 1, minlength=n_bins)
             counts[g, label] += binned[:n_bins]
             beyond[g, label] += binned[n_bins:].sum()
     return Intervals(

@@ -91,7 +91,7 @@ def draw_learning(learning: Learning) -> plotly.graph_objects.Figure:
             **_AXES.get(name, {"rangemode": "tozero", "nticks": 4}),
         }
         for repeat, curve in enumerate(repeats):
-            told = f"repeat {repeat}"
+            run = f"repeat {repeat}"
             traces.append(
                 {
                     "type": "scatter",
@@ -100,10 +100,10 @@ def draw_learning(learning: Learning) -> plotly.graph_objects.Figure:
                     "yaxis": axis,
                     "mode": "lines",
                     "line": {"color": OKABE_ITO_LIGHT[repeat % len(OKABE_ITO_LIGHT)], "width": 1.2},
-                    "name": told,
-                    "legendgroup": told,
+                    "name": run,
+                    "legendgroup": run,
                     "showlegend": panel == 0 and len(repeats) > 1,
-                    "hovertemplate": f"{told}, epoch %{{x}}: %{{y:.3g}}<extra></extra>",
+                    "hovertemplate": f"{run}, epoch %{{x}}: %{{y:.3g}}<extra></extra>",
                 }
             )
     return go.Figure(traces, layout)

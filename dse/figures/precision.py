@@ -77,9 +77,9 @@ def gather_precision(points: pandas.DataFrame) -> Precision:
     if rows.empty:
         raise ValueError("points must hold at least one decision at the end of the window, got none")
     for name in ("trial", "task", "hardware"):
-        found = list(rows[name].unique()) if name in rows.columns else []
-        if len(found) > 1:
-            raise ValueError(f"points must have one {name}, got {', '.join(map(str, found))}")
+        names = list(rows[name].unique()) if name in rows.columns else []
+        if len(names) > 1:
+            raise ValueError(f"points must have one {name}, got {', '.join(map(str, names))}")
     bits, column = np.unique(numbers(rows, BITS), return_inverse=True)
     pruned, line = np.unique(numbers(rows, PRUNED), return_inverse=True)
 

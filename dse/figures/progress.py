@@ -171,11 +171,11 @@ def _groups(points: pandas.DataFrame) -> list[tuple[tuple[str, str], pandas.Data
     by = [name for name in ("task", "hardware") if name in points.columns]
     if not by:
         return [(("", ""), points)]
-    found = []
+    groups = []
     for values, group in points.groupby(by, sort=False, dropna=False, observed=True):
-        said = dict(zip(by, values, strict=True))
-        found.append(((_text(said.get("task")), _text(said.get("hardware"))), group.drop(columns=by)))
-    return found
+        names = dict(zip(by, values, strict=True))
+        groups.append(((_text(names.get("task")), _text(names.get("hardware"))), group.drop(columns=by)))
+    return groups
 
 
 def _text(value: Any) -> str:
@@ -210,8 +210,8 @@ def _places(trials: Array, finished: Array) -> Array:
     if not len(finished):
         return np.full(len(trials), -1)
     order = np.argsort(finished, kind="stable")
-    found = order[np.searchsorted(finished[order], trials).clip(max=len(finished) - 1)]
-    return np.where(finished[found] == trials, found, -1)
+    places = order[np.searchsorted(finished[order], trials).clip(max=len(finished) - 1)]
+    return np.where(finished[places] == trials, places, -1)
 
 
 def _affordable(costs: Array) -> int:

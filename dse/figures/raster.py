@@ -35,7 +35,7 @@ class Recording:
     leading: (T,) class with most output spikes so far, the lowest on ties.
     layers: (T, layer) spikes of each layer and step, the input first.
     phi, theta: the decision rule; None where the answer comes at the end of the recording.
-    said, decision_ms: the answer and when; decided: whether theta was reached.
+    answer, decision_ms: the class that is answered, and when; decided: whether theta was reached.
     """
 
     classes: tuple[str, ...]
@@ -47,7 +47,7 @@ class Recording:
     layers: Array
     phi: float | None
     theta: float | None
-    said: int
+    answer: int
     decision_ms: float
     decided: bool
 
@@ -120,10 +120,10 @@ def gather_recording(
         raise ValueError(f"true must be in 0..{len(classes) - 1}, got {true}")
     counts = output.cumsum(axis=0, dtype=np.int64)
     total = counts.sum(axis=1)
-    said, step, decided = int(counts[-1].argmax()), len(output) - 1, False
+    answer, step, decided = int(counts[-1].argmax()), len(output) - 1, False
     if setting is not None:
-        found = decide(output[None], *setting)
-        said, step, decided = int(found.label[0]), int(found.step[0]), bool(found.decided[0])
+        decisions = decide(output[None], *setting)
+        answer, step, decided = int(decisions.label[0]), int(decisions.step[0]), bool(decisions.decided[0])
     return Recording(
         classes=tuple(classes),
         true=true,
@@ -134,7 +134,7 @@ def gather_recording(
         layers=layers,
         phi=None if setting is None else float(setting[0]),
         theta=None if setting is None else float(setting[1]),
-        said=said,
+        answer=answer,
         decision_ms=(step + 1) * float(step_ms),
         decided=decided,
     )

@@ -137,13 +137,13 @@ def _raster(block: Block, borders: Array, px: Array) -> Array:
     """Return events per pin and interval (pin, interval): interval i holds borders[i]:borders[i + 1]."""
     from scipy.spatial import KDTree
 
-    found = np.zeros((px.shape[1], len(px) - 1), np.int32)
+    counts = np.zeros((px.shape[1], len(px) - 1), np.int32)
     for i in range(len(px) - 1) if px.shape[1] else ():
         part = slice(borders[i], borders[i + 1])
         centres = np.stack([block.x[part], block.y[part]], axis=1) + 0.5
         if len(centres):
-            found[:, i] = np.bincount(KDTree(px[i]).query(centres)[1], minlength=len(found))
-    return found
+            counts[:, i] = np.bincount(KDTree(px[i]).query(centres)[1], minlength=len(counts))
+    return counts
 
 
 def draw_pins(view: TrialView, moment: int, exaggeration: float = 1.0) -> plotly.graph_objects.Figure:

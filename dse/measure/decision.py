@@ -131,8 +131,8 @@ def surface(
     done = np.empty((n, n_steps, 0)) if work is None else np.asanyarray(work)
     if done.ndim != 3 or done.shape[:2] != (n, n_steps):
         raise ValueError(f"work must have shape ({n}, {n_steps}, m), got {done.shape}")
-    [found], _ = _surfaces(spikes, target, np.array([n_steps]), phi, theta, step_ms, done)
-    return found if work is not None else dataclasses.replace(found, work=np.empty(0))
+    [decisions], _ = _surfaces(spikes, target, np.array([n_steps]), phi, theta, step_ms, done)
+    return decisions if work is not None else dataclasses.replace(decisions, work=np.empty(0))
 
 
 def early(
@@ -166,11 +166,13 @@ def early(
     wrong = (steps < 1) | (steps > n_steps)
     if wrong.any():
         raise ValueError(f"lengths must be in 1..{n_steps}, got {steps[wrong][0]}")
-    found, accuracy = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((n, n_steps, 0)))
+    of_lengths, accuracy = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((n, n_steps, 0)))
     never = Setting(np.nan, np.nan, np.nan, np.nan)
-    peak, peak_strict = (np.array([t_p(one, strict=strict) for one in found]) for strict in (False, True))
+    peak, peak_strict = (
+        np.array([t_p(one, strict=strict) for one in of_lengths]) for strict in (False, True)
+    )
     human, human_strict = (
-        np.array([t_h(one, strict=strict) or never for one in found]) for strict in (False, True)
+        np.array([t_h(one, strict=strict) or never for one in of_lengths]) for strict in (False, True)
     )
     return Early(
         time_ms=steps * float(step_ms),
@@ -205,9 +207,9 @@ def t_h(
 
     Equal times: the smallest phi, then the smallest theta. `strict` as in `t_p`. Source: Eq. (6).
     """
-    found = surface.accuracy_strict if strict else surface.accuracy
-    reached = found >= accuracy
-    return _fastest(surface, found, reached) if reached.any() else None
+    accuracies = surface.accuracy_strict if strict else surface.accuracy
+    reached = accuracies >= accuracy
+    return _fastest(surface, accuracies, reached) if reached.any() else None
 
 
 def t_c(time_ms: ArrayLike, accuracy: ArrayLike, within: float = 0.1) -> float:
@@ -294,10 +296,10 @@ def _surfaces(
     sorted_axes = np.ix_(by_length, by_phi, by_theta)
     tallied, worked, ends = np.empty_like(tally), np.empty_like(work_sum), np.empty_like(at_end)
     tallied[sorted_axes], worked[sorted_axes], ends[by_length] = tally, work_sum, at_end
-    found = []
+    surfaces = []
     for counts, done in zip(tallied, worked, strict=True):
         correct, correct_decided, steps, undecided, ties = np.moveaxis(counts, -1, 0)
-        found.append(
+        surfaces.append(
             DecisionSurface(
                 phi=phis,
                 theta=thetas,
@@ -309,7 +311,7 @@ def _surfaces(
                 work=done / n,
             )
         )
-    return found, ends / n
+    return surfaces, ends / n
 
 
 def _spikes(output: ArrayLike) -> Array:

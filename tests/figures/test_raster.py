@@ -21,7 +21,7 @@ def test_numbers_by_hand():
     assert found.confidence[1:].tolist() == pytest.approx([1, 1, 2 / 3, 1 / 2, 3 / 5])
     assert found.leading.tolist() == [0, 0, 0, 0, 0, 1]
     assert found.time_ms.tolist() == [5, 10, 15, 20, 25, 30]
-    assert (found.said, found.decision_ms, found.decided) == (1, 30.0, False)
+    assert (found.answer, found.decision_ms, found.decided) == (1, 30.0, False)
     assert (found.phi, found.theta) == (None, None)
 
 
@@ -29,7 +29,7 @@ def test_numbers_by_hand():
 def test_the_decision_is_that_of_the_decision_maker(setting):
     found = gathered(setting=setting)
     by_rule = decide(OUTPUT[None], *setting)
-    assert (found.said, found.decided) == (by_rule.label[0], by_rule.decided[0])
+    assert (found.answer, found.decided) == (by_rule.label[0], by_rule.decided[0])
     assert found.decision_ms == (by_rule.step[0] + 1) * 5.0
     assert (found.phi, found.theta) == setting
 
@@ -37,7 +37,7 @@ def test_the_decision_is_that_of_the_decision_maker(setting):
 def test_a_recording_without_a_spike():
     found = gather_recording(np.zeros((4, 2), np.uint8), np.zeros((4, 2), int), 1.0, CLASSES, 0, (0, 0.5))
     assert np.isnan(found.confidence).all()
-    assert (found.said, found.decision_ms, found.decided) == (0, 4.0, False)
+    assert (found.answer, found.decision_ms, found.decided) == (0, 4.0, False)
     figure = draw_recording(found)
     assert list(figure.data[2].y) == [None] * 4
     assert (figure.data[3].z == 0).all()

@@ -261,8 +261,8 @@ class ELM:
 
 def borders(n_steps: int, width: int) -> Array:
     """Return 0, ..., n_steps, `width` apart but for the first two, which may be nearer, (window + 1,)."""
-    found = np.arange(n_steps, 0, -width)[::-1]
-    return np.concatenate([[0], found]).astype(np.int64)
+    ends = np.arange(n_steps, 0, -width)[::-1]
+    return np.concatenate([[0], ends]).astype(np.int64)
 
 
 def delay_line(counts: Array, lengths: Array, windows: int) -> Array:

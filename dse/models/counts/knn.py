@@ -40,14 +40,14 @@ class KNN(RateClassifier):
     def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:
         """Return what the neighbours say, (n, k) int64; distances grow with the input, window by window."""
         stored, target = arrays["counts"], arrays["target"]
-        found = np.empty((len(counts), len(lengths)), np.int64)
+        label = np.empty((len(counts), len(lengths)), np.int64)
         for first in range(0, len(counts), _BATCH):
             part = slice(first, first + _BATCH)
             squared = np.zeros((len(counts[part]), len(stored)))
             for j, (begin, end) in enumerate(zip([0, *lengths[:-1]], lengths, strict=True)):
                 squared += squared_distances(counts[part, begin:end], stored[:, begin:end])
-                found[part, j] = vote(squared, target, self.k, self.weights)
-        return found
+                label[part, j] = vote(squared, target, self.k, self.weights)
+        return label
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
         """Return training samples x features."""

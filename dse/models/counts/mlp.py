@@ -95,14 +95,14 @@ class MLP(RateClassifier):
         if len(arrays["classes"]) == 1:
             return np.full((len(counts), len(lengths)), arrays["classes"][0], np.int64)
         x = _scaled(as_features(counts), arrays)
-        found = np.empty((len(counts), len(lengths)), np.int64)
+        label = np.empty((len(counts), len(lengths)), np.int64)
         with threadpool_limits(1):
             for j, length in enumerate(lengths):
                 output = forward(x[:, : length * counts.shape[2]], _layers(arrays, j))
                 if output.shape[1] == 1:  # of two classes, one output > 0 says the second
                     output = np.concatenate([np.zeros_like(output), output], axis=1)
-                found[:, j] = arrays["classes"][output.argmax(axis=1)]
-        return found
+                label[:, j] = arrays["classes"][output.argmax(axis=1)]
+        return label
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
         """Return the weights of the matrices."""

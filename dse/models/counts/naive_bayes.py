@@ -52,7 +52,7 @@ class NaiveBayes(RateClassifier):
 
     def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:
         """Return the most likely class, (n, k) int64; the lowest on ties."""
-        found = np.empty((len(counts), len(lengths)), np.int64)
+        label = np.empty((len(counts), len(lengths)), np.int64)
         features = as_features(counts)
         for first in range(0, len(counts), _BATCH):
             x = features[first : first + _BATCH]
@@ -62,8 +62,8 @@ class NaiveBayes(RateClassifier):
                     x[:, seen], arrays["mean"][:, seen], arrays["variance"][:, seen] + arrays["smoothing"][j]
                 )
                 best = (arrays["log_prior"] + likely).argmax(axis=1)
-                found[first : first + _BATCH, j] = arrays["classes"][best]
-        return found
+                label[first : first + _BATCH, j] = arrays["classes"][best]
+        return label
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
         """Return 2 x features x classes."""
@@ -80,7 +80,7 @@ def log_likelihood(x: Array, mean: Array, variance: Array) -> Array:
     """
     if not variance.all():
         return np.zeros((len(x), len(mean)))
-    found = np.empty((len(x), len(mean)))
+    scores = np.empty((len(x), len(mean)))
     for c, (m, v) in enumerate(zip(mean, variance, strict=True)):
-        found[:, c] = -0.5 * np.log(2 * np.pi * v).sum() - 0.5 * ((x - m) ** 2 / v).sum(axis=1)
-    return found
+        scores[:, c] = -0.5 * np.log(2 * np.pi * v).sum() - 0.5 * ((x - m) ** 2 / v).sum(axis=1)
+    return scores

@@ -175,11 +175,11 @@ class RateClassifier(ABC):
         """
         lengths = fitted.arrays["lengths"]
         edges = self._edges(dataset)
-        found = dataset.spikes.n_channels, len(edges) - 1
-        if found != (fitted.n_channels, lengths[-1]):
+        shape = dataset.spikes.n_channels, len(edges) - 1
+        if shape != (fitted.n_channels, lengths[-1]):
             raise ValueError(
                 f"samples must have {fitted.n_channels} channels and {lengths[-1]} windows of "
-                f"{self.window_ms:g} ms as in training, got {found[0]} and {found[1]}"
+                f"{self.window_ms:g} ms as in training, got {shape[0]} and {shape[1]}"
             )
         counts = self._counts(dataset, samples)
         input_spikes = counts.sum(axis=2, dtype=np.int64).cumsum(axis=1)[:, lengths - 1]

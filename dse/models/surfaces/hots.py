@@ -110,8 +110,8 @@ class HOTS:
             field = self._field(layer, inputs.places, prototypes)
             learnt = self._learnt(layer, recordings, [len(p) for p in planes], field, rngs)
             prototypes.append(learnt.astype(np.float32))
-            memory, found = Memory(field), prepared(prototypes[-1])
-            planes = [_assigned(memory, recording(), found) for recording in recordings]
+            memory, learnt = Memory(field), prepared(prototypes[-1])
+            planes = [_assigned(memory, recording(), learnt) for recording in recordings]
         lengths, f = read_out_steps(dataset.n_steps), len(prototypes[-1])
         counts = np.stack(
             [histograms(inputs.events(i)[0], p, lengths, f) for i, p in zip(samples, planes, strict=True)]
@@ -155,8 +155,8 @@ class HOTS:
         input_spikes = np.zeros(shape, dtype=np.int64)
         for row, i in enumerate(samples):
             step, events = inputs.events(i)
-            for memory, found in layers:
-                events = events._replace(plane=_assigned(memory, events, found))
+            for memory, learnt in layers:
+                events = events._replace(plane=_assigned(memory, events, learnt))
             counts[row] = histograms(step, events.plane, lengths, counts.shape[2])
             input_spikes[row] = np.searchsorted(inputs.spikes(i)[0], lengths)
         features = self._features(counts)
@@ -215,8 +215,8 @@ class HOTS:
 
     def _features(self, counts: Array) -> Array:
         """Return histograms as they are compared, float32; one without events stays 0."""
-        found = counts.astype(np.float32)
-        return found / np.maximum(found.sum(axis=-1, keepdims=True), 1) if self.normalised else found
+        shares = counts.astype(np.float32)
+        return shares / np.maximum(shares.sum(axis=-1, keepdims=True), 1) if self.normalised else shares
 
     def _signatures(self, counts: Array, target: Array) -> tuple[Array, Array]:
         """Return labelled histograms, (length, signature, prototype) float32, and their classes."""

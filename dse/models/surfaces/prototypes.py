@@ -39,14 +39,14 @@ def drawn_surfaces(
     total = int(ends[-1])
     n = min(total, max(least, min(n, _MOST_NUMBERS // field.size)))
     chosen = np.sort(rng.choice(total, n, replace=False))
-    found = np.zeros((n, field.size), dtype=np.float32)
+    surfaces = np.zeros((n, field.size), dtype=np.float32)
     memory = Memory(field)
     for i, recording in enumerate(recordings):
         first, end = np.searchsorted(chosen, [ends[i] - n_events[i], ends[i]])
         if first < end:
             memory.forget()
-            found[first:end] = memory.surfaces(recording(), chosen[first:end] - (ends[i] - n_events[i]))
-    return found
+            surfaces[first:end] = memory.surfaces(recording(), chosen[first:end] - (ends[i] - n_events[i]))
+    return surfaces
 
 
 def clustered(surfaces: Array, n: int, rng: np.random.Generator) -> Array:

@@ -65,13 +65,13 @@ class Field(NamedTuple):
 def surface(events: Stream, i: int, field: Field) -> Array:
     """Return the surface of event i, (size,) float64: the definition, from all events up to it."""
     reach_x, reach_y = field.reach
-    found = np.zeros((2 * reach_y + 1, 2 * reach_x + 1, field.n_planes))
+    values = np.zeros((2 * reach_y + 1, 2 * reach_x + 1, field.n_planes))
     for j in range(i + 1):  # a later event of a place and plane takes the place of an earlier one
         dx, dy = int(events.x[j]) - int(events.x[i]), int(events.y[j]) - int(events.y[i])
         if abs(dx) <= reach_x and abs(dy) <= reach_y:
             age_us = int(events.t_us[i]) - int(events.t_us[j])
-            found[dy + reach_y, dx + reach_x, events.plane[j]] = math.exp(-age_us / field.tau_us)
-    return found.ravel()
+            values[dy + reach_y, dx + reach_x, events.plane[j]] = math.exp(-age_us / field.tau_us)
+    return values.ravel()
 
 
 def nearest(surfaces: Array, prototypes: Array) -> Array:
@@ -97,14 +97,14 @@ def learnt_online(surfaces: Array, prototypes: Array) -> Array:
         surfaces: (n, size), in the order of their events.
         prototypes: (prototype, size) at the start.
     """
-    found, chosen = np.array(prototypes, dtype=np.float64), np.ones(len(prototypes))
+    learnt, chosen = np.array(prototypes, dtype=np.float64), np.ones(len(prototypes))
     for s in surfaces:
-        k = nearest(s[None], found)[0]
-        length = math.sqrt((found[k] ** 2).sum() * (s**2).sum())
-        beta = (found[k] * s).sum() / length if length else 0.0
-        found[k] += 0.01 / (1 + chosen[k] / 20000) * (s - beta * found[k])
+        k = nearest(s[None], learnt)[0]
+        length = math.sqrt((learnt[k] ** 2).sum() * (s**2).sum())
+        beta = (learnt[k] * s).sum() / length if length else 0.0
+        learnt[k] += 0.01 / (1 + chosen[k] / 20000) * (s - beta * learnt[k])
         chosen[k] += 1
-    return found
+    return learnt
 
 
 class Prepared(NamedTuple):
@@ -145,9 +145,9 @@ class Memory:
             events: that follow those taken in before.
             chosen: numbers of the events whose surfaces are wanted, rising.
         """
-        found = np.zeros((len(chosen), self.field.size))
-        _surfaces(*self._checked(events), np.asarray(chosen, dtype=np.int64), *self._state(), found)
-        return found
+        surfaces = np.zeros((len(chosen), self.field.size))
+        _surfaces(*self._checked(events), np.asarray(chosen, dtype=np.int64), *self._state(), surfaces)
+        return surfaces
 
     def assign(self, events: Stream, prototypes: Prepared) -> Array:
         """Take in events; return the number of each one's nearest prototype, (n,) int32.
@@ -208,9 +208,9 @@ def neighbours(events: Stream, radius: int, span_us: int) -> Array:
         span_us: of time, in microseconds.
     """
     count = np.zeros((_extent(events.y) + 2 * radius, _extent(events.x) + 2 * radius), dtype=np.int32)
-    found = np.empty(len(events.t_us), dtype=np.int64)
-    _neighbours(events.t_us, events.x, events.y, radius, span_us, count, found)
-    return found
+    n_near = np.empty(len(events.t_us), dtype=np.int64)
+    _neighbours(events.t_us, events.x, events.y, radius, span_us, count, n_near)
+    return n_near
 
 
 def _extent(places: Array) -> int:
@@ -237,14 +237,14 @@ def _entries(t, x, y, last_us, reach_x, reach_y, tau_us, index, value):  # type:
 
 
 @compiled(_nrt=False)
-def _surfaces(t_us, x, y, plane, chosen, last_us, reach_x, reach_y, tau_us, index, value, found):  # type: ignore[no-untyped-def]
+def _surfaces(t_us, x, y, plane, chosen, last_us, reach_x, reach_y, tau_us, index, value, surfaces):  # type: ignore[no-untyped-def]
     row = 0
     for i in range(len(t_us)):
         last_us[y[i] + reach_y, x[i] + reach_x, plane[i]] = t_us[i]
         if row < len(chosen) and chosen[row] == i:
             n = _entries(t_us[i], x[i], y[i], last_us, reach_x, reach_y, tau_us, index, value)
             for e in range(n):
-                found[row, index[e]] = value[e]
+                surfaces[row, index[e]] = value[e]
             row += 1
 
 
@@ -303,7 +303,7 @@ def _learn(  # type: ignore[no-untyped-def]
 
 
 @compiled(_nrt=False)
-def _neighbours(t_us, x, y, radius, span_us, count, found):  # type: ignore[no-untyped-def]
+def _neighbours(t_us, x, y, radius, span_us, count, n_near):  # type: ignore[no-untyped-def]
     oldest = 0
     for i in range(len(t_us)):
         while t_us[i] - t_us[oldest] > span_us:
@@ -314,5 +314,5 @@ def _neighbours(t_us, x, y, radius, span_us, count, found):  # type: ignore[no-u
             for dx in range(-radius, radius + 1):
                 if dx * dx + dy * dy <= radius * radius:
                     near += count[y[i] + radius + dy, x[i] + radius + dx]
-        found[i] = near
+        n_near[i] = near
         count[y[i] + radius, x[i] + radius] += 1
