@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dse.config import ConfigError as ConfigError
     from dse.config import load_space as load_space
     from dse.deploy.evaluate import evaluate as evaluate
-    from dse.deploy.evaluate import export as export
+    from dse.deploy.export import export as export
     from dse.study.explore import run as run
     from dse.study.results import Study as Study
     from dse.study.results import open as open
@@ -29,7 +29,7 @@ _home = {
     "ConfigError": "dse.config",
     "Study": "dse.study.results",
     "evaluate": "dse.deploy.evaluate",
-    "export": "dse.deploy.evaluate",
+    "export": "dse.deploy.export",
     "load_space": "dse.config",
     "open": "dse.study.results",
     "run": "dse.study.explore",

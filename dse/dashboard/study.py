@@ -138,8 +138,8 @@ class _Designs:
             Refused: there is no such point, or it cannot be exported; the text names no path.
         """
         from dse.dashboard.serve import Download, Refused
-        from dse.deploy import evaluate
         from dse.deploy.bundle import BundleError
+        from dse.deploy.export import export
         from dse.store import StoreError
 
         row = self._row(trial, point, hardware)
@@ -149,7 +149,7 @@ class _Designs:
         try:
             with tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
                 folder = Path(temporary) / name
-                evaluate.export(self._study, row, folder)
+                export(self._study, row, folder)
                 return Download(f"{name}.zip", _zipped(folder))
         except BundleError as error:
             text = "This design cannot be deployed: its encoder reads the labels of the recordings."

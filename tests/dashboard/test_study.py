@@ -19,7 +19,7 @@ from dse import store
 from dse.dashboard.details import gather_details
 from dse.dashboard.study import page_server, write_page
 from dse.deploy import bundle
-from dse.deploy.evaluate import export
+from dse.deploy.export import export
 from dse.study import explore, results
 from tests import tiny_study
 from tests.page_data import held

@@ -17,7 +17,8 @@ from dse.dataset import load
 from dse.dataset.cache import usual_root
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
-from dse.deploy.evaluate import evaluate, export
+from dse.deploy.evaluate import evaluate
+from dse.deploy.export import export
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.models.snn import respond

@@ -36,9 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the measurements of the classifier on the recordings, or its answer to each."""
-    from dse.deploy import evaluate
+    from dse.deploy.evaluate import evaluate
 
-    evaluation = evaluate.evaluate(arguments.bundle, arguments.data, repair=arguments.repair)
+    evaluation = evaluate(arguments.bundle, arguments.data, repair=arguments.repair)
     rows = evaluation.answers if arguments.each else [evaluation.columns]
     return Answer(rows, [*_by_class(evaluation), *(f"warning: {note}" for note in evaluation.notes)])
 

@@ -95,9 +95,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         *_others(points, arguments.budget, "hardware", "hardware profiles"),
     ]
     if arguments.export:
-        from dse.deploy import evaluate
+        from dse.deploy.export import export
 
-        evaluate.export(results.open(arguments.results), row, arguments.export)
+        export(results.open(arguments.results), row, arguments.export)
         notes.append(f"bundle: {arguments.export}")
     return Answer([row], notes, _shown(row, goals))
 

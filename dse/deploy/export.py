@@ -1,0 +1,171 @@
+"""From a design point of a study to a bundle."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from dse import store
+from dse.config import ConfigError, Sections
+from dse.deploy.bundle import Bundle, BundleError, write
+from dse.models.snn.quantise import BITS, exponents, rounded
+from dse.records import Array, Network
+from dse.study import precision
+from dse.study.results import Study
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """What a design point was evaluated at; each None where it has none.
+
+    head: of a joint net, the one that answers; '' for all of them together.
+    """
+
+    phi: float | None
+    theta: float | None
+    read_out_ms: float | None
+    precision: precision.Setting
+    head: str
+
+    @classmethod
+    def of(cls, point: Mapping[str, Any], heads: Mapping[str, Any]) -> Self:
+        """Return the setting of a row of a study's points.
+
+        Args:
+            point: column -> value.
+            heads: by name, of the trial's record.
+        """
+        bits = _number(point.get("weight_bits"))
+        return cls(
+            phi=_number(point.get("phi")),
+            theta=_number(point.get("theta")),
+            read_out_ms=_number(point.get("read_out_ms")),
+            # As trained where it states none, or more bits than are trained.
+            precision=(
+                BITS if bits is None else min(int(bits), BITS),
+                _number(point.get("pruned_after")) or 0.0,
+            ),
+            head=str(point["task"]) if point.get("task") in heads else "",
+        )
+
+
+def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle:
+    """Write the bundle of a design point; of several repeats, the one whose accuracy is nearest their mean.
+
+    Args:
+        study: where the point is from.
+        point: a row of `study.points()`, as a skyline or a pick returns it.
+        folder: where the bundle is published; a bundle that is there is replaced.
+
+    Raises:
+        ValueError: the point names no trial, or a phi, theta or precision that the study did not evaluate.
+        BundleError: the folder holds something else, or the design's encoder must know the label.
+        StoreError: an artefact is damaged, or the bundle cannot be written.
+    """
+    if "trial" not in point:
+        raise ValueError(f"a point must have the column trial, got the columns {', '.join(map(str, point))}")
+    trial = int(point["trial"])
+    records = study.runs(trial)
+    if "sections" in records[0] and (why := _sections_of(study, records[0]).reads_labels):
+        raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
+    setting = _Setting.of(point, records[0].get("of_heads", {}))
+    accuracies = np.array([_accuracy(study, record, setting) for record in records])
+    chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
+    artefacts = store.run_folder(study.folder, trial, chosen["repeat"])
+    evidence = {
+        "study": study.space["study"],
+        "seed": chosen["seed"],
+        "trial": trial,
+        "repeat": chosen["repeat"],
+        "accuracy_of_repeats": accuracies.tolist(),
+        "data": chosen["data"],
+        "warnings": study.warnings,
+        "environment": store.read_json(study.folder / "environment.json"),
+    }
+    fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
+    if setting.precision != precision.AS_TRAINED:
+        assert isinstance(fitted, Network)  # nothing else was evaluated at another precision
+        fitted = rounded(fitted, *setting.precision)
+        weight_bits, pruned = setting.precision
+        shared = exponents(fitted, weight_bits)
+        evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned, "exponents": shared}
+    bundle = Bundle(
+        fitted=fitted,
+        sections=dataclasses.replace(_sections_of(study, chosen), test=None),
+        classes=tuple(chosen["classes"]),
+        phi=setting.phi,
+        theta=setting.theta,
+        record={str(name): store.plain(value) for name, value in point.items() if not _is_missing(value)},
+        evidence=evidence,
+        read_out_ms=setting.read_out_ms,
+        heads=store.heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
+        head=setting.head,
+    )
+    write(bundle, Path(folder))
+    return bundle
+
+
+def _sections_of(study: Study, record: Mapping[str, Any]) -> Sections:
+    """Return the sections that a run was recorded with.
+
+    Raises:
+        BundleError: they name what is not there, such as a component of a plugin.
+    """
+    try:
+        return Sections.from_plain(record["sections"], f"{study.folder}: trial {record['trial']}")
+    except ConfigError as error:
+        raise BundleError(str(error)) from None
+
+
+def _number(value: Any) -> float | None:
+    """Return a value of a column as a number, None where it is missing."""
+    return None if _is_missing(value) else float(value)
+
+
+def _accuracy(study: Study, record: Mapping[str, Any], setting: _Setting) -> float:
+    """Return the validation accuracy of one run at a setting.
+
+    Raises:
+        ValueError: the run failed, or it was not evaluated there.
+    """
+    where = f"{study.folder}: trial {record['trial']}"
+    if record["status"] != "finished":
+        raise ValueError(f"{where} failed: {record['reason']}")
+    folder = store.run_folder(study.folder, record["trial"], record["repeat"])
+    numbers, files = record, None
+    if setting.precision != precision.AS_TRAINED:
+        evaluated = {x.setting: x for x in precision.rows(folder)}.get(setting.precision)
+        if evaluated is None:
+            weight_bits, pruned = setting.precision
+            raise ValueError(f"{where} was not evaluated at {weight_bits} bits with {pruned:g} pruned")
+        numbers, files = evaluated.numbers, evaluated.files
+
+    def arrays(kind: str) -> Mapping[str, Array]:
+        name = f"{kind}_{setting.head}.npz" if setting.head else f"{kind}.npz"
+        return store.load_arrays(folder / name) if files is None else files[name]
+
+    if setting.phi is not None and setting.theta is not None:
+        measured = arrays("surface")
+        at = np.isclose(measured["phi"], setting.phi)[:, None] & np.isclose(measured["theta"], setting.theta)
+        missing = f"phi {setting.phi:g}, theta {setting.theta:g}"
+    elif setting.read_out_ms is not None:
+        measured = arrays("read_out")
+        at = np.isclose(measured["decision_latency_ms"], setting.read_out_ms)
+        missing = f"{setting.read_out_ms:g} ms"
+    else:
+        of_head = numbers["of_heads"][setting.head] if setting.head else numbers
+        return float(of_head["columns"]["accuracy"])
+    if not at.any():
+        raise ValueError(f"{where} was not evaluated at {missing}")
+    return float(measured["accuracy"][at][0])
+
+
+def _is_missing(value: Any) -> bool:
+    import pandas
+
+    return bool(pandas.api.types.is_scalar(value) and pandas.isna(value))
