@@ -238,6 +238,11 @@ def load_plugin(name: str, base: Path | None = None) -> Plugin:
     return _load(Plugin(name, str(path)), module, lambda: _run_file(path, code, module))
 
 
+def plugin_of(cls: type) -> Plugin | None:
+    """Return the plugin that a class is from; None: `dse`, or a module that was imported otherwise."""
+    return next((x for module, x in _plugins.items() if f"{cls.__module__}.".startswith(f"{module}.")), None)
+
+
 def loaded_plugins() -> dict[str, str]:
     """Return module -> source of the loaded plugins, in the order of loading, for `load_the_same`."""
     return {module: plugin.source for module, plugin in _plugins.items()}

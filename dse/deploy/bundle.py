@@ -2,6 +2,7 @@
 
 bundle.json   schema, how recordings become spikes, the decision rule, the classes, the record, the evidence
 weights.npz   what was trained; of a network: float weights, 8-bit weights, decays, thresholds
+plugins/      files of the plugins that its components are from; reading the bundle runs their code
 README.md     the same for people
 """
 
@@ -24,6 +25,7 @@ from dse.store import StoreError
 _8_BIT = "_8bit"  # ends the names of 8-bit matrices
 SCHEMA = "dse/bundle/3"
 _WEIGHTS = "weights.npz"
+_PLUGINS = "plugins"
 
 
 class BundleError(ValueError):
@@ -40,6 +42,7 @@ class Bundle:
     phi, theta: the decision rule; both None where the answer comes at a fixed time.
     read_out_ms: that time; None for the end of the window.
     heads: of a joint target; head: the one that answers, '' for all of them together.
+    plugins: that its components are from: names of modules, or paths of files.
     record: the design point, column -> value.
     evidence: where the numbers come from.
     plugins: modules or files of components outside `dse` that the sections name.
@@ -70,9 +73,10 @@ def write(bundle: Bundle, folder: Path) -> None:
     with store.published(folder) as temporary:
         temporary.mkdir()
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
+        plugins = [_copied(source, temporary) for source in bundle.plugins]
+        files = [_WEIGHTS, *(name for name in plugins if name.endswith(".py"))]
         document = {
             "schema": SCHEMA,
-            "plugins": bundle.plugins,
             "sections": bundle.sections.to_plain(),
             "classes": bundle.classes,
             "decision": {
@@ -85,7 +89,8 @@ def write(bundle: Bundle, folder: Path) -> None:
             "heads": store.heads_document(bundle.heads),
             "record": bundle.record,
             "evidence": bundle.evidence,
-            "files": {_WEIGHTS: store.checksum(temporary / _WEIGHTS)},
+            "plugins": plugins,
+            "files": {name: store.checksum(temporary / name) for name in files},
         }
         store.write_json(temporary / "bundle.json", document)
         (temporary / "README.md").write_text(_readme(bundle), encoding="utf-8")
@@ -113,9 +118,11 @@ def read(folder: str | Path) -> Bundle:
                 raise BundleError(f"{path / name}: is missing")
             if store.checksum(path / name) != expected:
                 raise BundleError(f"{path / name}: is damaged (its checksum differs)")
-        plugins = tuple(document["plugins"])
-        for plugin in plugins:
-            registry.load_plugin(plugin)
+        plugins = tuple(
+            str(path / name) if name.endswith(".py") else str(name) for name in document["plugins"]
+        )
+        for source in plugins:  # before their components are named
+            registry.load_plugin(source)
         return Bundle(
             fitted=store.fitted_of(
                 {k: x for k, x in store.load_arrays(path / _WEIGHTS).items() if not k.endswith(_8_BIT)}
@@ -131,10 +138,8 @@ def read(folder: str | Path) -> Bundle:
             head=document["decision"]["head"],
             plugins=plugins,
         )
-    except (StoreError, ConfigError) as error:
+    except (StoreError, ConfigError, registry.PluginError) as error:
         raise BundleError(str(error)) from error
-    except registry.PluginError as error:
-        raise BundleError(f"{path / 'bundle.json'}: {error}") from error
     except (KeyError, TypeError, AttributeError) as error:
         raise BundleError(f"{path / 'bundle.json'}: key {error} is missing or invalid") from error
 
@@ -152,6 +157,25 @@ def weights(fitted: Network | Parameters) -> dict[str, Array]:
             if matrix is not None:
                 arrays[f"{k}/{name}{_8_BIT}"] = np.rint(quantise(matrix) * 32).astype(np.int8)
     return arrays
+
+
+def _copied(source: str, bundle: Path) -> str:
+    """Copy the file of a plugin into a bundle; return how the bundle names the plugin.
+
+    Raises:
+        StoreError: it cannot be read or written.
+    """
+    if not source.endswith(".py"):
+        return source
+    folder = bundle / _PLUGINS
+    with store.explained(Path(source)):
+        code = Path(source).read_bytes()
+    folder.mkdir(exist_ok=True)
+    name = Path(source).name
+    while (folder / name).exists():  # of another folder
+        name = f"_{name}"
+    (folder / name).write_bytes(code)
+    return f"{_PLUGINS}/{name}"
 
 
 def _is_empty(folder: Path) -> bool:

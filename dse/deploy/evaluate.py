@@ -32,7 +32,7 @@ class Evaluation:
     label: (n,) answered class; time_ms: (n,) when; decided: (n,) whether theta was reached.
     target: (n,) true class, -1 where the file has no label.
     accuracy, accuracy_se, confusion: over the labelled recordings; None where there are none.
-    notes: what had to be repaired in the recordings.
+    notes: which plugins the bundle loaded, and what had to be repaired in the recordings.
     """
 
     classes: tuple[str, ...]
@@ -134,8 +134,13 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
         confusion=_confusion(label[known], target[known], len(classes)) if total else None,
-        notes=tuple(notes),
+        notes=(*_on_plugins(classifier), *notes),
     )
+
+
+def _on_plugins(bundle: Bundle) -> list[str]:
+    names = ", ".join(Path(source).name for source in bundle.plugins)
+    return [f"the bundle ran code of its plugins: {names}"] if names else []
 
 
 def _decide(bundle: Bundle, data: Dataset, response: Response | Answers) -> tuple[Ints, Floats, Bools]:

@@ -10,11 +10,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from dse import store
+from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy.bundle import Bundle, BundleError, write
 from dse.models.snn.quantise import BITS, exponents, rounded
-from dse.records import Array, Network
+from dse.neurons import neuron_of
+from dse.records import Array, Network, Parameters
 from dse.study import precision
 from dse.study.results import Study
 
@@ -94,9 +95,10 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         weight_bits, pruned = setting.precision
         shared = exponents(fitted, weight_bits)
         evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned, "exponents": shared}
+    sections = dataclasses.replace(_sections_of(study, chosen), test=None)
     bundle = Bundle(
         fitted=fitted,
-        sections=dataclasses.replace(_sections_of(study, chosen), test=None),
+        sections=sections,
         classes=tuple(chosen["classes"]),
         phi=setting.phi,
         theta=setting.theta,
@@ -105,6 +107,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         read_out_ms=setting.read_out_ms,
         heads=store.heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
         head=setting.head,
+        plugins=_plugins(sections, fitted),
     )
     write(bundle, Path(folder))
     return bundle
@@ -120,6 +123,16 @@ def _sections_of(study: Study, record: Mapping[str, Any]) -> Sections:
         return Sections.from_plain(record["sections"], f"{study.folder}: trial {record['trial']}")
     except ConfigError as error:
         raise BundleError(str(error)) from None
+
+
+def _plugins(sections: Sections, fitted: Network | Parameters) -> tuple[str, ...]:
+    """Return the sources of the plugins that the components of a classifier are from."""
+    components: list[object] = [sections.data, sections.encoder, sections.model]
+    classes = [type(component) for component in components]
+    if isinstance(fitted, Network):
+        classes += [neuron_of(layer.neuron) for layer in fitted.layers]
+    plugins = [plugin for cls in classes if (plugin := registry.plugin_of(cls)) is not None]
+    return tuple(dict.fromkeys(plugin.source for plugin in plugins))
 
 
 def _number(value: Any) -> float | None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dse import registry
 from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, weights, write
 from dse.neurons.fixed_point import quantise
 from dse.records import Head, Layer, Network, Parameters
@@ -158,3 +159,71 @@ def test_another_family_answers_at_a_time_for_one_head(made: Bundle, tmp_path: P
 def test_a_net_that_is_read_out_early_says_when(made: Bundle, tmp_path: Path) -> None:
     write(replace(made, phi=None, theta=None, read_out_ms=40.0), tmp_path / "b")
     assert "most output spikes after 40 ms (lowest on ties)" in (tmp_path / "b" / "README.md").read_text()
+
+
+PLUGIN = """from dataclasses import dataclass
+from dse.registry import register
+@register("encoders", "of_a_bundle")
+@dataclass(frozen=True)
+class OfABundle:
+    order: int = 2
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    encoders = registry.known("encoders")
+    monkeypatch.setattr(registry, "_plugins", {})
+    monkeypatch.setattr(registry, "_components", {**registry._components, "encoders": encoders})
+    path = tmp_path / "mine.py"
+    path.write_text(PLUGIN)
+    return path
+
+
+def test_a_bundle_carries_its_plugins_and_loads_them(made: Bundle, plugin: Path, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "mine.py").write_text("x = 1\n")
+    plugins = (str(plugin), str(tmp_path / "other" / "mine.py"), "json")
+    write(replace(made, plugins=plugins), tmp_path / "b")
+    assert "of_a_bundle" not in registry.known("encoders")
+    plugin.unlink()
+    bundle = read(tmp_path / "b")
+    assert bundle.plugins == (
+        str(tmp_path / "b" / "plugins" / "mine.py"),
+        str(tmp_path / "b" / "plugins" / "_mine.py"),
+        "json",
+    )
+    component = registry.known("encoders")["of_a_bundle"]
+    loaded = registry.plugin_of(component)
+    assert loaded is not None and loaded.source == bundle.plugins[0]
+    assert registry.plugin_of(Bundle) is None
+    write(bundle, tmp_path / "again")
+    assert (tmp_path / "again" / "plugins" / "mine.py").read_text() == PLUGIN
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("damaged", r"plugins/mine\.py: is damaged"), (None, r"plugins/mine\.py: is missing")],
+)
+def test_a_plugin_that_has_changed_is_not_run(
+    made: Bundle, plugin: Path, tmp_path: Path, text: str | None, message: str
+) -> None:
+    write(replace(made, plugins=(str(plugin),)), tmp_path / "b")
+    copy = tmp_path / "b" / "plugins" / "mine.py"
+    if text is None:
+        copy.unlink()
+    else:
+        copy.write_text(text)
+    with pytest.raises(BundleError, match=message):
+        read(tmp_path / "b")
+    assert "of_a_bundle" not in registry.known("encoders")
+
+
+def test_a_plugin_that_fails_is_named(made: Bundle, plugin: Path, tmp_path: Path) -> None:
+    plugin.write_text("raise RuntimeError('no licence')\n")
+    write(replace(made, plugins=(str(plugin),)), tmp_path / "b")
+    with pytest.raises(BundleError, match=r"plugin '.*mine\.py': RuntimeError in line 1 .*no licence"):
+        read(tmp_path / "b")
+    with pytest.raises(BundleError, match="no module 'none_such' is installed"):
+        write(replace(made, plugins=("none_such",)), tmp_path / "c")
+        read(tmp_path / "c")
