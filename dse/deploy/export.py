@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -17,6 +17,7 @@ from dse.models.snn.quantise import BITS, exponents, rounded
 from dse.neurons import neuron_of
 from dse.records import Array, Network, Parameters
 from dse.study import precision
+from dse.study.record import RunRecord, load_records
 from dse.study.results import Study
 
 
@@ -34,12 +35,12 @@ class _Setting:
     head: str
 
     @classmethod
-    def of(cls, point: Mapping[str, Any], heads: Mapping[str, Any]) -> Self:
+    def of(cls, point: Mapping[str, Any], heads: Sequence[str]) -> Self:
         """Return the setting of a row of a study's points.
 
         Args:
             point: column -> value.
-            heads: by name, of the trial's record.
+            heads: names of the heads of a joint net.
         """
         bits = _number(point.get("weight_bits"))
         return cls(
@@ -71,20 +72,20 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     if "trial" not in point:
         raise ValueError(f"a point must have the column trial, got the columns {', '.join(map(str, point))}")
     trial = int(point["trial"])
-    records = study.runs(trial)
-    if "sections" in records[0] and (why := _sections_of(study, records[0]).reads_labels):
+    records = load_records(study.folder, trial)
+    if records[0].sections and (why := _sections_of(study, records[0]).reads_labels):
         raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
-    setting = _Setting.of(point, records[0].get("of_heads", {}))
+    setting = _Setting.of(point, [head.name for head in records[0].heads])
     accuracies = np.array([_accuracy(study, record, setting) for record in records])
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
-    artefacts = store.run_folder(study.folder, trial, chosen["repeat"])
+    artefacts = store.run_folder(study.folder, trial, chosen.repeat)
     evidence = {
         "study": study.space["study"],
-        "seed": chosen["seed"],
+        "seed": chosen.seed,
         "trial": trial,
-        "repeat": chosen["repeat"],
+        "repeat": chosen.repeat,
         "accuracy_of_repeats": accuracies.tolist(),
-        "data": chosen["data"],
+        "data": chosen.data,
         "warnings": study.warnings,
         "environment": store.read_json(study.folder / "environment.json"),
     }
@@ -99,13 +100,13 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     bundle = Bundle(
         fitted=fitted,
         sections=sections,
-        classes=tuple(chosen["classes"]),
+        classes=chosen.classes,
         phi=setting.phi,
         theta=setting.theta,
         record={str(name): store.plain(value) for name, value in point.items() if not _is_missing(value)},
         evidence=evidence,
         read_out_ms=setting.read_out_ms,
-        heads=store.heads_of({"name": name, **of} for name, of in chosen.get("heads", {}).items()),
+        heads=chosen.heads,
         head=setting.head,
         plugins=_plugins(sections, fitted),
     )
@@ -113,14 +114,14 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
     return bundle
 
 
-def _sections_of(study: Study, record: Mapping[str, Any]) -> Sections:
+def _sections_of(study: Study, record: RunRecord) -> Sections:
     """Return the sections that a run was recorded with.
 
     Raises:
         BundleError: they name what is not there, such as a component of a plugin.
     """
     try:
-        return Sections.from_plain(record["sections"], f"{study.folder}: trial {record['trial']}")
+        return Sections.from_plain(record.sections, f"{study.folder}: trial {record.trial}")
     except ConfigError as error:
         raise BundleError(str(error)) from None
 
@@ -140,17 +141,17 @@ def _number(value: Any) -> float | None:
     return None if _is_missing(value) else float(value)
 
 
-def _accuracy(study: Study, record: Mapping[str, Any], setting: _Setting) -> float:
+def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
     """Return the validation accuracy of one run at a setting.
 
     Raises:
         ValueError: the run failed, or it was not evaluated there.
     """
-    where = f"{study.folder}: trial {record['trial']}"
-    if record["status"] != "finished":
-        raise ValueError(f"{where} failed: {record['reason']}")
-    folder = store.run_folder(study.folder, record["trial"], record["repeat"])
-    numbers, files = record, None
+    where = f"{study.folder}: trial {record.trial}"
+    if record.numbers is None:
+        raise ValueError(f"{where} failed: {record.reason}")
+    folder = store.run_folder(study.folder, record.trial, record.repeat)
+    numbers, files = record.numbers, None
     if setting.precision != precision.AS_TRAINED:
         evaluated = {x.setting: x for x in precision.rows(folder)}.get(setting.precision)
         if evaluated is None:
@@ -171,8 +172,7 @@ def _accuracy(study: Study, record: Mapping[str, Any], setting: _Setting) -> flo
         at = np.isclose(measured["decision_latency_ms"], setting.read_out_ms)
         missing = f"{setting.read_out_ms:g} ms"
     else:
-        of_head = numbers["of_heads"][setting.head] if setting.head else numbers
-        return float(of_head["columns"]["accuracy"])
+        return float(numbers.of_head(setting.head).columns["accuracy"])
     if not at.any():
         raise ValueError(f"{where} was not evaluated at {missing}")
     return float(measured["accuracy"][at][0])

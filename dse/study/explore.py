@@ -20,8 +20,9 @@ from dse.study.claim import claim
 from dse.study.fronts import fronts
 from dse.study.ledger import Ledger
 from dse.study.progress import Progress, shown
+from dse.study.record import RunRecord
 from dse.study.results import Study
-from dse.study.runs import Record, Runs
+from dse.study.runs import Runs
 from dse.study.workers import Workers
 
 if TYPE_CHECKING:
@@ -178,10 +179,11 @@ def _n_trials(space: SearchSpace) -> int:
     return space.search.n_trials or n_designs(space) or 0
 
 
-def _values(space: SearchSpace, records: Sequence[Record]) -> tuple[float, ...] | None:
+def _values(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
     """Return the objectives of a trial's full read-out, None where it failed or has no such number."""
-    if any(record["status"] == "failed" for record in records):
+    if any(record.failed for record in records):
         return None
-    row = tables.summary(records, next(iter(records[0]["hardware"]), None))
+    numbers = [record.measured for record in records]
+    row = tables.summary(numbers, next(iter(numbers[0].hardware), None))
     values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
     return tuple(values) if all(map(math.isfinite, values)) else None

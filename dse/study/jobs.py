@@ -20,8 +20,9 @@ from dse.config.resolved import Sections
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes
 from dse.measure.run import Measurement, measure
-from dse.records import Answers, Array, Dataset, Operations, Outcome, Response, Workload
+from dse.records import Answers, Array, Dataset, Ints, Operations, Outcome, Response, Workload
 from dse.search.cohorts import Demand
+from dse.study.record import Numbers, RunRecord
 from dse.study.workers import Failure
 
 PROCESS_BYTES = 320 * 2**20
@@ -33,7 +34,7 @@ _SPIKE_BYTES = 64
 _ANSWER_BYTES = 216
 
 
-# Between two sentences about what goes on, at least.
+# At least, between two sentences about the work in progress.
 _TELL_S = 0.5
 
 
@@ -75,8 +76,8 @@ class Run:
 
 
 @dataclasses.dataclass(frozen=True)
-class Cohort:
-    """Runs to be trained in one job: of the same data, repeat and family, and alike in what it shares."""
+class TrainingJob:
+    """A cohort: runs of the same data, repeat and family that share batches, to be trained in one job."""
 
     runs: tuple[Run, ...]
     device: str = "cpu"
@@ -84,7 +85,7 @@ class Cohort:
 
 
 def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
-    """Return what training a run asks of a worker; a family without `fit_cohort` trains one at a time."""
+    """Return the memory and time that training a run takes; a family without `fit_cohort` trains alone."""
     model, training = run.sections.model, run.sections.training
     if not trains_in_cohorts(model):
         return Demand((run.trial, run.repeat), 0, PROCESS_BYTES, 1.0)
@@ -107,14 +108,14 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
     """Make the data sets that are not in the cache.
 
     Yields:
-        What goes on, in words, now and then; the key of a data set that cannot be made, and why.
+        Sentences about the work in progress; the key of a data set that cannot be made, and why.
     """
     for key, sections in job.designs.items():
         try:
             with store.explained(job.cache):
                 yield from _prepared(job, sections)
         except store.StoreError:
-            raise  # a full disk is nobody's failure
+            raise  # a full disk is not the data set's fault
         except Exception as error:
             yield key, Failure.of(error)
 
@@ -130,7 +131,7 @@ def _prepared(job: Preparation, sections: Sections) -> Iterator[str]:
         made.result()
 
 
-def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
+def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     """Train the runs of a cohort; measure and publish each as it finishes.
 
     Yields:
@@ -151,7 +152,7 @@ def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
                 raise outcome
             _publish(job.runs[number], outcome, data, sections[number], leak)
         except (store.StoreError, MemoryError):
-            raise  # a full disk is nobody's failure, and alone the run may have the memory
+            raise  # a full disk is not the run's fault, and alone the run may have the memory
         except Exception as error:
             why = Failure.of(error)
         del outcome  # before the next one answers
@@ -162,23 +163,23 @@ def train(job: Cohort) -> Iterator[tuple[int, Failure | None]]:
         )
 
 
-def _outcomes(job: Cohort, data: Dataset) -> Iterator[tuple[int, Outcome | Exception]]:
+def _outcomes(job: TrainingJob, data: Dataset) -> Iterator[tuple[int, Outcome | Exception]]:
     first = job.runs[0]
     family = first.sections.model
     if not trains_in_cohorts(family):
         return (
-            (number, run.sections.model.fit(data, run.sections.training, _own(run)))
+            (number, run.sections.model.fit(data, run.sections.training, _generators(run)))
             for number, run in enumerate(job.runs)
         )
 
     def shared(purpose: str, *index: int) -> np.random.Generator:
         return seeds.generator(first.seed, {}, purpose, first.repeat, *index)
 
-    designs = [FitRequest(run.sections.model, run.sections.training, _own(run)) for run in job.runs]
+    designs = [FitRequest(run.sections.model, run.sections.training, _generators(run)) for run in job.runs]
     return family.fit_cohort(data, designs, shared, job.device, job.threads)
 
 
-def _own(run: Run) -> Generators:
+def _generators(run: Run) -> Generators:
     """Return the random generators of a run, by purpose."""
 
     def rngs(purpose: str, *index: int) -> np.random.Generator:
@@ -197,58 +198,50 @@ def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Sections, leak
         sections: of the design, as prepared.
         leak: why an evaluation of the data has seen its own answers; '' where it has not.
     """
-    found = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
-    record = {
-        "trial": job.trial,
-        "repeat": job.repeat,
-        "design": dict(job.design),
-        "seed": job.seed,
-        "sections": sections.to_plain(),
-        "classes": list(data.classes),
-        "heads": {head.pop("name"): head for head in store.heads_document(data.heads)},
-        "data": job.data.name,
-        "samples": {"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
-        "transductive": leak,
-        "status": "finished",
-        "reason": "",
-        **numbers(found, leak),
-        "of_heads": {name: numbers(head, leak) for name, head in found.heads.items()},
-    }
+    measurement = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
+    record = RunRecord(
+        trial=job.trial,
+        repeat=job.repeat,
+        design=job.design,
+        seed=job.seed,
+        numbers=Numbers.of(measurement, leak),
+        sections=sections.to_plain(),
+        classes=tuple(data.classes),
+        heads=data.heads,
+        data=job.data.name,
+        samples={"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
+        leak=leak,
+    )
     arrays = {
         "weights.npz": store.record_arrays(outcome.network),
-        "response.npz": _said(outcome.validation, data, data.validation),
+        "response.npz": _response_arrays(outcome.validation, data, data.validation),
         "history.npz": dict(outcome.history),
-        **arrays_of(job, found, ""),
+        **arrays_of(job, measurement, ""),
     }
     if outcome.test is not None:
-        arrays["response_test.npz"] = _said(outcome.test, data, data.test)
-    for name, head in found.heads.items():
+        arrays["response_test.npz"] = _response_arrays(outcome.test, data, data.test)
+    for name, head in measurement.heads.items():
         arrays |= arrays_of(job, head, f"_{name}")
     files = {name: _writer(content) for name, content in arrays.items()}
-    store.save_run(job.folder, record, files)
+    store.save_run(job.folder, record.to_plain(), files)
 
 
-def _said(said: Response | Answers, data: Dataset, index: Array) -> dict[str, Array]:
-    """Return what was said about some samples, with their numbers and their (joint) classes, `target`."""
-    return {**store.response_arrays(said, index), "target": np.asarray(data.target[index])}
+def _response_arrays(response: Response | Answers, data: Dataset, index: Ints) -> dict[str, Array]:
+    """Return the response to some samples, with their numbers and their (joint) classes, `target`."""
+    return {**store.response_arrays(response, index), "target": np.asarray(data.target[index])}
 
 
-def numbers(found: Measurement, leak: str) -> dict[str, Any]:
-    """Return what record.json holds of a measurement."""
-    return {"columns": {**found.columns, "transductive": bool(leak)}, "hardware": found.hardware}
-
-
-def arrays_of(job: Run, found: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
+def arrays_of(job: Run, measurement: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
     """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface."""
-    matrices = {"validation": found.confusion}
-    if found.confusion_test is not None:
-        matrices["test"] = found.confusion_test
+    matrices = {"validation": measurement.confusion}
+    if measurement.confusion_test is not None:
+        matrices["test"] = measurement.confusion_test
     files = {f"confusion{suffix}.npz": matrices}
-    if found.read_outs:
-        files[f"read_out{suffix}.npz"] = found.read_outs | _work(found.read_outs_load)
-    if found.points:
+    if measurement.read_outs:
+        files[f"read_out{suffix}.npz"] = measurement.read_outs | _work(measurement.read_outs_load)
+    if measurement.points:
         grid = {"phi": np.array(job.phi), "theta": np.array(job.theta)}
-        files[f"surface{suffix}.npz"] = grid | found.points | _work(found.points_load)
+        files[f"surface{suffix}.npz"] = grid | measurement.points | _work(measurement.points_load)
     return files
 
 

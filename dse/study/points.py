@@ -22,7 +22,7 @@ from dse.measure.on_chips import columns_on, drawn_on
 from dse.records import Array, Ints, Operations, Workload
 from dse.study import precision
 from dse.study import trials as tables
-from dse.study.trials import Record
+from dse.study.record import RunRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def points_table(
     space: SearchSpace,
     folder: Path,
-    trials: Mapping[int, Sequence[Record]],
+    trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
 ) -> pandas.DataFrame:
     """Return one row per design point of the finished trials, on every hardware profile.
@@ -55,7 +55,7 @@ def points_table(
 
     parts: list[dict[str, Array]] = []
     for trial, runs in sorted(trials.items()):
-        if any(r["status"] == "failed" for r in runs):
+        if any(record.failed for record in runs):
             continue
         answered = answers(folder, runs)
         about = tables.named(space, trial, runs)
@@ -140,7 +140,7 @@ class Answered:
 
 
 def answers(
-    folder: Path, records: Sequence[Record], settings: Sequence[precision.Setting] | None = None
+    folder: Path, records: Sequence[RunRecord], settings: Sequence[precision.Setting] | None = None
 ) -> list[Answered]:
     """Return what a trial answers as it was trained, and then at other precisions.
 
@@ -153,7 +153,7 @@ def answers(
     Raises:
         StoreError: an artefact is damaged, or a run was not evaluated at such a precision.
     """
-    runs = [store.run_folder(folder, record["trial"], record["repeat"]) for record in records]
+    runs = [store.run_folder(folder, record.trial, record.repeat) for record in records]
     trained = [_as_trained(run, record) for run, record in zip(runs, records, strict=True)]
     found = _of_runs(trained)
     evaluated = {} if settings is not None and not settings else dict(precision.common(runs))
@@ -166,22 +166,22 @@ def answers(
     return found
 
 
-def _as_trained(run: Path, record: Record) -> precision.Evaluation:
+def _as_trained(run: Path, record: RunRecord) -> precision.Evaluation:
     """Return what a run measured in training, as if it were an evaluation at another precision."""
-    names = [name for name in record["files"] if name.startswith(("read_out", "surface"))]
+    names = [name for name in record.files if name.startswith(("read_out", "surface"))]
     files = {name: store.load_arrays(run / name) for name in names}
-    return precision.Evaluation(*precision.AS_TRAINED, record, files)
+    return precision.Evaluation(*precision.AS_TRAINED, record.measured, files)
 
 
 def _of_runs(runs: Sequence[precision.Evaluation]) -> list[Answered]:
     """Return, head by head, the full read-out, the surface where there is one, and earlier read-outs."""
-    heads = runs[0].numbers.get("of_heads") or [None]
+    heads: list[str | None] = [*runs[0].numbers.of_heads] or [None]
     return [piece for head in heads for piece in _of_head(runs, head)]
 
 
 def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Answered]:
     suffix = f"_{head}" if head else ""
-    numbers = [run.numbers if head is None else run.numbers["of_heads"][head] for run in runs]
+    numbers = [run.numbers.of_head(head) for run in runs]
     read_outs = [run.files[f"read_out{suffix}.npz"] for run in runs]
     surfaces = [run.files[name] for run in runs if (name := f"surface{suffix}.npz") in run.files]
     of_lengths = [store.work_of(arrays) for arrays in read_outs]

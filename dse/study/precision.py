@@ -27,6 +27,7 @@ from dse.models.snn.quantise import BITS, rounded
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.records import Array, Dataset, Network, Outcome, Response
 from dse.study import jobs
+from dse.study.record import Numbers, RunRecord
 from dse.study.workers import Failure
 
 if TYPE_CHECKING:
@@ -53,13 +54,12 @@ class Job:
 class Evaluation:
     """What a run measured at one setting.
 
-    numbers: `columns`, `hardware` and `of_heads`, as in record.json.
     files: name of a file -> the arrays that it holds of a run, such as read_out.npz.
     """
 
     weight_bits: int
     pruned: float
-    numbers: Mapping[str, Any]
+    numbers: Numbers
     files: Mapping[str, Mapping[str, Array]]
 
     @property
@@ -76,7 +76,8 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
     with store.explained(job.run.data.parent):
         data = dataset.load_or_prepare(job.run.sections, job.run.base, job.run.data)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
-    trained = store.read_json(job.run.folder / "record.json")["columns"]
+    record = job.run.folder / "record.json"
+    trained = RunRecord.from_plain(store.read_json(record), record).measured.columns
     for setting in job.settings:
         why = None
         try:
@@ -176,10 +177,7 @@ def _evaluate(
     outcome = Outcome(fewer, validation, test, {}, told, trained.get("train_s", 0.0))
     found = measure(outcome, data, np.array(run.phi), np.array(run.theta), run.hardware, setting[0])
     leak = dataset.transductive(run.data)
-    numbers = {
-        **jobs.numbers(found, leak),
-        "of_heads": {name: jobs.numbers(head, leak) for name, head in found.heads.items()},
-    }
+    numbers = Numbers.of(found, leak).to_plain()
     files = jobs.arrays_of(run, found, "")
     for name, head in found.heads.items():
         files |= jobs.arrays_of(run, head, f"_{name}")
@@ -205,7 +203,7 @@ def _read(path: Path) -> Evaluation | None:
         arrays = store.load_arrays(path)
         if str(arrays["schema"]) != _SCHEMA:
             return None
-        numbers = json.loads(str(arrays["numbers"]))
+        numbers = Numbers.from_plain(json.loads(str(arrays["numbers"])))
         setting = int(arrays["weight_bits"]), float(arrays["pruned"])
     except (store.StoreError, KeyError, ValueError):
         return None

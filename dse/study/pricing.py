@@ -5,7 +5,7 @@ Nothing is trained for this: a study keeps the work counts of its points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from dse.skyline.table import read as read_table
 from dse.store import StoreError
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
+from dse.study.record import load_records
 
 if TYPE_CHECKING:
     import pandas
@@ -270,7 +271,7 @@ def _answers(folder: Path, trial: Any, rows: pandas.DataFrame) -> list[_points.A
 
     There may be more runs by now: a study that is being run writes its table now and then.
     """
-    runs = records(folder, int(trial))[: int(rows["repeats"].iloc[0])]
+    runs = load_records(folder, int(trial))[: int(rows["repeats"].iloc[0])]
     return _points.answers(folder, runs, _precisions(rows))
 
 
@@ -287,16 +288,3 @@ def _must_be_studies(paths: Sequence[str | Path], who: str) -> None:
             raise StoreError(
                 f"{path}: {who} the folder of a study, which holds the work counts of its points"
             )
-
-
-def records(folder: Path, trial: int) -> list[Mapping[str, Any]]:
-    """Return the records of a trial's runs, repeat 0 first.
-
-    Raises:
-        StoreError: an artefact is damaged, or the study has no such trial.
-    """
-    folders = store.run_folder(folder, trial, 0).parent.glob("repeat_*")
-    found = [record for each in folders if (record := store.load_run(each)) is not None]
-    if not found:
-        raise StoreError(f"{folder}: there is no trial {trial}")
-    return sorted(found, key=lambda record: int(record["repeat"]))

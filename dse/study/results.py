@@ -11,7 +11,7 @@ import yaml
 
 from dse import registry, store
 from dse.study import pricing
-from dse.study.runs import Record
+from dse.study.record import load_records, plain_records
 
 if TYPE_CHECKING:
     import pandas
@@ -55,13 +55,13 @@ class Study:
         """
         return pricing.points(self.folder, hardware) if hardware else _table(self.folder / "points.parquet")
 
-    def runs(self, trial: int) -> list[Record]:
+    def runs(self, trial: int) -> list[dict[str, Any]]:
         """Return the records of a trial's runs, repeat 0 first.
 
         Raises:
             StoreError: an artefact of the trial is damaged, or the study has no such trial.
         """
-        return [dict(record) for record in pricing.records(self.folder, trial)]
+        return plain_records(self.folder, trial)
 
     def best_trial(self) -> int:
         """Return the most accurate finished trial, the first of several.
@@ -81,7 +81,7 @@ class Study:
         Raises:
             StoreError: as of `runs`.
         """
-        return tuple(self.runs(trial)[0]["classes"])
+        return load_records(self.folder, trial)[0].classes
 
     def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
         """Return the arrays of a file of a trial's artefacts, such as read_out.npz, of each run that has it.
@@ -90,9 +90,9 @@ class Study:
             StoreError: as of `runs`, or the file is damaged.
         """
         return [
-            store.load_arrays(store.run_folder(self.folder, trial, record["repeat"]) / name)
-            for record in self.runs(trial)
-            if name in record["files"]
+            store.load_arrays(store.run_folder(self.folder, trial, record.repeat) / name)
+            for record in load_records(self.folder, trial)
+            if name in record.files
         ]
 
     def dataset(self, trial: int) -> Dataset:
@@ -104,7 +104,7 @@ class Study:
         from dse import dataset
         from dse.dataset import cache
 
-        found = dataset.find(cache.usual_root(), self.runs(trial)[0]["data"])
+        found = dataset.find(cache.usual_root(), load_records(self.folder, trial)[0].data)
         if found is None:
             raise store.StoreError(f"{self.folder}: the data set of trial {trial} is no longer in the cache")
         return found

@@ -25,13 +25,12 @@ from dse.recordings import RecordingError
 from dse.records import Dataset
 from dse.search import cohorts
 from dse.store import StoreError
-from dse.study import jobs as trial
-from dse.study import precision
+from dse.study import jobs, precision
 from dse.study.journal import Entry
 from dse.study.progress import Progress
+from dse.study.record import RunRecord, load_record
 from dse.study.workers import Failure, Workers, memory_budget
 
-Record = dict[str, Any]
 _Member = tuple[int, int | None]  # trial and fold: what a data set belongs to
 
 _OVER_BUDGET = "MemoryBudget"
@@ -78,15 +77,15 @@ class Runs:
         execution = space.execution
         self._budget = memory_budget(execution.memory_gib, workers.n, execution.device)
         self._cache = _opened_cache(folder, progress)
-        self._records: dict[tuple[int, int], Record] = {}
+        self._records: dict[tuple[int, int], RunRecord] = {}
         self._warned: set[str] = set()
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
 
-    def of(self, trial: int) -> list[Record]:
+    def of(self, trial: int) -> list[RunRecord]:
         """Return the records of a trial's finished runs, repeat 0 first."""
         return [self._records[key] for key in sorted(self._records) if key[0] == trial]
 
-    def trials(self) -> dict[int, list[Record]]:
+    def trials(self) -> dict[int, list[RunRecord]]:
         """Return trial number -> records, for every trial with a finished run."""
         return {number: self.of(number) for number in sorted({trial for trial, _ in self._records})}
 
@@ -108,14 +107,14 @@ class Runs:
                     continue
                 folder = store.run_folder(self._folder, entry.trial, repeat)
                 try:
-                    record = store.load_run(folder)
+                    record = load_record(folder)
                     if record is not None and not _is_of(entry, record):
                         raise StoreError(f"{folder}: holds another design than the journal states")
                 except StoreError as error:
                     self._progress.note(f"{error}; this run is repeated")
                     store.remove(folder)
                     continue
-                if record is not None and record.get("needs_bytes", math.inf) <= self._budget:
+                if record is not None and (record.needs_bytes or math.inf) <= self._budget:
                     store.remove(folder)
                 elif record is not None:
                     self._check_data(entry, record)
@@ -139,8 +138,8 @@ class Runs:
         wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
         waiting = self._planned(self._prepared(wanted))
         while waiting:
-            again: list[trial.Cohort] = []
-            for cohort, ended in self._workers.stream(trial.train, waiting):
+            again: list[jobs.TrainingJob] = []
+            for cohort, ended in self._workers.stream(jobs.train, waiting):
                 if isinstance(ended, Failure):
                     again += self._unfinished(cohort, ended)
                     continue
@@ -202,12 +201,12 @@ class Runs:
         left_out: dict[str, None] = {}
         for entry in entries:
             for record in self.of(entry.trial):
-                if record["status"] != "finished":
+                if record.failed:
                     continue
-                repeat = record["repeat"]
+                repeat = record.repeat
                 folder = store.run_folder(self._folder, entry.trial, repeat)
                 if why := precision.refusal(folder):
-                    left_out[f"{record['sections']['model']['kind']} {why}"] = None
+                    left_out[f"{record.sections['model']['kind']} {why}"] = None
                 elif missing := precision.missing(folder, settings):
                     wanted.append((entry, repeat))
                     lacking[entry.trial, repeat] = missing
@@ -215,7 +214,7 @@ class Runs:
             self._progress.note(f"precision: skipped: {text}")
         return wanted, lacking
 
-    def _planned(self, runs: Sequence[trial.Run]) -> list[trial.Cohort]:
+    def _planned(self, runs: Sequence[jobs.Run]) -> list[jobs.TrainingJob]:
         """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
         run_of = {run.data: run for run in runs}
 
@@ -226,7 +225,7 @@ class Runs:
 
         fitting, demands, execution = [], [], self._space.execution
         for run in runs:
-            demand = trial.demand(run, load(run.data), execution.threads)
+            demand = jobs.demand(run, load(run.data), execution.threads)
             if demand.alone_bytes > self._budget:
                 text = (
                     f"training needs {demand.alone_bytes} bytes, more than the {self._budget} of a process; "
@@ -240,9 +239,9 @@ class Runs:
         self._progress.plan([demand.cost for demand in demands])
         device, threads = execution.device, execution.threads
         plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
-        return [trial.Cohort(tuple(fitting[i] for i in members), device, threads) for members in plan]
+        return [jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads) for members in plan]
 
-    def _unfinished(self, cohort: trial.Cohort, why: Failure) -> list[trial.Cohort]:
+    def _unfinished(self, cohort: jobs.TrainingJob, why: Failure) -> list[jobs.TrainingJob]:
         """Return the runs of a job that ended early, to be tried alone; one that was alone has failed."""
         _stop_if_disk(why)
         again = []
@@ -257,19 +256,19 @@ class Runs:
                 self._settle(run, why)
         return again
 
-    def _settle(self, run: trial.Run, why: Failure | None) -> None:
+    def _settle(self, run: jobs.Run, why: Failure | None) -> None:
         """Take in a run that has ended."""
-        record = store.load_run(run.folder) if why is None else None
+        record = load_record(run.folder) if why is None else None
         if record is not None:
             self._keep(record)
         else:
             assert why is not None  # a run without a failure is published
             self._fail(run.trial, run.repeat, run.design, why)
 
-    def _keep(self, record: Record) -> None:
-        key = record["trial"], record["repeat"]
+    def _keep(self, record: RunRecord) -> None:
+        key = record.trial, record.repeat
         self._records[key] = record
-        self._progress.advance(_told(record), self._work.get(key, 0.0))
+        self._progress.advance(_sentence(record), self._work.get(key, 0.0))
 
     def _fail(
         self,
@@ -280,27 +279,26 @@ class Runs:
         needs_bytes: int | None = None,
     ) -> None:
         """Record a failed run; with the memory that it lacked, it is tried again where there is more."""
-        record = {
-            "trial": number,
-            "repeat": repeat,
-            "design": dict(design),
-            "seed": self._space.seed,
-            "status": "failed",
-            "reason": why.reason,
-            "details": why.details,
-            **({} if needs_bytes is None else {"needs_bytes": needs_bytes}),
-        }
-        store.save_run(store.run_folder(self._folder, number, repeat), record, {})
-        self._keep({**record, "files": {}})
+        record = RunRecord(
+            trial=number,
+            repeat=repeat,
+            design=design,
+            seed=self._space.seed,
+            reason=why.reason,
+            details=why.details,
+            needs_bytes=needs_bytes,
+        )
+        store.save_run(store.run_folder(self._folder, number, repeat), record.to_plain(), {})
+        self._keep(record)
 
-    def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[trial.Run]:
+    def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[jobs.Run]:
         """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
         data = self._data(wanted)
         needed = set(data.keys.values())
         first = next(iter(data.failures.values()), None)
         if first is not None and not self._records and len(data.failures) == len(needed):
-            told = first.error == RecordingError.__name__
-            raise RecordingError(first.message if told else f"data cannot be prepared: {first.reason}")
+            is_plain = first.error == RecordingError.__name__
+            raise RecordingError(first.message if is_plain else f"data cannot be prepared: {first.reason}")
         self._warn(needed - data.failures.keys())
         runs = []
         for entry, repeat in wanted:
@@ -351,7 +349,7 @@ class Runs:
         missing = [key for key in needed if not self._is_prepared(key)]
         if not missing:
             return failures
-        for job, event in self._workers.stream(trial.prepare, self._preparations(needed, missing)):
+        for job, event in self._workers.stream(jobs.prepare, self._preparations(needed, missing)):
             if isinstance(event, str):
                 self._progress.doing(event)
             elif isinstance(event, Failure):
@@ -363,9 +361,7 @@ class Runs:
                 failures[key] = failure
         return failures
 
-    def _preparations(
-        self, needed: Mapping[str, Sections], missing: Sequence[str]
-    ) -> list[trial.Preparation]:
+    def _preparations(self, needed: Mapping[str, Sections], missing: Sequence[str]) -> list[jobs.Preparation]:
         """Return the jobs: designs that may share spikes in one; jobs share the threads there are."""
         groups: dict[str, list[str]] = {}
         for key in missing:
@@ -373,7 +369,7 @@ class Runs:
         threads = max(1, self._workers.n // len(groups)) * self._space.execution.threads
         base = self._space.source.parent
         return [
-            trial.Preparation({key: needed[key] for key in keys}, base, self._cache, threads)
+            jobs.Preparation({key: needed[key] for key in keys}, base, self._cache, threads)
             for keys in groups.values()
         ]
 
@@ -381,8 +377,8 @@ class Runs:
         with store.explained(self._cache):
             return dataset.find(self._cache, key) is not None
 
-    def _run(self, entry: Entry, repeat: int, sections: Sections, data: Path) -> trial.Run:
-        return trial.Run(
+    def _run(self, entry: Entry, repeat: int, sections: Sections, data: Path) -> jobs.Run:
+        return jobs.Run(
             trial=entry.trial,
             repeat=repeat,
             design=entry.design,
@@ -408,12 +404,12 @@ class Runs:
         if set(found) - set(known):
             store.write_json(path, list(dict.fromkeys([*known, *found])))
 
-    def _check_data(self, entry: Entry, record: Record) -> None:
-        if "data" not in record:
+    def _check_data(self, entry: Entry, record: RunRecord) -> None:
+        if not record.data:
             return
-        sections = self._resolved(entry.design, self._fold(record["repeat"]))
+        sections = self._resolved(entry.design, self._fold(record.repeat))
         key = dataset.dataset_key(sections, self._space.source.parent)
-        if key != record["data"]:
+        if key != record.data:
             text = (
                 f"data: the recordings differ from those that trial {entry.trial} was trained on; "
                 "restore them, or use another --results folder"
@@ -433,18 +429,18 @@ def _opened_cache(folder: Path, progress: Progress) -> Path:
     return root
 
 
-def _is_of(entry: Entry, record: Record) -> bool:
-    return seeds.design_key(record["design"]) == seeds.design_key(entry.design)
+def _is_of(entry: Entry, record: RunRecord) -> bool:
+    return seeds.design_key(record.design) == seeds.design_key(entry.design)
 
 
 def _stop_if_disk(failure: Failure) -> None:
-    """A full disk is nobody's design: the study stops, and the same command goes on."""
+    """Raise what a full disk did: it is not the design's fault, and the same command resumes the study."""
     if failure.error == StoreError.__name__:
         raise StoreError(failure.message)
 
 
-def _told(record: Record) -> str:
-    name = f"trial {record['trial']}" + (f" repeat {record['repeat']}" if record["repeat"] else "")
-    if record["status"] == "failed":
-        return f"{name} failed: {record['reason']}"
-    return f"{name} accuracy {record['columns']['accuracy']:.3f}"
+def _sentence(record: RunRecord) -> str:
+    name = f"trial {record.trial}" + (f" repeat {record.repeat}" if record.repeat else "")
+    if record.numbers is None:
+        return f"{name} failed: {record.reason}"
+    return f"{name} accuracy {record.numbers.columns['accuracy']:.3f}"

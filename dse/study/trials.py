@@ -16,15 +16,15 @@ import numpy as np
 
 from dse.config import Axis, SearchSpace
 from dse.measure.objectives.accuracy import seeds_se
+from dse.study.record import Numbers, RunRecord
 
 if TYPE_CHECKING:
     import pandas
 
-Record = Mapping[str, Any]
 _LAST = ("status", "reason")
 
 
-def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[Record]]) -> pandas.DataFrame:
+def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) -> pandas.DataFrame:
     """Return one row per trial: its design, what its full read-out measured, status and reason.
 
     Args:
@@ -36,13 +36,14 @@ def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[Record]]) -> 
     rows = []
     for trial, records in sorted(trials.items()):
         row = named(space, trial, records)
-        failed = [r for r in records if r["status"] == "failed"]
+        failed = [record for record in records if record.failed]
         row["status"] = "failed" if failed else "finished"
         row["reason"] = "; ".join(_blamed(r, len(records)) for r in failed)
         if not failed:
-            profiles = list(records[0]["hardware"])
-            row |= {"hardware": profiles[0]} if profiles else {}
-            row |= summary(records, profiles[0] if profiles else None)
+            numbers = [record.measured for record in records]
+            profile = next(iter(numbers[0].hardware), None)
+            row |= {} if profile is None else {"hardware": profile}
+            row |= summary(numbers, profile)
         rows.append(row)
     # Ordered by the longest row: a table that starts with a failed trial has its columns like any other.
     names = dict.fromkeys(key for row in sorted(rows, key=len, reverse=True) for key in row)
@@ -51,9 +52,9 @@ def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[Record]]) -> 
     return frame.astype(dict.fromkeys(claims, "boolean"))
 
 
-def named(space: SearchSpace, trial: int, records: Sequence[Record]) -> dict[str, Any]:
+def named(space: SearchSpace, trial: int, records: Sequence[RunRecord]) -> dict[str, Any]:
     """Return the columns that say what a row is about; an axis that the design does not have is missing."""
-    design = records[0]["design"]
+    design = records[0].design
     cells = {
         name: _cell(axis, design[name]) if name in design else _missing(axis)
         for name, axis in space.axes.items()
@@ -95,18 +96,18 @@ def _short(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _blamed(record: Record, n_runs: int) -> str:
-    return f"repeat {record['repeat']}: {record['reason']}" if n_runs > 1 else str(record["reason"])
+def _blamed(record: RunRecord, n_runs: int) -> str:
+    return f"repeat {record.repeat}: {record.reason}" if n_runs > 1 else record.reason
 
 
-def summary(records: Sequence[Record], profile: str | None) -> dict[str, Any]:
+def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     """Return a trial's full read-out: mean of every number, `all` of every claim, the accuracy's error.
 
     Args:
-        records: finished runs of one trial.
+        runs: what the runs of one trial measured.
         profile: hardware profile, or None for the columns that need none.
     """
-    rows = [r["columns"] | (r["hardware"][profile] if profile else {}) for r in records]
+    rows = [{**run.columns, **(run.hardware[profile] if profile else {})} for run in runs]
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [row.get(name) for row in rows]

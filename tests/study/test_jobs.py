@@ -55,7 +55,7 @@ def run(folder: Path, model: Any, number: int = 0, **training: Any) -> jobs.Run:
     )
 
 
-def peak_bytes(cohort: jobs.Cohort) -> Iterator[int]:
+def peak_bytes(cohort: jobs.TrainingJob) -> Iterator[int]:
     """Train a cohort; yield the largest resident size that the process had since it began."""
     ended = list(jobs.train(cohort))
     assert ended == [(number, None) for number in range(len(cohort.runs))]
@@ -73,7 +73,7 @@ def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path) 
     assert len({one.key for one in demands}) == 1
     said = sum(one.memory_bytes for one in demands) + max(one.workspace_bytes for one in demands)
     with Workers(1) as workers:
-        [(_, peak)] = workers.stream(peak_bytes, [jobs.Cohort(runs, "cpu")])
+        [(_, peak)] = workers.stream(peak_bytes, [jobs.TrainingJob(runs, "cpu")])
     assert isinstance(peak, int), peak
     assert peak <= said
     assert said < 3 * peak  # a bound that is of use
@@ -128,7 +128,7 @@ def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
     spiking = dataclasses.replace(run(tmp_path, SNN((6,)), 0, epochs=1, batch_size=16), **grid)
     counting = dataclasses.replace(run(tmp_path, KNN(window_ms=20.0, channels="each"), 1), **grid)
     for one in (spiking, counting):
-        assert list(jobs.train(jobs.Cohort((one,)))) == [(0, None)]
+        assert list(jobs.train(jobs.TrainingJob((one,)))) == [(0, None)]
         record = store.load_run(one.folder)
         assert record is not None
         assert record["samples"] == {"train": 40, "validation": 30, "test": 10}

@@ -6,7 +6,6 @@ import dataclasses
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +16,7 @@ from dse.config import ConfigError, SearchSpace
 from dse.hardware.profile import load
 from dse.records import Operations, Workload
 from dse.study import points, precision, pricing
+from dse.study.record import Numbers, RunRecord, load_record, load_records
 from tests import tiny_study
 
 LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
@@ -45,7 +45,7 @@ def published(
     work: Operations | Workload | None = None,
     heads: tuple[str, ...] = (),
     **files: dict[str, np.ndarray],
-) -> dict[str, Any]:
+) -> RunRecord:
     """Write a run with one read-out, after 4 ms, unless a file says otherwise; return its record."""
     columns = {"accuracy": accuracy, "accuracy_se": 0.1, "t_c_ms": 4.0, "itr_bits": 1.5, "n_weights": 28}
     read_out = {
@@ -67,9 +67,9 @@ def published(
     }
     run = store.run_folder(folder, trial, repeat)
     store.save_run(run, record, writers)
-    found = store.load_run(run)
-    assert found is not None
-    return dict(found)
+    loaded = load_record(run)
+    assert loaded is not None
+    return loaded
 
 
 def test_full_read_outs_on_every_chip(space: SearchSpace, tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_objectives_that_no_run_measures_are_columns(space: SearchSpace, tmp_pat
 
 def test_failed_trials_have_no_points(space: SearchSpace, tmp_path: Path) -> None:
     good = published(tmp_path, 1)
-    failed = {"status": "failed", "reason": "NaN loss", "design": good["design"]}
+    failed = RunRecord(trial=0, repeat=0, design=good.design, seed=0, reason="NaN loss")
     runs = {0: [failed], 1: [good, failed], 2: [good]}
     assert list(points.points_table(space, tmp_path, runs, [])["trial"]) == [2]
 
@@ -122,8 +122,8 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
             **store.work_arrays(counted(100.0)),
         }
         run = published(tmp_path, 0, repeat, surface=surface, read_out=read_out)
-        run["columns"] = {**run["columns"], "spikes_total": 9}
-        runs.append(run)
+        numbers = Numbers({**run.measured.columns, "spikes_total": 9}, {})
+        runs.append(dataclasses.replace(run, numbers=numbers))
     frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS])
     assert frame["point"].tolist() == list(range(7))
     end, rows = frame.iloc[0], frame.iloc[1:]
@@ -235,7 +235,7 @@ def test_a_table_is_priced_as_it_was_written(
             for bits, pruned in settings:
                 load = dataclasses.replace(spiking(10.0 * bits), weight_bits=bits)
                 held = {"read_out.npz": files["read_out.npz"] | store.work_arrays(load)}
-                numbers = {"columns": {"accuracy": 0.4}, "hardware": {}, "of_heads": {}}
+                numbers = Numbers({"accuracy": 0.4}, {})
                 found[repeat, bits] = precision.Evaluation(bits, pruned, numbers, held)
 
     found: dict[tuple[int, int], precision.Evaluation] = {}
@@ -248,7 +248,7 @@ def test_a_table_is_priced_as_it_was_written(
 
     monkeypatch.setattr(precision, "rows", rows)
     evaluated((4, 0.0))
-    records = {trial: pricing.records(study, trial) for trial in (0, 1)}
+    records = {trial: load_records(study, trial) for trial in (0, 1)}
     table = points.points_table(space, study, records, [LOIHI])
     assert table["weight_bits"].tolist() == [8, 4, 8]
     table.to_parquet(study / "points.parquet")

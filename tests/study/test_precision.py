@@ -8,7 +8,6 @@ import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.training import Training
 from dse.records import Dataset, Network, Outcome
-from dse.study import explore, precision
-from dse.study import jobs as trial
+from dse.study import explore, jobs, precision
+from dse.study.fronts import fronts
 from dse.study.precision import AS_TRAINED, Job, common, evaluate, missing, near, refusal, rows
 from dse.study.results import Study
 from dse.study.workers import Workers
@@ -36,11 +35,11 @@ from tests.spaces import design_of, write_space
 SETTINGS = ((4, 0.0), (2, 0.0), (4, 0.5))
 
 
-def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> trial.Run:
+def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> jobs.Run:
     """Train a run and return what it was asked to be."""
     if not (folder / "data").exists():
         save(data, folder / "data")
-    run = trial.Run(
+    run = jobs.Run(
         trial=0,
         repeat=0,
         design={},
@@ -53,28 +52,28 @@ def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> trial
         theta=(0.4, 0.9),
         hardware=(),
     )
-    assert list(trial.train(trial.Cohort((run,)))) == [(0, None)]
+    assert list(jobs.train(jobs.TrainingJob((run,)))) == [(0, None)]
     return run
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> trial.Run:
+def made(tmp_path_factory: pytest.TempPathFactory) -> jobs.Run:
     """A run that was trained and never evaluated again."""
     return trained(tmp_path_factory.mktemp("made"), toy(), SNN(hidden=(10,), true_rate=0.5))
 
 
 @pytest.fixture
-def run(made: trial.Run, tmp_path: Path) -> trial.Run:
+def run(made: jobs.Run, tmp_path: Path) -> jobs.Run:
     """The same with a folder of its own."""
     shutil.copytree(made.folder, tmp_path / "run")
     return dataclasses.replace(made, folder=tmp_path / "run")
 
 
-def done(run: trial.Run, *settings: precision.Setting) -> None:
+def done(run: jobs.Run, *settings: precision.Setting) -> None:
     assert list(evaluate(Job(run, settings))) == [(setting, None) for setting in settings]
 
 
-def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: trial.Run) -> None:
+def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: jobs.Run) -> None:
     done(run, *SETTINGS)
     data = toy()
     network = store.fitted_of(store.load_arrays(run.folder / "weights.npz"))
@@ -85,7 +84,7 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: tr
         said = run.sections.model.respond(fewer, data, data.validation)
         outcome = Outcome(fewer, said, None, {})
         alone = measure(outcome, data, np.array(run.phi), np.array(run.theta), (), found.weight_bits)
-        columns = found.numbers["columns"]
+        columns = found.numbers.columns
         for name in ("accuracy", "n_weights", "synaptic_operations", "itr_bits"):
             assert columns[name] == alone.columns[name], name
         assert columns["n_weights"] == fewer.n_weights
@@ -97,12 +96,12 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: tr
             assert load.weight_bits == found.weight_bits  # type: ignore[union-attr]
 
 
-def test_as_trained_it_is_the_run_itself(run: trial.Run) -> None:
+def test_as_trained_it_is_the_run_itself(run: jobs.Run) -> None:
     done(run, AS_TRAINED)
     [found] = rows(run.folder)
     record = store.read_json(run.folder / "record.json")
-    assert {"accuracy", "peak_state", "train_s", "transductive"} <= set(found.numbers["columns"])
-    assert {name: record["columns"][name] for name in found.numbers["columns"]} == found.numbers["columns"]
+    assert {"accuracy", "peak_state", "train_s", "transductive"} <= set(found.numbers.columns)
+    assert {name: record["columns"][name] for name in found.numbers.columns} == found.numbers.columns
     assert found.files.keys() == {"confusion.npz", "read_out.npz", "surface.npz"}
     for name, arrays in found.files.items():
         own = store.load_arrays(run.folder / name)
@@ -118,16 +117,16 @@ def test_a_joint_network_and_its_test_set(tmp_path: Path) -> None:
     done(one, AS_TRAINED, (3, 0.25))
     fewer, same = rows(one.folder)
     record = store.read_json(one.folder / "record.json")
-    assert same.numbers["of_heads"].keys() == record["of_heads"].keys() and len(record["of_heads"]) > 1
+    assert same.numbers.of_heads.keys() == record["of_heads"].keys() and len(record["of_heads"]) > 1
     for name, head in record["of_heads"].items():
-        assert same.numbers["of_heads"][name]["columns"]["accuracy"] == head["columns"]["accuracy"]
+        assert same.numbers.of_heads[name].columns["accuracy"] == head["columns"]["accuracy"]
         assert f"surface_{name}.npz" in fewer.files
-    assert same.numbers["columns"]["accuracy_test"] == record["columns"]["accuracy_test"]
+    assert same.numbers.columns["accuracy_test"] == record["columns"]["accuracy_test"]
     assert fewer.files.keys() == same.files.keys()
 
 
 @pytest.mark.parametrize("damage", ["truncated", "empty", "flipped", "missing", "older"])
-def test_what_is_damaged_is_no_row_and_is_made_again(run: trial.Run, damage: str) -> None:
+def test_what_is_damaged_is_no_row_and_is_made_again(run: jobs.Run, damage: str) -> None:
     done(run, *SETTINGS)
     before = {x.setting: x for x in rows(run.folder)}
     path = run.folder / "precision_4_0.5.npz"
@@ -150,14 +149,14 @@ def test_what_is_damaged_is_no_row_and_is_made_again(run: trial.Run, damage: str
     assert again.numbers == before[4, 0.5].numbers
 
 
-def test_what_was_measured_before_a_stop_stays(run: trial.Run) -> None:
+def test_what_was_measured_before_a_stop_stays(run: jobs.Run) -> None:
     going = evaluate(Job(run, SETTINGS))
     assert next(going) == (SETTINGS[0], None)
     going.close()
     assert missing(run.folder, SETTINGS) == SETTINGS[1:]
 
 
-def test_a_file_is_there_whole_or_not_at_all(run: trial.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_there_whole_or_not_at_all(run: jobs.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def torn(path: Path, arrays: Any) -> None:
         path.write_bytes(b"PK")
         raise OSError(28, "no space")
@@ -172,7 +171,7 @@ def test_a_file_is_there_whole_or_not_at_all(run: trial.Run, monkeypatch: pytest
     assert missing(run.folder, SETTINGS) == SETTINGS
 
 
-def test_a_setting_that_fails_stops_no_other(run: trial.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_setting_that_fails_stops_no_other(run: jobs.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def moody(network: Network, weight_bits: int, pruned: float) -> Network:
         if weight_bits == 2:
             raise ValueError("weights must be kind")
@@ -185,7 +184,7 @@ def test_a_setting_that_fails_stops_no_other(run: trial.Run, monkeypatch: pytest
     assert failed is not None and failed.reason == "ValueError: weights must be kind"
 
 
-def test_which_runs_have_other_precisions(run: trial.Run, tmp_path: Path) -> None:
+def test_which_runs_have_other_precisions(run: jobs.Run, tmp_path: Path) -> None:
     assert refusal(run.folder) == ""
     (tmp_path / "others").mkdir()
     knn = trained(tmp_path / "others", toy(), KNN(window_ms=5.0), "knn")
@@ -194,7 +193,7 @@ def test_which_runs_have_other_precisions(run: trial.Run, tmp_path: Path) -> Non
     assert refusal(real.folder) == "runs in float32 arithmetic"
 
 
-def test_repeats_have_the_settings_that_each_of_them_has(run: trial.Run, tmp_path: Path) -> None:
+def test_repeats_have_the_settings_that_each_of_them_has(run: jobs.Run, tmp_path: Path) -> None:
     shutil.copytree(run.folder, tmp_path / "other")
     other = dataclasses.replace(run, folder=tmp_path / "other")
     done(run, *SETTINGS)
@@ -343,12 +342,12 @@ def test_other_precisions_do_not_change_which_designs_are_repeated(tmp_path: Pat
             "pruned_after": [0.0, 0.0, 0.5, np.nan],
         }
     )
-    [(points, front)] = explore._fronts(space, SimpleNamespace(points=lambda: table))  # type: ignore[arg-type]
+    [(points, front)] = fronts(table, space.objectives)
     assert points["trial"].tolist() == [0, 1, 2] and front["trial"].tolist() == [0]
     bare = table.iloc[[0, 1, 3]].drop(columns=["weight_bits", "pruned_after", "hardware"])
-    [(points, front)] = explore._fronts(space, SimpleNamespace(points=lambda: bare))  # type: ignore[arg-type]
+    [(points, front)] = fronts(bare, space.objectives)
     assert points["trial"].tolist() == [0, 1, 2] and front["trial"].tolist() == [0]
-    assert not list(explore._fronts(space, SimpleNamespace(points=lambda: bare.iloc[:0])))  # type: ignore[arg-type]
+    assert not list(fronts(bare.iloc[:0], space.objectives))
 
 
 def test_families_without_other_precisions_are_left_out_with_a_note(

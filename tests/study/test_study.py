@@ -23,8 +23,7 @@ from dse.dataset.files import read_meta
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.recordings import RecordingError
-from dse.study import explore, results, runs
-from dse.study import jobs as trial
+from dse.study import explore, jobs, results, runs
 from dse.study.results import Study
 from dse.study.workers import WORKER_DIED, Failure, Workers
 from tests import spaces, tiny_study
@@ -214,12 +213,12 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
-    jobs: list[trial.Preparation] = []
+    preparations: list[jobs.Preparation] = []
     stream = Workers.stream
 
     def watched(self: Workers, function: Any, given: Any) -> Any:
         given = list(given)
-        jobs.extend(given if function is trial.prepare else [])
+        preparations.extend(given if function is jobs.prepare else [])
         return stream(self, function, given)
 
     monkeypatch.setattr(Workers, "stream", watched)
@@ -233,10 +232,12 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(
         "spikes": 1,
         "dataset": 2,
     }
-    assert [(len(job.designs), job.threads) for job in jobs] == [(2, 12)], "one waits for the other's spikes"
+    assert [(len(job.designs), job.threads) for job in preparations] == [(2, 12)], (
+        "one waits for the other's spikes"
+    )
     shutil.rmtree(tmp_path / "results")
     explore.run(space, tmp_path / "results", progress=False)
-    assert len(jobs) == 1, "another study finds the data sets"
+    assert len(preparations) == 1, "another study finds the data sets"
     assert not (tmp_path / "results" / "tiny" / "data").exists()
 
     window = {"n_steps": {"choice": [10, 20]}}
@@ -244,7 +245,7 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(
         tmp_path, data=data, task=task, model={"kind": "fake"}, execution=execution, window=window
     )
     explore.run(space, tmp_path / "other", progress=False)
-    assert [(len(job.designs), job.threads) for job in jobs[1:]] == [(2, 6), (2, 6)]
+    assert [(len(job.designs), job.threads) for job in preparations[1:]] == [(2, 6), (2, 6)]
 
 
 def test_data_sets_that_somebody_removed_are_prepared_again(
@@ -265,7 +266,7 @@ def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(
     stream = Workers.stream
 
     def evicts(self: Workers, function: Any, jobs: Any) -> Any:
-        if function is trial.train:
+        if function is jobs.train:
             shutil.rmtree(copied / "cache")
         return stream(self, function, jobs)
 
@@ -290,12 +291,12 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(
     stream = Workers.stream
 
     def dies(self: Workers, function: Any, jobs: Any) -> Any:
-        if function is not trial.prepare:
+        if function is not jobs.prepare:
             yield from stream(self, function, jobs)
             return
         for job in jobs:
             first = dict(list(job.designs.items())[:1])
-            assert not list(trial.prepare(dataclasses.replace(job, designs=first)))
+            assert not list(jobs.prepare(dataclasses.replace(job, designs=first)))
             yield job, Failure(WORKER_DIED, "worker died: signal 9")
 
     monkeypatch.setattr(Workers, "stream", dies)
@@ -403,7 +404,7 @@ def sizes(found: Study) -> list[int]:
 
 def gib(megabytes: int) -> float:
     """Return a memory budget that leaves so much to models, and half a megabyte to their few samples."""
-    return (trial.PROCESS_BYTES + megabytes * 2**20 + 2**19) / 2**30
+    return (jobs.PROCESS_BYTES + megabytes * 2**20 + 2**19) / 2**30
 
 
 def test_tables_do_not_depend_on_cohorts(tmp_path: Path) -> None:
@@ -476,7 +477,7 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path:
     tight = make_space(tmp_path, **changes, execution={"memory_gib": gib(2)})
     trials = explore.run(tight, results, progress=False).trials.set_index("model.megabytes")
     assert set(trials.loc[1, "status"]) == {"finished"}
-    needed, budget = (trial.PROCESS_BYTES + n * 2**20 for n in (3, 2))
+    needed, budget = (jobs.PROCESS_BYTES + n * 2**20 for n in (3, 2))
     [reason] = set(trials.loc[3, "reason"])
     found = re.fullmatch(
         r"MemoryBudget: training needs (\d+) bytes, more than the (\d+) of a process; "
@@ -485,8 +486,8 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path:
     )
     assert found, reason
     needed, budget = map(int, found.groups())
-    assert budget == trial.PROCESS_BYTES + 2 * 2**20 + 2**19 < needed
-    assert 3 * 2**20 <= needed - trial.PROCESS_BYTES < 3 * 2**20 + 2**19
+    assert budget == jobs.PROCESS_BYTES + 2 * 2**20 + 2**19 < needed
+    assert 3 * 2**20 <= needed - jobs.PROCESS_BYTES < 3 * 2**20 + 2**19
     kept = finished_runs(tmp_path)
     explore.run(tight, results, progress=False)
     assert finished_runs(tmp_path) == kept
@@ -503,7 +504,7 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pyt
     counts: list[int] = []
     plain = runs.Runs._planned
 
-    def counted(self: runs.Runs, wanted: Any) -> list[trial.Cohort]:
+    def counted(self: runs.Runs, wanted: Any) -> list[jobs.TrainingJob]:
         planned = plain(self, wanted)
         counts.extend(len(cohort.runs) for cohort in planned)
         return planned
@@ -559,7 +560,7 @@ def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
         nonlocal count
         for found in plain_stream(self, function, jobs):
             yield found
-            count += function is trial.train
+            count += function is jobs.train
             if count == 4:
                 raise KeyboardInterrupt
 

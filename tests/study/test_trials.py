@@ -12,6 +12,7 @@ import pytest
 
 from dse.config import Axis, SearchSpace
 from dse.study import trials
+from dse.study.record import Numbers, RunRecord
 from tests import tiny_study
 
 
@@ -22,19 +23,17 @@ def space(tmp_path: Path) -> Iterator[SearchSpace]:
     tiny_study.unregister()
 
 
-def record(trial: int, repeat: int, accuracy: float | None, **changes: Any) -> dict[str, Any]:
+def record(trial: int, repeat: int, accuracy: float | None, **changes: Any) -> RunRecord:
     design = {"model.hidden": [4] if trial == 0 else [8, 4], "model.mood": "fine"}
     if accuracy is None:
-        return {"trial": trial, "repeat": repeat, "design": design, "status": "failed", "reason": "NaN loss"}
+        return RunRecord(trial=trial, repeat=repeat, design=design, seed=0, reason="NaN loss")
     columns = {"accuracy": accuracy, "accuracy_se": 0.1, "t_h_ms": None, "n_weights": 28, **changes}
     hardware = {
         "chip": {"energy_uj": 1.0 + repeat, "fits": repeat == 0},
         "other": {"energy_uj": 9.0, "fits": True},
     }
-    return {
-        **{"trial": trial, "repeat": repeat, "design": design, "status": "finished", "reason": ""},
-        **{"columns": columns, "hardware": hardware, "files": {}},
-    }
+    numbers = Numbers(columns, hardware)
+    return RunRecord(trial=trial, repeat=repeat, design=design, seed=0, numbers=numbers)
 
 
 def test_repeats_are_averaged(space: SearchSpace) -> None:

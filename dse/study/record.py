@@ -1,0 +1,175 @@
+"""The record of a training run: what its record.json says, as typed objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dse import store
+from dse.measure.run import Measurement
+from dse.records import Head
+from dse.store import StoreError
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What a run measured: columns of the record, columns on each hardware profile, the same of each head."""
+
+    columns: Mapping[str, Any]
+    hardware: Mapping[str, Mapping[str, Any]]
+    of_heads: Mapping[str, Numbers] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, measurement: Measurement, leak: str) -> Numbers:
+        """Return the numbers of a measurement.
+
+        Args:
+            measurement: of a run.
+            leak: why an evaluation of the data has seen its own answers; '' where it has not.
+        """
+        heads = {name: cls.of(head, leak) for name, head in measurement.heads.items()}
+        return cls({**measurement.columns, "transductive": bool(leak)}, measurement.hardware, heads)
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Numbers:
+        """Return the numbers in plain data; `to_plain` is the way back."""
+        heads = {name: cls.from_plain(head) for name, head in plain.get("of_heads", {}).items()}
+        return cls(plain["columns"], plain["hardware"], heads)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the numbers as plain data."""
+        heads = {name: {"columns": x.columns, "hardware": x.hardware} for name, x in self.of_heads.items()}
+        return {"columns": self.columns, "hardware": self.hardware, "of_heads": heads}
+
+    def of_head(self, head: str | None) -> Numbers:
+        """Return the numbers of a head; None or '': of the whole classifier."""
+        return self.of_heads[head] if head else self
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """A run that has ended.
+
+    design: its axes. seed: of the study.
+    reason, details: why it failed, in a line and as a traceback; '' where it has not.
+    needs_bytes: memory that it lacked, where that is why it failed.
+    numbers: what it measured; None where it failed, and then it has none of what follows either.
+    sections: of its design, as plain data, with what was fitted to the recordings.
+    classes, heads: of its answers.
+    data: key of the data set. samples: number of samples in each part of it.
+    leak: why an evaluation of the data has seen its own answers; '' where it has not.
+    files: names of its artefacts.
+    """
+
+    trial: int
+    repeat: int
+    design: Mapping[str, Any]
+    seed: int
+    reason: str = ""
+    details: str = ""
+    needs_bytes: int | None = None
+    numbers: Numbers | None = None
+    sections: Mapping[str, Any] = field(default_factory=dict)
+    classes: tuple[str, ...] = ()
+    heads: tuple[Head, ...] = ()
+    data: str = ""
+    samples: Mapping[str, int] = field(default_factory=dict)
+    leak: str = ""
+    files: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether it measured nothing."""
+        return self.numbers is None
+
+    @property
+    def measured(self) -> Numbers:
+        """What a finished run measured.
+
+        Raises:
+            ValueError: it failed.
+        """
+        if self.numbers is None:
+            raise ValueError(f"trial {self.trial} failed: {self.reason}")
+        return self.numbers
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return what record.json holds beside the schema and the checksums of files."""
+        about = {"trial": self.trial, "repeat": self.repeat, "design": dict(self.design), "seed": self.seed}
+        if self.numbers is None:
+            needs = {} if self.needs_bytes is None else {"needs_bytes": self.needs_bytes}
+            return {**about, "status": "failed", "reason": self.reason, "details": self.details, **needs}
+        return {
+            **about,
+            "sections": self.sections,
+            "classes": list(self.classes),
+            "heads": {head.pop("name"): head for head in store.heads_document(self.heads)},
+            "data": self.data,
+            "samples": dict(self.samples),
+            "transductive": self.leak,
+            "status": "finished",
+            "reason": "",
+            **self.numbers.to_plain(),
+        }
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any], where: Path) -> RunRecord:
+        """Return the record in plain data; `to_plain` is the way back.
+
+        Raises:
+            StoreError: a key is missing or invalid; `where` names the file.
+        """
+        try:
+            return cls(
+                trial=int(plain["trial"]),
+                repeat=int(plain["repeat"]),
+                design=plain["design"],
+                seed=plain.get("seed", 0),
+                reason=plain["reason"],
+                details=plain.get("details", ""),
+                needs_bytes=plain.get("needs_bytes"),
+                numbers=None if plain["status"] == "failed" else Numbers.from_plain(plain),
+                sections=plain.get("sections", {}),
+                classes=tuple(plain.get("classes", ())),
+                heads=store.heads_of({"name": name, **x} for name, x in plain.get("heads", {}).items()),
+                data=plain.get("data", ""),
+                samples=plain.get("samples", {}),
+                leak=plain.get("transductive", ""),
+                files=tuple(plain.get("files", ())),
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise StoreError(f"{where}: key {error} is missing or invalid") from error
+
+
+def load_record(folder: Path) -> RunRecord | None:
+    """Return the record of the run in a folder, None where there is none.
+
+    Raises:
+        StoreError: the record or a file that it names is damaged, missing, or of a newer schema.
+    """
+    plain = store.load_run(folder)
+    return None if plain is None else RunRecord.from_plain(plain, folder / "record.json")
+
+
+def load_records(folder: Path, trial: int) -> list[RunRecord]:
+    """Return the records of a trial's runs in a study's folder, repeat 0 first.
+
+    Raises:
+        StoreError: as of `plain_records`.
+    """
+    return [RunRecord.from_plain(plain, folder) for plain in plain_records(folder, trial)]
+
+
+def plain_records(folder: Path, trial: int) -> list[dict[str, Any]]:
+    """Return what record.json holds of each of a trial's runs, repeat 0 first.
+
+    Raises:
+        StoreError: an artefact is damaged, or the study has no such trial.
+    """
+    folders = store.run_folder(folder, trial, 0).parent.glob("repeat_*")
+    records = [record for each in folders if (record := store.load_run(each)) is not None]
+    if not records:
+        raise StoreError(f"{folder}: there is no trial {trial}")
+    return sorted(records, key=lambda record: int(record["repeat"]))
