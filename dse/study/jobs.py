@@ -17,6 +17,8 @@ import numpy as np
 from dse import dataset, seeds, store
 from dse.config.contracts import FitRequest, Generators, trains_in_cohorts
 from dse.config.resolved import Sections
+from dse.dataset.cache import mark_used
+from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes
 from dse.measure.run import Measurement, measure
@@ -131,26 +133,56 @@ def _prepared(job: Preparation, sections: Sections) -> Iterator[str]:
         made.result()
 
 
+@dataclasses.dataclass(frozen=True)
+class Loaded:
+    """A data set in a worker.
+
+    leak: why an evaluation of the data has seen its own answers; '' where it has not.
+    fitted: section -> key -> plain value that was fitted to its recordings.
+    """
+
+    data: Dataset
+    leak: str
+    fitted: Mapping[str, Mapping[str, Any]]
+
+
+_last: dict[Path, Loaded] = {}  # the data set that this process loaded last, by its folder
+
+
+def load(run: Run, threads: int = 1) -> Loaded:
+    """Return the data set of a run; a process keeps the one that it loaded last.
+
+    It is complete in memory or mapped, so it may be evicted from the cache while it is in use.
+
+    Raises:
+        StoreError: the cache cannot be written.
+        RecordingError: the data set was evicted, and its recordings have changed or cannot be read.
+    """
+    if run.data not in _last:
+        _last.clear()  # before the next one takes memory
+        with store.explained(run.data.parent):
+            data = dataset.load_or_prepare(run.sections, run.base, run.data, threads)
+        meta = read_meta(run.data)
+        _last[run.data] = Loaded(data, str(meta["transductive"]), meta["fitted"])
+    mark_used(run.data)
+    return _last[run.data]
+
+
 def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     """Train the runs of a cohort; measure and publish each as it finishes.
 
     Yields:
         A run's number, and None once it is published, or why it failed. What fails all of them is raised.
     """
-    first = job.runs[0]
-    with store.explained(first.data.parent):
-        data = dataset.load_or_prepare(first.sections, first.base, first.data, job.threads)
-    # Read now: the data set may be evicted from the cache while the cohort trains.
-    leak = dataset.transductive(first.data)
-    sections = [dataset.as_prepared(run.sections, run.data) for run in job.runs]
+    loaded = load(job.runs[0], job.threads)
     missing = set(range(len(job.runs)))
-    for number, outcome in _outcomes(job, data):
+    for number, outcome in _outcomes(job, loaded.data):
         missing.discard(number)
         why = None
         try:
             if isinstance(outcome, Exception):
                 raise outcome
-            _publish(job.runs[number], outcome, data, sections[number], leak)
+            _publish(job.runs[number], outcome, loaded)
         except (store.StoreError, MemoryError):
             raise  # a full disk is not the run's fault, and alone the run may have the memory
         except Exception as error:
@@ -188,16 +220,9 @@ def _generators(run: Run) -> Generators:
     return rngs
 
 
-def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Sections, leak: str) -> None:
-    """Measure a run and write its record and its arrays.
-
-    Args:
-        job: the run.
-        outcome: what was trained.
-        data: what it was trained on.
-        sections: of the design, as prepared.
-        leak: why an evaluation of the data has seen its own answers; '' where it has not.
-    """
+def _publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:
+    """Measure a run and write its record and its arrays."""
+    data, leak = loaded.data, loaded.leak
     measurement = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
     record = RunRecord(
         trial=job.trial,
@@ -205,7 +230,7 @@ def _publish(job: Run, outcome: Outcome, data: Dataset, sections: Sections, leak
         design=job.design,
         seed=job.seed,
         numbers=Numbers.of(measurement, leak),
-        sections=sections.to_plain(),
+        sections=job.sections.with_fitted(loaded.fitted).to_plain(),
         classes=tuple(data.classes),
         heads=data.heads,
         data=job.data.name,

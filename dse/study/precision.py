@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import dataset, store
+from dse import store
 from dse.measure.run import measure
 from dse.models.snn.quantise import BITS, rounded
 from dse.neurons.fixed_point import STATE_LIMIT
-from dse.records import Array, Dataset, Network, Outcome, Response
+from dse.records import Array, Network, Outcome, Response
 from dse.study import jobs
 from dse.study.record import Numbers, RunRecord
 from dse.study.workers import Failure
@@ -73,17 +73,16 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
     Yields:
         A setting, and None once it is kept, or why it failed. What fails all of them is raised.
     """
-    with store.explained(job.run.data.parent):
-        data = dataset.load_or_prepare(job.run.sections, job.run.base, job.run.data)
+    loaded = jobs.load(job.run)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
     record = job.run.folder / "record.json"
     trained = RunRecord.from_plain(store.read_json(record), record).measured.columns
     for setting in job.settings:
         why = None
         try:
-            _evaluate(job.run, setting, network, data, trained)
+            _evaluate(job.run, setting, network, loaded, trained)
         except (store.StoreError, MemoryError):
-            raise  # a full disk is nobody's failure
+            raise  # a full disk is not the run's fault
         except Exception as error:
             why = Failure.of(error)
         yield setting, why
@@ -159,11 +158,12 @@ def near(
 
 
 def _evaluate(
-    run: jobs.Run, setting: Setting, network: Any, data: Dataset, trained: Mapping[str, Any]
+    run: jobs.Run, setting: Setting, network: Any, loaded: jobs.Loaded, trained: Mapping[str, Any]
 ) -> None:
     """Measure a run at a setting and publish its file."""
     if not isinstance(network, Network):
         raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
+    data = loaded.data
     fewer = rounded(network, *setting)
     validation = run.sections.model.respond(fewer, data, data.validation)
     test = run.sections.model.respond(fewer, data, data.test) if data.test.size else None
@@ -173,13 +173,12 @@ def _evaluate(
         "overflows_24_bit": validation.peak_state > STATE_LIMIT,
         "n_weights_dense": fewer.n_weights_dense,
     }
-    told = {name: x for name, x in health.items() if name in trained}  # not every family reports all
-    outcome = Outcome(fewer, validation, test, {}, told, trained.get("train_s", 0.0))
-    found = measure(outcome, data, np.array(run.phi), np.array(run.theta), run.hardware, setting[0])
-    leak = dataset.transductive(run.data)
-    numbers = Numbers.of(found, leak).to_plain()
-    files = jobs.arrays_of(run, found, "")
-    for name, head in found.heads.items():
+    reported = {name: x for name, x in health.items() if name in trained}  # not every family reports all
+    outcome = Outcome(fewer, validation, test, {}, reported, trained.get("train_s", 0.0))
+    measurement = measure(outcome, data, np.array(run.phi), np.array(run.theta), run.hardware, setting[0])
+    numbers = Numbers.of(measurement, loaded.leak).to_plain()
+    files = jobs.arrays_of(run, measurement, "")
+    for name, head in measurement.heads.items():
         files |= jobs.arrays_of(run, head, f"_{name}")
     arrays = {
         "schema": np.array(_SCHEMA),
