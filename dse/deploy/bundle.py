@@ -230,20 +230,19 @@ def _described(bundle: Bundle) -> tuple[str, str]:
             f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",
             f"`weights.npz` holds what the family stores: {names}.",
         )
-    kind = fitted.layers[0].neuron
-    parameters = (
-        "`k/decay_current`, `k/decay_voltage` in 1/4096 and `k/threshold` in 1/64"
-        if kind == "cuba_lif"
-        else "its neurons' parameters, " + ", ".join(f"`k/{name}`" for name in fitted.layers[0].parameters)
-    )
+    neuron = neuron_of(fitted.layers[0].neuron)
     matrices = (
         "`k/weight` (neuron, input) before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)"
-        if "fixed_point" in neuron_of(kind).exports
+        if "fixed_point" in neuron.exports
         else "`k/weight` (neuron, input)"
     )
+    parameters = [
+        f"`k/{name}`" + (f" in {neuron.units[name]}" if name in neuron.units else "")
+        for name in fitted.layers[0].parameters
+    ]
     return (
-        f"A {'-'.join(map(str, fitted.sizes))} network of {neuron_of(kind).label} neurons "
+        f"A {'-'.join(map(str, fitted.sizes))} network of {neuron.label} neurons "
         f"({fitted.arithmetic} arithmetic).",
-        f"`weights.npz` holds per layer k (0 is nearest the input): {matrices}, {parameters}. "
+        f"`weights.npz` holds per layer k (0 is nearest the input): {', '.join([matrices, *parameters])}. "
         f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago.",
     )

@@ -99,6 +99,7 @@ class Neuron(Protocol):
     label: what such neurons are called in a sentence, such as 'leaky integrate-and-fire'.
     arithmetics: in which its definition runs; 'integer' only where it holds states as whole numbers.
     exports: what a bundle with it can be exported as, such as fixed_point (8-bit weights as well).
+    units: of its parameters, where they are not plain numbers: name -> unit.
     on_chips: whether profiles of neuromorphic chips can be asked what it costs; if not, its work is counted
         as operations, which processors can be asked for.
     state_updates: numbers that are updated per neuron and step, where work is counted as operations.
@@ -108,6 +109,7 @@ class Neuron(Protocol):
     label: ClassVar[str]
     arithmetics: ClassVar[tuple[Arithmetic, ...]] = ("float32", "ideal")
     exports: ClassVar[tuple[str, ...]] = ()
+    units: ClassVar[Mapping[str, str]] = {}
     on_chips: ClassVar[bool] = False
     state_updates: ClassVar[int] = 1
 

@@ -19,6 +19,7 @@ Source: lava-dl SLAYER CUBA neuron and dense block; Davies et al. 2018 (REFERENC
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -94,6 +95,7 @@ class CubaLif(Neuron):
     label = "current-based leaky integrate-and-fire"
     arithmetics = ("integer", "float32", "ideal")
     exports = ("fixed_point",)
+    units = MappingProxyType({"decay_current": "1/4096", "decay_voltage": "1/4096", "threshold": "1/64"})
     on_chips = True
     state_updates = 2
 

@@ -1,0 +1,68 @@
+"""The record of a run: plain data and back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse.store import StoreError
+from dse.study.record import RunRecord
+
+MEASURED: dict[str, Any] = {
+    "columns": {"accuracy": 0.5, "transductive": False},
+    "hardware": {"chip": {"energy_uj": 1.5, "fits": True}},
+}
+FINISHED: dict[str, Any] = {
+    "trial": 3,
+    "repeat": 1,
+    "design": {"model.hidden": [4, 2]},
+    "seed": 7,
+    "sections": {"model": {"kind": "snn"}},
+    "classes": ["a|x", "a|y", "b|x"],
+    "heads": {
+        "letter": {"classes": ["a", "b"], "of_class": [0, 0, 1]},
+        "other": {"classes": ["x", "y"], "of_class": [0, 1, 0]},
+    },
+    "data": "0123",
+    "samples": {"train": 4, "validation": 2, "test": 0},
+    "transductive": "",
+    "status": "finished",
+    "reason": "",
+    **MEASURED,
+    "of_heads": {"letter": MEASURED, "other": MEASURED},
+}
+FAILED: dict[str, Any] = {
+    "trial": 3,
+    "repeat": 0,
+    "design": {},
+    "seed": 7,
+    "status": "failed",
+    "reason": "ValueError: no",
+    "details": "Traceback",
+}
+
+
+@pytest.mark.parametrize("plain", [FINISHED, FAILED, {**FAILED, "needs_bytes": 12}])
+def test_a_record_survives(plain: dict[str, Any]) -> None:
+    record = RunRecord.from_plain({**plain, "files": {"weights.npz": "sum"}}, Path("record.json"))
+    assert list(record.to_plain().items()) == list(plain.items())
+    assert record.files == ("weights.npz",)
+    assert record.failed is (plain["status"] == "failed")
+
+
+def test_what_a_run_measured() -> None:
+    record = RunRecord.from_plain(FINISHED, Path("record.json"))
+    assert record.measured.of_head("letter").columns["accuracy"] == 0.5
+    assert record.measured.of_head("") is record.measured
+    assert [head.name for head in record.heads] == ["letter", "other"]
+    with pytest.raises(ValueError, match="trial 3 failed: ValueError: no"):
+        _ = RunRecord.from_plain(FAILED, Path("record.json")).measured
+
+
+@pytest.mark.parametrize("key", ["trial", "design", "status", "columns", "hardware"])
+def test_a_key_that_is_missing_is_named(key: str) -> None:
+    plain = {name: value for name, value in FINISHED.items() if name != key}
+    with pytest.raises(StoreError, match=rf"run/record.json: key '{key}' is missing or invalid"):
+        RunRecord.from_plain(plain, Path("run/record.json"))
