@@ -45,7 +45,6 @@ class Bundle:
     plugins: that its components are from: names of modules, or paths of files.
     record: the design point, column -> value.
     evidence: where the numbers come from.
-    plugins: modules or files of components outside `dse` that the sections name.
     """
 
     fitted: Network | Parameters
