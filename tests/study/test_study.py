@@ -23,7 +23,8 @@ from dse.dataset.files import read_meta
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.recordings import RecordingError
-from dse.study import explore, jobs, results, runs
+from dse.study import explore, results, runs
+from dse.study import jobs as study_jobs
 from dse.study.results import Study
 from dse.study.workers import WORKER_DIED, Failure, Workers
 from tests import spaces, tiny_study
@@ -213,12 +214,12 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
-    preparations: list[jobs.Preparation] = []
+    preparations: list[study_jobs.Preparation] = []
     stream = Workers.stream
 
     def watched(self: Workers, function: Any, given: Any) -> Any:
         given = list(given)
-        preparations.extend(given if function is jobs.prepare else [])
+        preparations.extend(given if function is study_jobs.prepare else [])
         return stream(self, function, given)
 
     monkeypatch.setattr(Workers, "stream", watched)
@@ -266,7 +267,7 @@ def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(
     stream = Workers.stream
 
     def evicts(self: Workers, function: Any, jobs: Any) -> Any:
-        if function is jobs.train:
+        if function is study_jobs.train:
             shutil.rmtree(copied / "cache")
         return stream(self, function, jobs)
 
@@ -291,12 +292,12 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(
     stream = Workers.stream
 
     def dies(self: Workers, function: Any, jobs: Any) -> Any:
-        if function is not jobs.prepare:
+        if function is not study_jobs.prepare:
             yield from stream(self, function, jobs)
             return
         for job in jobs:
             first = dict(list(job.designs.items())[:1])
-            assert not list(jobs.prepare(dataclasses.replace(job, designs=first)))
+            assert not list(study_jobs.prepare(dataclasses.replace(job, designs=first)))
             yield job, Failure(WORKER_DIED, "worker died: signal 9")
 
     monkeypatch.setattr(Workers, "stream", dies)
@@ -404,7 +405,7 @@ def sizes(found: Study) -> list[int]:
 
 def gib(megabytes: int) -> float:
     """Return a memory budget that leaves so much to models, and half a megabyte to their few samples."""
-    return (jobs.PROCESS_BYTES + megabytes * 2**20 + 2**19) / 2**30
+    return (study_jobs.PROCESS_BYTES + megabytes * 2**20 + 2**19) / 2**30
 
 
 def test_tables_do_not_depend_on_cohorts(tmp_path: Path) -> None:
@@ -477,7 +478,7 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path:
     tight = make_space(tmp_path, **changes, execution={"memory_gib": gib(2)})
     trials = explore.run(tight, results, progress=False).trials.set_index("model.megabytes")
     assert set(trials.loc[1, "status"]) == {"finished"}
-    needed, budget = (jobs.PROCESS_BYTES + n * 2**20 for n in (3, 2))
+    needed, budget = (study_jobs.PROCESS_BYTES + n * 2**20 for n in (3, 2))
     [reason] = set(trials.loc[3, "reason"])
     found = re.fullmatch(
         r"MemoryBudget: training needs (\d+) bytes, more than the (\d+) of a process; "
@@ -486,8 +487,8 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path:
     )
     assert found, reason
     needed, budget = map(int, found.groups())
-    assert budget == jobs.PROCESS_BYTES + 2 * 2**20 + 2**19 < needed
-    assert 3 * 2**20 <= needed - jobs.PROCESS_BYTES < 3 * 2**20 + 2**19
+    assert budget == study_jobs.PROCESS_BYTES + 2 * 2**20 + 2**19 < needed
+    assert 3 * 2**20 <= needed - study_jobs.PROCESS_BYTES < 3 * 2**20 + 2**19
     kept = finished_runs(tmp_path)
     explore.run(tight, results, progress=False)
     assert finished_runs(tmp_path) == kept
@@ -504,7 +505,7 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pyt
     counts: list[int] = []
     plain = runs.Runs._planned
 
-    def counted(self: runs.Runs, wanted: Any) -> list[jobs.TrainingJob]:
+    def counted(self: runs.Runs, wanted: Any) -> list[study_jobs.TrainingJob]:
         planned = plain(self, wanted)
         counts.extend(len(cohort.runs) for cohort in planned)
         return planned
@@ -560,7 +561,7 @@ def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
         nonlocal count
         for found in plain_stream(self, function, jobs):
             yield found
-            count += function is jobs.train
+            count += function is study_jobs.train
             if count == 4:
                 raise KeyboardInterrupt
 
