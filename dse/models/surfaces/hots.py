@@ -110,8 +110,8 @@ class HOTS:
             field = self._field(layer, inputs.places, prototypes)
             learnt = self._learnt(layer, recordings, [len(p) for p in planes], field, rngs)
             prototypes.append(learnt.astype(np.float32))
-            memory, learnt = Memory(field), prepared(prototypes[-1])
-            planes = [_assigned(memory, recording(), learnt) for recording in recordings]
+            memory, lookup = Memory(field), prepared(prototypes[-1])
+            planes = [_assigned(memory, recording(), lookup) for recording in recordings]
         lengths, f = read_out_steps(dataset.n_steps), len(prototypes[-1])
         counts = np.stack(
             [histograms(inputs.events(i)[0], p, lengths, f) for i, p in zip(samples, planes, strict=True)]
