@@ -51,6 +51,7 @@ from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
 from dse.models.training import Training
+from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.fixed_point import quantise
 from dse.records import Array, Dataset, Floats, Network, Response, Workload
 
@@ -301,10 +302,10 @@ class Touch:
         return dataset.build(space.resolve({}), space.source.parent)[0]
 
 
-_NEURONS = {
-    "current_decay": (0.3, 1.0), "voltage_decay": (0.12, 0.96), "output_current_decay": 0.12,
-    "threshold": 5.0, "initial_rate": 0.2, "output_tau_grad": 0.3,
-}  # fmt: skip
+_NEURON = CubaLif(
+    threshold=5.0, current_decay=(0.3, 1.0), voltage_decay=(0.12, 0.96), output_current_decay=0.12
+)
+_START = {"initial_rate": 0.2, "output_tau_grad": 0.3}
 _TRAINING = Training(
     epochs=100, learning_rate=0.1, warmup_epochs=3, lr_every=16, average_epochs=10, dropout=0.1
 )
@@ -313,14 +314,14 @@ TOUCH: Mapping[str, Touch] = {
         "fabric_texture",
         {"model.hidden": "60", "model.pruned": "0.0", "model.input_delays": "[0]",
          "encoder.thresholds": "[1, 2, 4, 8, 16]"},
-        SNN(hidden=(60,), true_rate=0.5, output_voltage_decay=0.05, **_NEURONS),
+        SNN(hidden=(60,), true_rate=0.5, neuron=replace(_NEURON, output_voltage_decay=0.05), **_START),
         _TRAINING,
     ),
     "Braille": Touch(
         "braille",
         {"model.hidden": "40", "model.true_rate": "0.4", "model.threshold": "5.0",
          "model.input_delays": "[0]"},
-        SNN(hidden=(40,), true_rate=0.4, output_voltage_decay=0.03, **_NEURONS),
+        SNN(hidden=(40,), true_rate=0.4, neuron=_NEURON, **_START),
         _TRAINING,
     ),
 }  # fmt: skip

@@ -37,6 +37,7 @@ from dse.models.snn.family import SNN
 from dse.models.snn.initialise import deployed, initialise, populations_of
 from dse.models.training import Training
 from dse.neurons import fixed_point
+from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.surrogate import exponential
 from dse.records import Dataset, Spikes
 
@@ -86,12 +87,17 @@ def slower(model: SNN, n: int) -> SNN:
     def decay(d: float) -> float:
         return 1 - (1 - d) ** n
 
+    neuron = model.neuron
+    assert isinstance(neuron, CubaLif)
     return dataclasses.replace(
         model,
-        current_decay=tuple(map(decay, model.current_decay)),
-        voltage_decay=tuple(map(decay, model.voltage_decay)),
-        output_current_decay=decay(model.output_current_decay),
-        output_voltage_decay=decay(model.output_voltage_decay),
+        neuron=dataclasses.replace(
+            neuron,
+            current_decay=tuple(map(decay, neuron.current_decay)),
+            voltage_decay=tuple(map(decay, neuron.voltage_decay)),
+            output_current_decay=decay(neuron.output_current_decay),
+            output_voltage_decay=decay(neuron.output_voltage_decay),
+        ),
         input_delays=tuple(dict.fromkeys(round(d / n) for d in model.input_delays)),
     )
 

@@ -233,9 +233,10 @@ def started(rows: Rows, d_u: float, d_v: float, n_hidden: int) -> Weights:
     Raises:
         ValueError: it fires nowhere.
     """
-    for threshold in SNN().threshold * 4.0 ** np.arange(6):
+    for threshold in cuba_lif.CubaLif().threshold * 4.0 ** np.arange(6):
         model = SNN(
-            hidden=(n_hidden,), current_decay=(d_u,), voltage_decay=(d_v,), threshold=float(threshold)
+            hidden=(n_hidden,),
+            neuron=cuba_lif.CubaLif(current_decay=(d_u,), voltage_decay=(d_v,), threshold=float(threshold)),
         )
         rng = np.random.default_rng(1)
         populations = populations_of(model, 2, 1.0, rng)
@@ -267,7 +268,9 @@ def decay_rows(
         exact = exact_decays(layer, *decays_uv)
         expected = forward(rows, exact, "ideal", keep_voltage=True)
         threshold = layer.population.to_threshold
-        of = f"{source}{kind}" + (f", threshold {threshold:g}" if threshold != SNN().threshold else "")
+        of = f"{source}{kind}" + (
+            f", threshold {threshold:g}" if threshold != cuba_lif.CubaLif().threshold else ""
+        )
         for name, run, arithmetic in (
             ("12 bits, integer", layer, "integer"),
             ("12 bits, ideal", layer, "ideal"),
@@ -373,7 +376,9 @@ def recorded_answers(seed: int, epochs: int = 8) -> tuple[Array, Array]:
     """Return output spikes and classes of the validation part of the letters, of a net trained shortly."""
     data = braille()
     model = SNN(
-        hidden=(40,), true_rate=0.4, threshold=5.0, current_decay=(0.3, 1.0), voltage_decay=(0.12, 0.96)
+        hidden=(40,),
+        true_rate=0.4,
+        neuron=cuba_lif.CubaLif(threshold=5.0, current_decay=(0.3, 1.0), voltage_decay=(0.12, 0.96)),
     )
     outcome = model.fit(data, Training(epochs=epochs, learning_rate=0.1), partial(seeds.generator, seed, {}))
     return outcome.validation.output, data.target[data.validation]

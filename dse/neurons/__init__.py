@@ -118,19 +118,6 @@ class Neuron(Protocol):
         ...
 
 
-def name_of(neuron: type[Neuron] | Neuron) -> str:
-    """Return the name under which a kind of neuron is registered.
-
-    Raises:
-        ValueError: it is not registered.
-    """
-    cls = neuron if isinstance(neuron, type) else type(neuron)
-    for name, known in registry.known("neurons").items():
-        if known is cls:
-            return name
-    raise ValueError(f"{cls.__name__} is no registered neuron: @register('neurons', NAME) is missing")
-
-
 def neuron_of(name: str) -> type[Neuron]:
     """Return the kind of neuron of a name.
 

@@ -8,11 +8,10 @@ from itertools import pairwise
 
 from dse.engine.layers import has_kernel
 from dse.models.training import Training
-from dse.neurons import Neuron, name_of
-from dse.neurons.cuba_lif import CubaLif
+from dse.neurons import Neuron
 from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats
-from dse.registry import param
+from dse.registry import name_of, param
 
 
 @dataclass(frozen=True)
@@ -22,23 +21,9 @@ class Stack:
     hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer, 1 to 3 layers")
     true_rate: float = param(0.8, low=0, high=1, doc="target spike rate of the label's output neuron")
     false_rate: float = param(0.02, low=0, high=1, doc="target spike rate of the other output neurons")
-    threshold: float = param(
-        1.25, low=1 / 64, unit="weight", doc="firing threshold; weights are limited to -4 to 3.97"
+    neuron: Neuron = param(  # noqa: RUF009
+        "cuba_lif", component="neurons", doc="kind of the neurons; their own keys stand beside it"
     )
-    current_decay: tuple[float, ...] = param(
-        (0.25,),
-        low=0,
-        high=1,
-        doc="current decay per input step; one value, or two bounds between which neurons differ",
-    )
-    voltage_decay: tuple[float, ...] = param(
-        (0.03,),
-        low=0,
-        high=1,
-        doc="voltage decay per input step; one value, or two bounds between which neurons differ",
-    )
-    output_current_decay: float = param(0.25, low=0, high=1, doc="current decay of output neurons")
-    output_voltage_decay: float = param(0.03, low=0, high=1, doc="voltage decay of output neurons")
     tau_grad: float = param(
         0.03, low=0, low_open=True, doc="width of the hidden surrogate gradient, in units of 100 thresholds"
     )
@@ -89,7 +74,7 @@ class Stack:
         if self.arithmetic not in self.neuron.arithmetics:
             raise ValueError(
                 f"arithmetic must be {' or '.join(self.neuron.arithmetics)} for neuron "
-                f"{name_of(self.neuron)}, got {self.arithmetic}"
+                f"{name_of('neurons', self.neuron)}, got {self.arithmetic}"
             )
         if not self.input_delays or len(set(self.input_delays)) != len(self.input_delays):
             raise ValueError(
@@ -97,17 +82,6 @@ class Stack:
             )
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
-
-    @property
-    def neuron(self) -> Neuron:
-        """Kind of the neurons."""
-        return CubaLif(
-            threshold=self.threshold,
-            current_decay=self.current_decay,
-            voltage_decay=self.voltage_decay,
-            output_current_decay=self.output_current_decay,
-            output_voltage_decay=self.output_voltage_decay,
-        )
 
     @property
     def has_kernel(self) -> bool:

@@ -20,9 +20,10 @@ from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.training import FitRequest, Generators, TrainingDiverged
-from dse.neurons import name_of, parameters_of
+from dse.neurons import parameters_of
 from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
 from dse.records import Dataset, Ints, Layer, Network, Outcome
+from dse.registry import name_of
 
 PROBE_SAMPLES = 64
 
@@ -143,7 +144,7 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
                 weight=np.ascontiguousarray(w.T),
                 recurrent=None if r is None else np.ascontiguousarray(r.T),
                 parameters=parameters_of(layer.population),
-                neuron=name_of(model.neuron),
+                neuron=name_of("neurons", model.neuron),
             )
             for w, r, layer in zip(weights[:n], weights[n:], layers, strict=True)
             if w is not None

@@ -11,6 +11,8 @@ from dse.measure import heads
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
 from dse.models.training import Training, TrainingDiverged
+from dse.neurons.cuba_lif import CubaLif
+from dse.neurons.lif import Lif
 from dse.records import Dataset, Spikes
 from tests.joint_data import joint
 from tests.models.snn.toy import accuracy, fit, rngs, toy
@@ -27,7 +29,10 @@ FAST = Training(epochs=25, batch_size=8, learning_rate=0.1, warmup_epochs=1, dro
         {"hidden": (20,), "recurrent": True},
         {"hidden": (20,), "arithmetic": "ideal"},
         {"hidden": (20,), "input_delays": (0, 2), "steps_per_sample": 2},
-        {"hidden": (20,), "current_decay": (0.1, 1.0), "voltage_decay": (0.03, 0.9), "threshold": 5.0},
+        {
+            "hidden": (20,),
+            "neuron": CubaLif(current_decay=(0.1, 1.0), voltage_decay=(0.03, 0.9), threshold=5.0),
+        },
     ],
     ids=lambda m: ", ".join(f"{k}={v}" for k, v in m.items()),
 )
@@ -118,7 +123,6 @@ def test_the_last_epochs_are_averaged() -> None:
     ("keys", "message"),
     [
         ({"hidden": (1, 2, 3, 4)}, r"1 to 3 layers, got 4"),
-        ({"current_decay": (0.1, 0.2, 0.3)}, r"one decay or two bounds, got 3"),
         ({"input_delays": (1, 1)}, r"must hold at least one delay and none twice"),
         ({"false_rate": 0.9}, r"false_rate must be below true_rate"),
     ],
@@ -130,7 +134,7 @@ def test_settings_that_contradict_are_refused(keys: dict[str, Any], message: str
 
 def test_time_constants_stay_within_their_bounds_and_spread() -> None:
     data = toy()
-    model = SNN(hidden=(200,), current_decay=(0.1, 0.9), voltage_decay=(0.25,))
+    model = SNN(hidden=(200,), neuron=CubaLif(current_decay=(0.1, 0.9), voltage_decay=(0.25,)))
     decays = fit(data, model, Training(epochs=1), rngs()).network.layers[0].parameters
     assert decays["decay_current"].min() >= 409 and decays["decay_current"].max() <= 3687
     assert decays["decay_current"].std() > 300
@@ -174,3 +178,10 @@ def test_a_single_head_trains_as_its_classes_alone() -> None:
         np.testing.assert_array_equal(a.weight, b.weight)
     np.testing.assert_array_equal(*(x.validation.output for x in outcomes))
     np.testing.assert_array_equal(*(x.history["accuracy_train"] for x in outcomes))
+
+
+def test_neurons_that_cannot_be_made_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"one decay or two bounds, got 3"):
+        CubaLif(current_decay=(0.1, 0.2, 0.3))
+    with pytest.raises(ValueError, match=r"arithmetic must be float32 or ideal for neuron lif, got integer"):
+        SNN(neuron=Lif())
