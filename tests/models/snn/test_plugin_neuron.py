@@ -1,0 +1,67 @@
+"""A neuron that a user wrote, in a file beside the search space: trained, resumed, picked and evaluated."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dse.cli import main
+
+pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
+
+SPACE = """\
+study: adaptive
+seed: 1
+plugins: [adaptive.py]
+data: {kind: scene, scene: quickstart}
+task: {target: texture}
+split:
+  train: {repetition: [0, 1, 2, 3, 4, 5, 6]}
+  validation: {repetition: [14, 15, 16]}
+preprocessing: {bin_ms: 10, pool: 20, pool_threshold: 3, polarity: merge}
+model:
+  kind: snn
+  neuron: adaptive
+  tau_v_ms: [10, 300]
+  rise: {choice: [0.0, 0.3]}
+  hidden: 12
+  true_rate: 0.6
+  initial_rate: 0.2
+  output_tau_grad: 0.3
+  arithmetic: float32
+training: {epochs: 6, batch_size: 24, learning_rate: 0.1}
+decision: {phi: [0, 20], theta: [0.3, 0.6]}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid, n_trials: 1}
+"""
+
+
+def run(*arguments: object, capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
+    assert main([*map(str, arguments), "--json"]) == 0
+    rows: list[dict[str, object]] = json.loads(capsys.readouterr().out)["rows"]
+    return rows
+
+
+@pytest.mark.slow
+def test_a_users_neuron_goes_from_a_file_to_a_bundle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(Path(__file__).parents[2] / "plugins" / "adaptive.py", tmp_path)
+    space = tmp_path / "adaptive.yaml"
+    space.write_text(SPACE, encoding="utf-8")
+    results = tmp_path / "results" / "adaptive"
+    run("run", space, "--results", tmp_path / "results", "--quiet", capsys=capsys)
+    space.write_text(SPACE.replace("n_trials: 1", "n_trials: 2"), encoding="utf-8")
+    first = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")["0/weight"]
+    run("run", space, "--results", tmp_path / "results", "--quiet", capsys=capsys)  # trains what is missing
+    stored = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")
+    assert str(stored["0/neuron"]) == "adaptive"
+    np.testing.assert_array_equal(stored["0/weight"], first)
+    front = run("skyline", results, capsys=capsys)
+    assert {row["trial"] for row in front} <= {0, 1}
+    (picked,) = run("pick", results, "--export", tmp_path / "bundle", capsys=capsys)[:1]
+    assert float(str(picked["accuracy"])) > 2 / 6  # six textures
