@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dse import registry
 from dse.config.locate import hardware_names
 from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, settings_class
-from dse.config.values import Key, bounds, echo, keys_of, wanted
+from dse.config.values import Key, bounds, echo, expected, keys_of
 from dse.registry import rule_of
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def _row(name: str, key: Key, with_axes: bool) -> Row:
     default = "required"
     if key.default is not None:
         default = echo({} if dataclasses.is_dataclass(key.default) else key.default())
-    words, null, _ = wanted(key.hint).partition(" or null")
+    words, null, _ = expected(key.hint).partition(" or null")
     must = " ".join(filter(None, [words, bounds(rule)])) + null
     if rule.choices:
         must = "one of " + ", ".join(map(str, rule.choices))

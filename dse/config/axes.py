@@ -108,14 +108,14 @@ class Branching:
 
 def branchings(axes: Iterable[Axis]) -> list[Branching]:
     """Return the axes that every design has, in their order, each with those that depend on it."""
-    found: dict[str, Branching] = {}
+    by_name: dict[str, Branching] = {}
     for axis in axes:
         if axis.condition is None:
-            found[axis.name] = Branching(axis, {})
+            by_name[axis.name] = Branching(axis, {})
         else:
             parent, value = axis.condition
-            found[parent].below.setdefault(value, []).append(axis)
-    return list(found.values())
+            by_name[parent].below.setdefault(value, []).append(axis)
+    return list(by_name.values())
 
 
 def n_combinations(axes: Iterable[Axis]) -> int | None:

@@ -25,9 +25,9 @@ def missing(device: str) -> str | None:
 
     if not torch.cuda.is_available():
         return "needs a CUDA device, but torch finds none; execution.device: cpu needs none"
-    found = torch.cuda.get_device_capability()
-    if found < _CAPABILITY:
-        return f"needs compute capability 8.0 or later (for bfloat16 products), got {found[0]}.{found[1]}"
+    major, minor = torch.cuda.get_device_capability()
+    if (major, minor) < _CAPABILITY:
+        return f"needs compute capability 8.0 or later (for bfloat16 products), got {major}.{minor}"
     return None
 
 

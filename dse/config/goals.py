@@ -25,12 +25,14 @@ _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0]
 
 def decision(raw: Any, report: Report) -> DecisionGrid | None:
     """Read the decision parameters, each a value, a list, a choice or a stepped range; None after a fault."""
-    given = {**_DECISION, **raw} if isinstance(raw, dict) else raw or _DECISION
-    if isinstance(given, dict):
-        given = {key: {"choice": value} if isinstance(value, list) else value for key, value in given.items()}
-    values, good = read_fields(Decision, given, ("decision",), report, read_or_axis)
-    found = {key: value.values if isinstance(value, Axis) else (value,) for key, value in values.items()}
-    for key, numbers in found.items():
+    written = {**_DECISION, **raw} if isinstance(raw, dict) else raw or _DECISION
+    if isinstance(written, dict):
+        written = {
+            key: {"choice": value} if isinstance(value, list) else value for key, value in written.items()
+        }
+    values, good = read_fields(Decision, written, ("decision",), report, read_or_axis)
+    grids = {key: value.values if isinstance(value, Axis) else (value,) for key, value in values.items()}
+    for key, numbers in grids.items():
         if numbers is None:
             text = f"decision.{key} is evaluated on a grid, so its range needs a step"
             report(("decision", key, "range"), text)
@@ -38,8 +40,8 @@ def decision(raw: Any, report: Report) -> DecisionGrid | None:
     if not good:
         return None
     return DecisionGrid(
-        phi=np.unique(np.asarray(found["phi"], dtype=np.int64)),
-        theta=np.unique(np.asarray(found["theta"], dtype=np.float64)),
+        phi=np.unique(np.asarray(grids["phi"], dtype=np.int64)),
+        theta=np.unique(np.asarray(grids["theta"], dtype=np.float64)),
     )
 
 
@@ -65,17 +67,17 @@ def hardware(raw: Any, report: Report, base: Path) -> tuple[str, ...]:
         base: folder of the search space, which files are relative to.
     """
     known = hardware_names()
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     for index, name in enumerate(_names("hardware", raw, report)):
         where = ("hardware", index)
-        if name in found:
+        if name in names:
             report(where, f"hardware '{name}' is named twice")
         elif is_hardware_file(name) and not (base / name).is_file():
             report(where, f"hardware '{name}' must be a file, relative to the search space; there is none")
         elif not is_hardware_file(name) and name not in known:
             report(where, f"unknown hardware '{name}'; {known_names(name, known)}")
-        found[name] = None
-    return tuple(found)
+        names[name] = None
+    return tuple(names)
 
 
 def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple[str, str], ...]:
@@ -88,7 +90,7 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
     """
     known = registry.columns()
     of_hardware = registry.columns("hardware")
-    found: dict[str, str] = {}
+    directions: dict[str, str] = {}
     texts = _names("objectives", raw, report)
     if raw == [] or raw is None:
         report(("objectives",), f"objectives must hold at least one objective; {known_names('', known)}")
@@ -104,14 +106,14 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
             report(where, f"objective '{name}' must be followed by :max or :min, got '{text}'")
         elif colon and direction != natural:
             report(where, f"objective '{name}' must be '{name}:{natural}', got '{text}'")
-        if name in found:
+        if name in directions:
             report(where, f"objective '{name}' is named twice")
         if name in of_hardware and not profiles:
             report(where, f"objective '{name}' needs a hardware profile in section 'hardware', got none")
         if not known[name].selects:
             report(where, f"objective '{name}' cannot select designs: the test set is only for reporting")
-        found[name] = natural
-    return tuple(found.items())
+        directions[name] = natural
+    return tuple(directions.items())
 
 
 def search(
@@ -136,21 +138,21 @@ def search(
     stepless = [axis for axis in axes.values() if axis.values is None]
     name = keys.get("sampler") or ("tpe" if stepless else "grid")
     cls = known.get(name) if isinstance(name, str) else None
-    own = [field.name for field in fields(cls)] if cls else []
-    values, good = read_fields(Search, raw, ("search",), report, read_fixed, also=own)
+    own_keys = [field.name for field in fields(cls)] if cls else []
+    values, good = read_fields(Search, raw, ("search",), report, read_fixed, also=own_keys)
     if cls is None:
         if isinstance(name, str):
             report(("search", "sampler"), f"unknown sampler '{name}'; {known_names(name, known)}")
         return None
-    given = {key: value for key, value in keys.items() if key in own}
-    options, good_options = read_fields(cls, given, ("search",), report, read_fixed)
+    written = {key: value for key, value in keys.items() if key in own_keys}
+    options, good_options = read_fields(cls, written, ("search",), report, read_fixed)
     if name == "grid":
         for axis in stepless:
             text = f"{axis.name} needs a step or a choice for the grid sampler, got {axis.to_plain()}"
             report((*axis.name.split("."), "range"), text)
     conditional = [axis.name for axis in axes.values() if axis.condition is not None]
     if conditional and not _takes_conditions(cls):
-        others = ", ".join(other for other, found in known.items() if _takes_conditions(found))
+        others = ", ".join(other for other, other_cls in known.items() if _takes_conditions(other_cls))
         text = f"search.sampler '{name}' cannot search {conditional[0]}, an axis that only some designs have"
         report(("search", "sampler"), f"{text}; these can: {others}")
     package = getattr(cls, "requires", None)  # the extra that brings a package has its name

@@ -65,16 +65,16 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
             report((), f"section '{key}' is required")
     plugins = _plugins(data.get("plugins"), source.parent, report)  # sections may name their components
     study, seed = _study(data.get("study", "-"), report), _seed(data.get("seed", 0), report)
-    found = _parts(data, report)
-    if check_data and "data" in found:
-        for section, message in _data_faults(found, data["data"], source.parent):
+    sections = _parts(data, report)
+    if check_data and "data" in sections:
+        for section, message in _data_faults(sections, data["data"], source.parent):
             report((section, *_named_in(message, data[section])), message)
-    axes = {name: axis for part in found.values() for name, axis in part.axes.items()}
+    axes = {name: axis for part in sections.values() for name, axis in part.axes.items()}
     decision = goals.decision(data.get("decision"), report)
     precision = goals.precision(data["precision"], report) if "precision" in data else None
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
-    split = found.get("split")
+    split = sections.get("split")
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
@@ -86,7 +86,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         seed=seed,
         plugins=plugins,
         source=source,
-        parts={name: found[name] for name in SECTIONS if name in found},
+        parts={name: sections[name] for name in SECTIONS if name in sections},
         axes=axes,
         decision=decision,
         hardware=hardware,
@@ -121,38 +121,38 @@ def _plugins(raw: Any, base: Path, report: Report) -> tuple[Plugin, ...]:
 
 def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
     """Read the sections data .. training, in that order."""
-    found: dict[str, Part] = {}
+    sections: dict[str, Part] = {}
     recordings, kind = None, ""
     if "data" in data:
         recordings = parts.component_class(("data",), data["data"], report)
     if recordings is not None:
         kind = data["data"]["kind"]
-        found["data"] = parts.component(("data",), recordings, data["data"], report)
+        sections["data"] = parts.component(("data",), recordings, data["data"], report)
     if "task" in data:
-        found["task"] = parts.task(data["task"], report)
-    found["window"] = parts.settings("window", data.get("window"), report)
+        sections["task"] = parts.task(data["task"], report)
+    sections["window"] = parts.settings("window", data.get("window"), report)
     if "split" in data:
-        found["split"] = parts.settings("split", data["split"], report)
+        sections["split"] = parts.settings("split", data["split"], report)
     if recordings is not None and "test" in data:
-        found["test"] = parts.test_file(recordings, kind, data["test"], report)
+        sections["test"] = parts.test_file(recordings, kind, data["test"], report)
     needed = None if recordings is None else front_end(recordings)
     if recordings is not None and needed != "preprocessing" and "preprocessing" in data:
         report(("preprocessing",), f"section 'preprocessing' does not apply to {kind} recordings")
     if needed == "preprocessing" or (recordings is None and "preprocessing" in data):
-        found["preprocessing"] = parts.settings("preprocessing", data.get("preprocessing"), report)
+        sections["preprocessing"] = parts.settings("preprocessing", data.get("preprocessing"), report)
     if needed == "encoder" and "encoder" not in data:
         report((), f"section 'encoder' is required for {kind} recordings")
     for section in FAMILIES:
         family = parts.family(section, data[section], report) if section in data else None
         if family is not None:
-            found[section] = family
-    found["training"] = parts.settings("training", data.get("training"), report)
-    return found
+            sections[section] = family
+    sections["training"] = parts.settings("training", data.get("training"), report)
+    return sections
 
 
-def _data_faults(found: Mapping[str, Part], raw: Any, base: Path) -> list[tuple[str, str]]:
+def _data_faults(sections: Mapping[str, Part], raw: Any, base: Path) -> list[tuple[str, str]]:
     """Return (section, sentence) for what the headers of the data files show to be wrong."""
-    data, test = found["data"], found.get("test")
+    data, test = sections["data"], sections.get("test")
     values = data.values
     if not data.good:
         # Files can be checked without their numbers: a number at fault must not hide a wrong array name.

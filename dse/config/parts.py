@@ -19,11 +19,11 @@ from dse.config.values import (
     construct,
     dotted,
     echo,
+    expected,
     plain,
     read,
     read_fields,
-    read_given,
-    wanted,
+    read_written,
 )
 from dse.config.yaml_lines import Path
 from dse.registry import Rule
@@ -172,7 +172,7 @@ def test_file(cls: type, kind: str, raw: Any, report: Report) -> Part:
         if raw["kind"] != kind:
             report(("test", "kind"), f"test.kind must equal data.kind, {kind}, got {echo(raw['kind'])}")
         raw = {key: value for key, value in raw.items() if key != "kind"}
-    values, good = read_given(cls, raw, ("test",), report, read_fixed)
+    values, good = read_written(cls, raw, ("test",), report, read_fixed)
     return Part(cls, "", values, {}, good)
 
 
@@ -202,8 +202,8 @@ def read_fixed(value: Any, hint: Any, rule: Rule, path: Path, report: Report) ->
     if is_axis(value) and rule.component:
         report(path, f"{dotted(path)} cannot be an axis: every component has keys of its own; name one")
         return INVALID
-    if is_axis(value) and "mapping" not in wanted(hint):
-        report(path, f"{dotted(path)} cannot be an axis; it must be {wanted(hint)}")
+    if is_axis(value) and "mapping" not in expected(hint):
+        report(path, f"{dotted(path)} cannot be an axis; it must be {expected(hint)}")
         return INVALID
     return read(value, hint, rule, path, report)
 

@@ -128,8 +128,8 @@ class Sections:
 
 def _read(name: str, raw: Any, report: Any) -> parts.Part | None:
     if name in _COMPONENTS:
-        found = parts.component_class((name,), raw, report)
-        return None if found is None else parts.component((name,), found, raw, report)
+        component_cls = parts.component_class((name,), raw, report)
+        return None if component_cls is None else parts.component((name,), component_cls, raw, report)
     if name == "task":
         return parts.task(raw, report)
     if name in SETTINGS:

@@ -33,14 +33,14 @@ def json_schema() -> Schema:
     """Return the schema, made from the components that are registered."""
     sections = {name: _section(name) for name in SECTIONS if name not in ("hardware", "objectives", "search")}
     objectives = [
-        text for name, found in registry.columns().items() for text in (name, f"{name}:{found.direction}")
+        text for name, column in registry.columns().items() for text in (name, f"{name}:{column.direction}")
     ]
     # A choice of components repeats what each may hold, so the schema says that once.
     one = {name: sections[name] for name in FAMILIES}
     sections |= {name: {"anyOf": [_reference(name), _families(name)]} for name in FAMILIES}
     sections["objectives"] = _listed({"enum": objectives})
-    own_file = {"type": "string", "pattern": r"\.ya?ml$"}
-    sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, own_file]})
+    profile_file = {"type": "string", "pattern": r"\.ya?ml$"}
+    sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, profile_file]})
     sections["search"] = _search()
     about = {
         "study": {"type": "string"},

@@ -60,23 +60,23 @@ def number_type(hint: Any) -> type | None:
     """Return float or int if a field (or the elements of its list) can hold such a number, else None."""
     if hint in (int, float):
         return cast(type, hint)
-    found = {number_type(option) for option in get_args(hint) if option is not Ellipsis}
-    return float if float in found else int if int in found else None
+    numbers = {number_type(option) for option in get_args(hint) if option is not Ellipsis}
+    return float if float in numbers else int if int in numbers else None
 
 
-def wanted(hint: Any) -> str:
+def expected(hint: Any) -> str:
     """Return what a value must be, in words: 'an integer', 'a list of numbers'."""
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin is Literal:
         return "one of " + ", ".join(map(str, args))
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(wanted(option) for option in args))
+        return " or ".join(dict.fromkeys(expected(option) for option in args))
     if is_list(hint):
         inner = [a for a in args if a is not Ellipsis]
         if not inner or inner[0] is Any:
             return "a list"
         plural = {bool: "of true or false", int: "of integers", float: "of numbers", str: "of texts"}
-        return f"a list {plural.get(inner[0], f'({wanted(inner[0])})')}"
+        return f"a list {plural.get(inner[0], f'({expected(inner[0])})')}"
     if dataclasses.is_dataclass(origin) or (isinstance(origin, type) and issubclass(origin, Mapping)):
         return "a mapping"
     return _SCALARS.get(origin, "a value")
@@ -98,7 +98,7 @@ def read(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     """Return the value in its field's type, or INVALID after reporting every mistake in it.
 
     Integers become floats in float fields, lists become tuples, and one scalar where a list is
-    wanted becomes a list of one.
+    expected becomes a list of one.
     """
     origin, args = get_origin(hint) or hint, get_args(hint)
     if hint is Any or hint is object:
@@ -110,8 +110,8 @@ def read(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     if is_list(hint):
         return _list(value, hint, rule, path, report)
     if dataclasses.is_dataclass(origin):
-        found = read_object(cast(type, origin), value, path, report)
-        return INVALID if found is None else found
+        instance = read_object(cast(type, origin), value, path, report)
+        return INVALID if instance is None else instance
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return _mapping(value, args[1] if args else Any, rule, path, report)
     return _scalar(value, hint, rule, path, report)
@@ -142,17 +142,17 @@ def keys_of(cls: type, written: Mapping[str, Any] | None = None) -> dict[str, Ke
     keys: dict[str, Key] = {}
     for name, field in _fields(cls).items():
         rule = rule_of(field)
-        found = {name: Key(_hints(cls)[name], rule, _default(field))}
+        added = {name: Key(_hints(cls)[name], rule, _default(field))}
         if rule.component:
             components = registry.known(rule.component)
             named = (written or {}).get(name, rule.component_name)
-            own = components.get(named) if isinstance(named, str) else None
+            component_cls = components.get(named) if isinstance(named, str) else None
             default = functools.partial(str, rule.component_name) if rule.component_name else None
-            found = {name: Key(str, dataclasses.replace(rule, choices=tuple(components)), default)}
-            found |= keys_of(own, written) if own else {}
-        if twice := sorted(found.keys() & keys.keys()):
+            added = {name: Key(str, dataclasses.replace(rule, choices=tuple(components)), default)}
+            added |= keys_of(component_cls, written) if component_cls else {}
+        if twice := sorted(added.keys() & keys.keys()):
             raise ValueError(f"{name} must not name a component with a key of {cls.__name__}, '{twice[0]}'")
-        keys |= found
+        keys |= added
     return keys
 
 
@@ -248,7 +248,7 @@ def read_fields(
     Keys with a mistake are left out; absent ones have their default. `construct` makes the dataclass of them
     (`read_object` does both). Arguments as in `read_object`.
     """
-    result, good = read_given(cls, value, path, report, read_one, also=also)
+    result, good = read_written(cls, value, path, report, read_one, also=also)
     written = value if isinstance(value, dict) else {}
     keys = keys_of(cls, written if good else None)
     for name, key in keys.items():
@@ -264,7 +264,7 @@ def read_fields(
     return {name: result[name] for name in keys if name in result}, good
 
 
-def read_given(
+def read_written(
     cls: type,
     value: Any,
     path: Path,
@@ -287,9 +287,9 @@ def read_given(
         return {}, False
     result: dict[str, Any] = {}
     good = True
-    for name, given in value.items():
+    for name, raw in value.items():
         if name in keys:
-            one = read_one(given, keys[name].hint, keys[name].rule, (*path, name), report)
+            one = read_one(raw, keys[name].hint, keys[name].rule, (*path, name), report)
             good &= one is not INVALID
             result |= {} if one is INVALID else {name: one}
         elif name not in also:
@@ -355,7 +355,7 @@ def _scalar(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> An
     if hint is float and is_number:
         value = float(value)
     if type(value) is not hint:
-        report(path, f"{name} must be {wanted(hint)}, got {echo(value)}")
+        report(path, f"{name} must be {expected(hint)}, got {echo(value)}")
         return INVALID
     if isinstance(value, float) and not math.isfinite(value):
         report(path, f"{name} must be a finite number, got {echo(value)}")
@@ -391,9 +391,9 @@ def _union(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any
     attempts: list[list[tuple[Path, str]]] = []
     for option in options:
         faults: list[tuple[Path, str]] = []
-        found = read(value, option, rule, path, lambda where, text, into=faults: into.append((where, text)))  # type: ignore[misc]
+        result = read(value, option, rule, path, lambda where, text, into=faults: into.append((where, text)))  # type: ignore[misc]
         if not faults:
-            return found
+            return result
         attempts.append(faults)
     # The option that fits the shape of what was written names the mistake best.
     fitting = [faults for option, faults in zip(options, attempts, strict=True) if _same_shape(value, option)]
@@ -401,7 +401,7 @@ def _union(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any
         for where, text in fitting[0]:
             report(where, text)
     else:
-        report(path, f"{dotted(path)} must be {wanted(hint)}, got {echo(value)}")
+        report(path, f"{dotted(path)} must be {expected(hint)}, got {echo(value)}")
     return INVALID
 
 
@@ -409,7 +409,7 @@ def _same_shape(value: Any, hint: Any) -> bool:
     if isinstance(value, list | tuple):
         return is_list(hint)
     if isinstance(value, dict):
-        return wanted(hint) == "a mapping"
+        return expected(hint) == "a mapping"
     if isinstance(value, str):
         return hint is str or get_origin(hint) is Literal
     return hint is type(value)
@@ -420,15 +420,17 @@ def _list(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     if isinstance(value, str | bool | int | float):
         value = [value]  # `hidden: 200` is short for `hidden: [200]`
     if not isinstance(value, list | tuple):
-        report(path, f"{dotted(path)} must be {wanted(hint)}, got {echo(value)}")
+        report(path, f"{dotted(path)} must be {expected(hint)}, got {echo(value)}")
         return INVALID
     fixed_length = get_origin(hint) is tuple and Ellipsis not in get_args(hint)
     if fixed_length and len(value) != len(args):
         report(path, f"{dotted(path)} must have {len(args)} elements, got {len(value)}")
         return INVALID
     hints = args if fixed_length else [args[0] if args else Any] * len(value)
-    found = [read(x, h, rule, (*path, i), report) for i, (x, h) in enumerate(zip(value, hints, strict=True))]
-    return INVALID if any(element is INVALID for element in found) else tuple(found)
+    elements = [
+        read(x, h, rule, (*path, i), report) for i, (x, h) in enumerate(zip(value, hints, strict=True))
+    ]
+    return INVALID if any(element is INVALID for element in elements) else tuple(elements)
 
 
 def _mapping(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
@@ -437,5 +439,5 @@ def _mapping(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> A
     if not isinstance(value, dict):
         report(path, f"{dotted(path)} must be a mapping, got {echo(value)}")
         return INVALID
-    found = {key: read(element, hint, rule, (*path, key), report) for key, element in value.items()}
-    return INVALID if any(element is INVALID for element in found.values()) else found
+    elements = {key: read(element, hint, rule, (*path, key), report) for key, element in value.items()}
+    return INVALID if any(element is INVALID for element in elements.values()) else elements

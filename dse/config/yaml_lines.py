@@ -134,16 +134,16 @@ def override(document: Document, values: Mapping[str, str]) -> Document:
         if not all(path):
             faults.append(Fault(source, 0, f"must be a dotted key such as data.file, got '{key}'"))
             continue
-        given = parse(text, source)
-        if given.faults:
-            faults += [Fault(source, 0, fault.message) for fault in given.faults]
+        setting = parse(text, source)
+        if setting.faults:
+            faults += [Fault(source, 0, fault.message) for fault in setting.faults]
             continue
         path = located(data, path)
         places = {known: place for known, place in places.items() if known[: len(path)] != path}
-        places |= {path + sub: (source, 0) for sub in given.places}
+        places |= {path + sub: (source, 0) for sub in setting.places}
         for length in range(1, len(path)):  # a section that only the command line names
             places.setdefault(path[:length], (source, 0))
-        data = _replaced(data, path, given.data if text.strip() else None)
+        data = _replaced(data, path, setting.data if text.strip() else None)
     return Document(data, places, faults)
 
 

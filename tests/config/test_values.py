@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import pytest
 
-from dse.config.values import bounds, dotted, read_fields, wanted
+from dse.config.values import bounds, dotted, expected, read_fields
 from dse.registry import Rule, param
 
 
@@ -134,6 +134,6 @@ def test_words() -> None:
     assert bounds(Rule("", low=0)) == ">= 0"
     assert bounds(Rule("", high=2, high_open=True)) == "< 2"
     assert bounds(Rule("")) == ""
-    assert wanted(tuple[float, ...]) == "a list of numbers"
-    assert wanted(tuple[tuple[int, ...], ...]) == "a list (a list of integers)"
-    assert wanted(int | None) == "an integer or null"
+    assert expected(tuple[float, ...]) == "a list of numbers"
+    assert expected(tuple[tuple[int, ...], ...]) == "a list (a list of integers)"
+    assert expected(int | None) == "an integer or null"
