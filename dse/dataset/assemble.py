@@ -264,19 +264,19 @@ def build_for(design: Sections, base: Path, classes: Sequence[str]) -> tuple[Dat
             that lacks a column of the target is no fault: its targets are -1.
     """
     recordings, positions = _read(design.data.with_columns_found(base), base, design.window)
-    n, wanted = recordings.n_recordings, design.task.target
+    n, task_target = recordings.n_recordings, design.task.target
     codes: Ints = np.full(n, -1, dtype=np.int64)
-    if set(target_columns(wanted)) <= set(recordings.columns):
-        codes = _codes_of(recordings, wanted, tuple(classes), "the new recordings")
+    if set(target_columns(task_target)) <= set(recordings.columns):
+        codes = _codes_of(recordings, task_target, tuple(classes), "the new recordings")
     every = np.ones(n, dtype=bool)
-    stored = _kept_nowhere(placed(recordings, design, every, positions=positions))
+    stored = _stored_temporarily(placed(recordings, design, every, positions=positions))
     if design.encoder is not None and not isinstance(recordings, Signals):
-        stored = _kept_nowhere(encoding.encoded(stored, design.encoder, every))
+        stored = _stored_temporarily(encoding.encoded(stored, design.encoder, every))
     none = np.zeros(0, dtype=np.int64)
     return joined(stored, tuple(classes), codes, none, none, np.arange(n)), stored.notes
 
 
-def _kept_nowhere(part: Part) -> Stored:
+def _stored_temporarily(part: Part) -> Stored:
     """Return the spikes of a source; what is mapped stays when its file is gone."""
     with tempfile.TemporaryDirectory() as folder:
         write_spikes([part], Path(folder))
@@ -303,14 +303,14 @@ def _check_alike(parts: Sequence[Part]) -> None:
 
 
 def _in_use(codes: Ints, classes: tuple[str, ...], used: Bools) -> tuple[Ints, tuple[str, ...]]:
-    kept = np.unique(codes[used])
+    codes_in_use = np.unique(codes[used])
     new = np.full(len(classes), -1, dtype=np.int64)
-    new[kept] = np.arange(len(kept))
-    return new[codes], tuple(classes[i] for i in kept)
+    new[codes_in_use] = np.arange(len(codes_in_use))
+    return new[codes], tuple(classes[i] for i in codes_in_use)
 
 
-def _codes_of(recordings: Recordings, wanted: Target, classes: tuple[str, ...], where: str) -> Ints:
-    codes, names = target(recordings.columns, wanted)
+def _codes_of(recordings: Recordings, task_target: Target, classes: tuple[str, ...], where: str) -> Ints:
+    codes, names = target(recordings.columns, task_target)
     for name in names:
         if name not in classes:
             raise RecordingError(f"{where}: class '{name}' is unknown; the classes are {', '.join(classes)}")

@@ -94,14 +94,14 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
     def rows(threads: int) -> Iterator[Rows]:
         for some in _chunks(lengths * 4 * stored.spikes.n_channels, most):
             chosen = some[lengths[some] > 0]
-            found: Iterator[Rows] = iter(())
+            encoded_rows: Iterator[Rows] = iter(())
             if chosen.size:
                 signals = as_signals(stored.spikes, chosen, lengths[chosen])
                 with refusals():
                     spikes = encoder.encode_all(signals, np.zeros_like(chosen), lengths[chosen])
-                found = rows_of(spikes)
+                encoded_rows = rows_of(spikes)
             for i in some:
-                yield next(found) if lengths[i] else (np.zeros(0, np.int64), np.zeros(0, np.int32))
+                yield next(encoded_rows) if lengths[i] else (np.zeros(0, np.int64), np.zeros(0, np.int32))
 
     with refusals():
         positions = encoder.positions(stored.positions)

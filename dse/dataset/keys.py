@@ -63,8 +63,8 @@ def sources(design: Sections, base: Path) -> dict[str, dict[str, Any]]:
     keys: dict[str, dict[str, Any]] = {"data": {}, "test": {}}
     for name, source in (("data", design.data), ("test", design.test)):
         if source is not None:
-            own = {key: value for key, value in sections[name].items() if key not in PLACES}
-            keys[name] = own | {"file": source.content(base)}
+            settings = {key: value for key, value in sections[name].items() if key not in PLACES}
+            keys[name] = settings | {"file": source.content(base)}
     return keys
 
 

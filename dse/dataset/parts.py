@@ -177,8 +177,8 @@ def place_signals(
 ) -> tuple[tuple[Array, Array, Array, int], Array]:
     """Return what `place` finds for sampled recordings, and the mean (n, channel) of each over its window."""
     onset = signal_onset(signals, window.onset_threshold) if window.at == "contact_onset" else None
-    found = place(window, np.diff(signals.offsets), used, onset)
-    return found, mean_levels(signals, found[0], found[3])
+    placement = place(window, np.diff(signals.offsets), used, onset)
+    return placement, mean_levels(signals, placement[0], placement[3])
 
 
 def seen_by_encoder(signals: Signals, window: Window, levels: Array) -> Signals:
@@ -188,16 +188,16 @@ def seen_by_encoder(signals: Signals, window: Window, levels: Array) -> Signals:
 
 def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools, positions: Ints) -> Part:
     (start, low, high, n_steps), levels = place_signals(signals, window, used)
-    kept = np.where(used, high - low + n_steps, 0)
+    n_kept = np.where(used, high - low + n_steps, 0)
 
     def rows(threads: int) -> Iterator[Rows]:
         with refusals():
-            return rows_of(encoder.encode_all(seen_by_encoder(signals, window, levels), low, kept))
+            return rows_of(encoder.encode_all(seen_by_encoder(signals, window, levels), low, n_kept))
 
     with refusals():
         places = encoder.positions(positions)
     return Part(
-        start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
+        start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
         places, signals.step_ms, np.diff(signals.offsets), levels, rows,
     )  # fmt: skip
 
@@ -228,21 +228,21 @@ def _of_events(
             return preprocessing.survey(source.blocks(i), pooling, window.onset_threshold, begin)
 
         chosen = np.flatnonzero(used).tolist()
-        for done, found in enumerate(in_order(survey, chosen, threads if simulated else 1)):
+        for done, surveyed in enumerate(in_order(survey, chosen, threads if simulated else 1)):
             i = chosen[done]
             progress(f"reading data: {done + 1} of {len(chosen)} recordings")
-            onset[i] = found.onset_bin
+            onset[i] = surveyed.onset_bin
             if simulated is None:
-                if not found.n_events:
+                if not surveyed.n_events:
                     raise RecordingError(f"recording {i} must have events, got none")
-                t0_us[i], lengths[i] = found.first_us, found.n_bins
+                t0_us[i], lengths[i] = surveyed.first_us, surveyed.n_bins
     start, low, high, n_steps = place(window, lengths, used, onset)
-    kept = np.where(used, high - low + n_steps, 0)
+    n_kept = np.where(used, high - low + n_steps, 0)
     # The rate floor looks at the bins that are kept, of which a simulated raster is not told.
     plain = dataclasses.replace(pooling, rate_floor_hz=0.0)
 
     def recording(i: int) -> Rows:
-        first, n = int(low[i]), int(kept[i])
+        first, n = int(low[i]), int(n_kept[i])
         if not n:
             return np.zeros(0, np.int64), np.zeros(0, np.int32)
         if simulated is None:
@@ -254,7 +254,7 @@ def _of_events(
         return in_order(recording, range(source.n_recordings), threads if simulated else 1)
 
     return Part(
-        start - low, np.zeros_like(low), high - low, n_steps, int(kept.max()),
+        start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
         _of_pools(pooling), pooling.bin_us / 1000, lengths, None, rows,
         source.notes,
     )  # fmt: skip

@@ -14,17 +14,17 @@ from dse.recordings import RecordingError
 from dse.records import Array, Head, Ints
 
 
-def target(columns: Mapping[str, Array], wanted: Target) -> tuple[Ints, tuple[str, ...]]:
+def target(columns: Mapping[str, Array], task_target: Target) -> tuple[Ints, tuple[str, ...]]:
     """Return codes (n,) int64 and the names of the classes, in the order of their values.
 
     Args:
         columns: label columns, each (n,).
-        wanted: a column's name, a `Column`, or several of these, joined by `|`.
+        task_target: a column's name, a `Column`, or several of these, joined by `|`.
 
     Raises:
         RecordingError: an unknown column, `abs` of texts, or two combinations of one name.
     """
-    parts = [_values(columns, x) for x in _parts(wanted)]
+    parts = [_values(columns, x) for x in _parts(task_target)]
     unique, inverse = zip(*(np.unique(x, return_inverse=True) for x in parts), strict=True)
     joint = np.ravel_multi_index(tuple(inverse), [len(x) for x in unique])
     present, codes = np.unique(np.asarray(joint), return_inverse=True)
@@ -36,18 +36,18 @@ def target(columns: Mapping[str, Array], wanted: Target) -> tuple[Ints, tuple[st
     return codes.astype(np.int64), classes
 
 
-def heads(columns: Mapping[str, Array], wanted: Target, codes: Ints) -> tuple[Head, ...]:
+def heads(columns: Mapping[str, Array], task_target: Target, codes: Ints) -> tuple[Head, ...]:
     """Return the parts of a joint target, each with its classes in the order that `target` gives them.
 
     Args:
         columns: label columns, each (n,).
-        wanted: as for `target`: two columns or more.
+        task_target: as for `target`: two columns or more.
         codes: (n,) joint classes, which are 0 .. and all in use; -1 for recordings that are not.
 
     Raises:
         RecordingError: a single column, or one column twice.
     """
-    names = target_columns(wanted)
+    names = target_columns(task_target)
     if len(names) < 2:
         raise RecordingError(
             f"task.joint needs at least two columns in task.target, got {', '.join(map(str, names))}"
@@ -58,20 +58,20 @@ def heads(columns: Mapping[str, Array], wanted: Target, codes: Ints) -> tuple[He
     used = np.flatnonzero(codes >= 0)
     _, first = np.unique(codes[used], return_index=True)
     parts = []
-    for name, part in zip(names, _parts(wanted), strict=True):
+    for name, part in zip(names, _parts(task_target), strict=True):
         codes_of_part, classes = target(columns, part)
         present, of_class = np.unique(codes_of_part[used[first]], return_inverse=True)
         parts.append(Head(name, tuple(classes[i] for i in present), of_class.astype(np.int64)))
     return tuple(parts)
 
 
-def target_columns(wanted: Target) -> tuple[str, ...]:
+def target_columns(task_target: Target) -> tuple[str, ...]:
     """Return the columns that a target is made of."""
-    return tuple(x.column if isinstance(x, Column) else x for x in _parts(wanted))
+    return tuple(x.column if isinstance(x, Column) else x for x in _parts(task_target))
 
 
-def _parts(wanted: Target) -> tuple[str | Column, ...]:
-    parts = wanted if isinstance(wanted, tuple) else (wanted,)
+def _parts(task_target: Target) -> tuple[str | Column, ...]:
+    parts = task_target if isinstance(task_target, tuple) else (task_target,)
     if not parts:
         raise RecordingError("task.target must be a column, got none")
     return parts

@@ -71,14 +71,14 @@ class Repairs:
 
     file: str
     repair: bool
-    _found: dict[str, tuple[str, int]] = field(default_factory=dict, init=False)
+    _repaired: dict[str, tuple[str, int]] = field(default_factory=dict, init=False)
 
     def broken(self, fault: str, repair: str, n: int = 1) -> None:
         """Raise the fault, or count it; see `Broken`."""
         if not self.repair:
             raise RecordingError(f"{self.file}: {fault}; --repair {repair}")
-        first, before = self._found.get(repair, (fault, 0))
-        self._found[repair] = (first, before + n)
+        first, before = self._repaired.get(repair, (fault, 0))
+        self._repaired[repair] = (first, before + n)
 
     @property
     def notes(self) -> list[str]:
@@ -87,7 +87,7 @@ class Repairs:
             f"{self.file}: {first}; --repair {repair} ({n} in all)"
             if n > 1
             else f"{self.file}: {first}; --repair {repair}"
-            for repair, (first, n) in self._found.items()
+            for repair, (first, n) in self._repaired.items()
         ]
 
 

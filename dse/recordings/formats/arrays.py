@@ -213,12 +213,12 @@ class H5(_EventArrays):
             yield _Opened(arrays, next_rows)
 
 
-def columns_of(arrays: Arrays, names_given: Mapping[str, str], where: str) -> dict[str, Column]:
+def columns_of(arrays: Arrays, stated_names: Mapping[str, str], where: str) -> dict[str, Column]:
     """Return where t, x, y and p of the events are; y is absent where x is a taxel.
 
     Args:
         arrays: the arrays of the file.
-        names_given: field -> name, where the user gives it; the other fields are looked for beside it.
+        stated_names: field -> name, where the user states it; the other fields are looked for beside it.
         where: the file's name, for errors.
 
     Raises:
@@ -230,20 +230,20 @@ def columns_of(arrays: Arrays, names_given: Mapping[str, str], where: str) -> di
         for leaf, column, kind in _leaves(name, dtype)
         if kind in _NUMBERS
     }
-    for name in names_given.values():
+    for name in stated_names.values():
         if name not in columns:
             raise RecordingError(f"{where}: no array '{name}'; {known_names(name, columns)}")
     groups: dict[str, dict[str, str]] = {}
     for leaf in columns:
         group, _, name = leaf.rpartition("/")
         groups.setdefault(group, {})[name.lower()] = leaf
-    beside = {name.rpartition("/")[0] for name in names_given.values()} or groups.keys()
+    beside = {name.rpartition("/")[0] for name in stated_names.values()} or groups.keys()
     complete = {}
     for group, names in groups.items():
         if group not in beside:
             continue
         fields = {
-            key: names_given.get(key) or next((names[name] for name in usual if name in names), None)
+            key: stated_names.get(key) or next((names[name] for name in usual if name in names), None)
             for key, usual in USUAL.items()
         }
         if (fields["x"] or "").rpartition("/")[2].lower() == "taxel" and not fields["y"]:
