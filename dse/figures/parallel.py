@@ -100,14 +100,14 @@ def gather_parallel(
     best, rest = complete[on_front[complete]], complete[~on_front[complete]]
     room = min(len(rest), max(0, MAX_LINES - len(best)))
     sample = rest[np.linspace(0, len(rest) - 1, room).round().astype(int)]
-    kept = np.sort(np.concatenate([best, sample]))
+    shown = np.sort(np.concatenate([best, sample]))
     return Parallel(
         tuple(columns),
         tuple(words for _, words in axes),
-        values[kept],
-        on_front[kept],
+        values[shown],
+        on_front[shown],
         len(frame) - len(complete),
-        len(complete) - len(kept),
+        len(complete) - len(shown),
     )
 
 

@@ -112,8 +112,8 @@ def gather_trial(
     order = np.lexsort((paths.px[0, :, 1], paths.px[0, :, 0]))
     t_s, px = paths.t_s[every], paths.px[every][:, order]
     borders = np.searchsorted(block.t_us, np.rint(1e6 * t_s))
-    kept, one_in = borders[-1], -(-len(block.t_us) // most_events) or 1
-    on = np.searchsorted(np.flatnonzero(block.polarity[:kept] == 1), borders)
+    n_shown, one_in = borders[-1], -(-len(block.t_us) // most_events) or 1
+    on = np.searchsorted(np.flatnonzero(block.polarity[:n_shown] == 1), borders)
     kev_s = np.diff([on, borders - on], axis=1) / np.diff(t_s) / 1000
     return TrialView(
         name=name,
@@ -126,7 +126,7 @@ def gather_trial(
         on_kev_s=kev_s[0],
         off_kev_s=kev_s[1],
         raster=_raster(block, borders, px),
-        events=Block(*(x[:kept:one_in] for x in (block.t_us, block.x, block.y, block.polarity))),
+        events=Block(*(x[:n_shown:one_in] for x in (block.t_us, block.x, block.y, block.polarity))),
         n_events=len(block.t_us),
         one_in=one_in,
         recent_ms=max(_RECENT_MS, float(1000 * t_s[1])),

@@ -33,16 +33,16 @@ def expected_updates(
     Raises:
         ValueError: rates outside 0..1, or another number of them than of sizes.
     """
-    given = np.asarray(rates, np.float64)
-    if given.shape[-1:] != (len(sizes),):
-        raise ValueError(f"rates must have shape (..., {len(sizes)}) as sizes, got {given.shape}")
-    if not ((given >= 0) & (given <= 1)).all():
+    rate = np.asarray(rates, np.float64)
+    if rate.shape[-1:] != (len(sizes),):
+        raise ValueError(f"rates must have shape (..., {len(sizes)}) as sizes, got {rate.shape}")
+    if not ((rate >= 0) & (rate <= 1)).all():
         raise ValueError("rates must be between 0 and 1 spikes per neuron and step")
-    arrives = 1 - (1 - given[..., :-1]) ** np.array(sizes[:-1] if fan_in is None else fan_in)
+    arrives = 1 - (1 - rate[..., :-1]) ** np.array(sizes[:-1] if fan_in is None else fan_in)
     # A step takes (1, awake, totals) to the next: total += awake, awake += arrives * (awake before - awake).
     n_layers = len(sizes) - 1
     layer = np.arange(n_layers)
-    step = np.tile(np.eye(1 + 2 * n_layers), (*given.shape[:-1], 1, 1))
+    step = np.tile(np.eye(1 + 2 * n_layers), (*rate.shape[:-1], 1, 1))
     step[..., 1 + layer, 1 + layer] -= arrives
     step[..., 1 + layer, layer] += arrives
     step[..., 1 + n_layers + layer, 1 + layer] = 1

@@ -49,8 +49,8 @@ class Inference:
         """Return the load with the steps that its answer takes through the layers on this hardware."""
         if not isinstance(self.load, Workload) or not self.n_steps:
             return self.load
-        given = self.pipeline_steps
-        steps = profile.pipeline_steps(self.load) if given is None else given
+        stated = self.pipeline_steps
+        steps = profile.pipeline_steps(self.load) if stated is None else stated
         return replace(self.load, pipeline_steps=steps)
 
     def cost_on(self, profile: Profile) -> Cost:
@@ -114,5 +114,5 @@ def _reached(net: Workload, left: Sequence[float]) -> tuple[float, ...]:
         left: share of the weights into each layer that pruning left.
     """
     forward = [n * share for n, share in zip(net.sizes[1:], left, strict=True)]
-    own = [x * back for x, back in zip(forward, net.recurrent, strict=True)]
-    return tuple(a + b for a, b in zip((*forward, 0.0), (0.0, *own), strict=True))
+    within = [x * back for x, back in zip(forward, net.recurrent, strict=True)]
+    return tuple(a + b for a, b in zip((*forward, 0.0), (0.0, *within), strict=True))

@@ -164,7 +164,7 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
     cores: list[int] = []
     next_cores = 0  # from the output backwards: a layer's output axons depend on the cores after it
     for layer in range(len(net.sizes) - 1, 0, -1):
-        at, size, own = layer - 1, net.sizes[layer], net.recurrent[layer - 1]
+        at, size, loops = layer - 1, net.sizes[layer], net.recurrent[layer - 1]
         axons = net.axons[at]
         if axons > rules.input_axons_per_core:
             text = f"layer {layer}: {axons} input axons, {rules.input_axons_per_core} per core"
@@ -175,7 +175,7 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
             broken.append(_Broken("synapse_memory", layer, text))
         most = min(max(in_memory, 1), rules.neurons_per_core)
         if net.cores is None:
-            n_cores = _fewest_cores(size, most, own, next_cores, rules.output_axons_per_core)
+            n_cores = _fewest_cores(size, most, loops, next_cores, rules.output_axons_per_core)
         else:
             n_cores = net.cores[at]
             neurons = -(-size // n_cores)
@@ -183,7 +183,7 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
                 rule = "neurons" if neurons > rules.neurons_per_core else "synapse_memory"
                 text = f"layer {layer}: {neurons} neurons on a core, which holds {most} of them"
                 broken.append(_Broken(rule, layer, text))
-        neurons, destinations = -(-size // n_cores), next_cores + own * n_cores
+        neurons, destinations = -(-size // n_cores), next_cores + loops * n_cores
         if neurons * destinations > rules.output_axons_per_core:
             text = (
                 f"layer {layer}: {neurons} neurons on a core that send to {destinations} cores each, "
@@ -377,8 +377,8 @@ def hops(net: Architecture, cores: tuple[int, ...], rules: Rules) -> tuple[tuple
         if layer:
             sending, start, end = tiles[layer - 1]
             n_sent = _neurons(size, cores[layer - 1], start, end)
-        own = layer > 0 and net.recurrent[layer - 1]
-        onward = [*tiles[layer : layer + 1], *tiles[layer - 1 : layer] * own]
+        loops = layer > 0 and net.recurrent[layer - 1]
+        onward = [*tiles[layer : layer + 1], *tiles[layer - 1 : layer] * loops]
         x = y = 0.0
         for receiving, start, end in onward:
             x += _distance(sending // rules.mesh_height, n_sent, receiving // rules.mesh_height, end - start)

@@ -200,9 +200,9 @@ def _entries(data: Mapping[str, Any], report: Report) -> list[_Entry] | None:
         entry = {key: (layer[key], (*path, key)) for key in known if key in layer}
         if layer and "neurons" not in layer:
             report(path, f"{dotted(path)}.neurons is required")
-        given = [key for key in _COUNTS if key in layer]
-        if layer and len(given) != 1:
-            got = "both" if given else "neither"
+        counts = [key for key in _COUNTS if key in layer]
+        if layer and len(counts) != 1:
+            got = "both" if counts else "neither"
             report(path, f"{dotted(path)} must have either spikes or mean_rate, got {got}")
         entries.append(entry)
     return entries

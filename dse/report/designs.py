@@ -65,8 +65,8 @@ class StudyTask:
 
     def of(self, families: Iterable[str], *, transductive: bool = False) -> pandas.DataFrame:
         """Return the designs of some families that are, or are not, transductive."""
-        own = self.table["family"].isin(list(families))
-        return self.table[own & (self.table["transductive"] == transductive)]
+        of_families = self.table["family"].isin(list(families))
+        return self.table[of_families & (self.table["transductive"] == transductive)]
 
     def model(self, trial: int) -> Family:
         """Return the family of a design, whose fields are its settings."""
@@ -195,9 +195,9 @@ def described(row: pandas.Series[Any]) -> str:
     axes = [name for name in axes if name not in ("model.kind", "task.target")]
     short = [name.rsplit(".", 1)[-1] for name in axes]
     cells = []
-    for name, own in zip(axes, short, strict=True):
-        told = name if short.count(own) > 1 else own
-        cells.append(_plain(row[name]) if own == "kind" else f"{told} {_plain(row[name])}")
+    for name, key in zip(axes, short, strict=True):
+        label = name if short.count(key) > 1 else key
+        cells.append(_plain(row[name]) if key == "kind" else f"{label} {_plain(row[name])}")
     return ", ".join(cells)
 
 
@@ -227,8 +227,8 @@ def _split(sections: Sections, counts: Mapping[str, int]) -> str:
         chosen = [f"{part}: {_chosen(keys[part])}" for part in parts if keys.get(part)]
         return f"{'; '.join(chosen)}{beside} ({sizes})"
     settings = {name: x for name, x in keys[rule].items() if x is not None and name not in ("seed", "fold")}
-    told = ", ".join(f"{name} {_values(x)}" for name, x in settings.items())
-    return f"{rule.replace('_', '-')}: {told}{beside} ({sizes})"
+    words = ", ".join(f"{name} {_values(x)}" for name, x in settings.items())
+    return f"{rule.replace('_', '-')}: {words}{beside} ({sizes})"
 
 
 def _chosen(columns: Mapping[str, Any]) -> str:

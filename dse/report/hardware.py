@@ -118,17 +118,17 @@ def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[st
 
     The winner itself is there with the names of the other chips on which it wins.
     """
-    own, *others = ranks[chip.name]
+    winner, *others = ranks[chip.name]
     family = chip.designs["family"]
     titles: dict[int, list[str]] = {}
     if others:
         titles[others[0]] = ["runner-up"]
-    stranger = next((design for design in others if family[design] != family[own]), None)
+    stranger = next((design for design in others if family[design] != family[winner]), None)
     if stranger is not None:
         titles.setdefault(stranger, ["best of another family"])
     for name, designs in ranks.items():
         if name != chip.name:
-            title = name if designs[0] == own else f"winner of {name}"
+            title = name if designs[0] == winner else f"winner of {name}"
             titles.setdefault(designs[0], []).append(title)
     return titles
 

@@ -78,5 +78,5 @@ def mark_of_leak(
     """Yield the accuracy as printed, which has no honest one beside it, where we have either."""
     beside = leaky or honest
     if beside is not None:
-        told = "; ".join(filter(None, ["transductive: it has seen the labels", more]))
-        yield mark(system, beside[0], "", {"accuracy": printed}, told)
+        note = "; ".join(filter(None, ["transductive: it has seen the labels", more]))
+        yield mark(system, beside[0], "", {"accuracy": printed}, note)

@@ -65,15 +65,15 @@ class OptunaSampler:
         self._make = make
         self._replay = replay
         self._distributions = {name: _distribution(axis) for name, axis in space.axes.items()}
-        self._asked: dict[str, Design] = {}
-        self._told: dict[str, tuple[Design, Values]] = {}
+        self._proposed: dict[str, Design] = {}
+        self._history: dict[str, tuple[Design, Values]] = {}
 
     def ask(self, n: int) -> list[Design]:
         """Return up to n new designs; fewer when the space has no more."""
         import optuna
 
-        rng = seeds.generator(self._space.seed, {}, "sampler", len(self._asked))
-        found: list[Design] = []
+        rng = seeds.generator(self._space.seed, {}, "sampler", len(self._proposed))
+        designs: list[Design] = []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             study = self._study(int(rng.integers(2**31)))
@@ -81,17 +81,17 @@ class OptunaSampler:
                 design = self._new(study) or self._untried(rng)
                 if design is None:
                     break
-                self._asked[seeds.design_key(design)] = design
-                found.append(design)
-        return found
+                self._proposed[seeds.design_key(design)] = design
+                designs.append(design)
+        return designs
 
     def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
         """Add to the history; telling a design again replaces its values."""
         for design, value in zip(designs, values, strict=True):
             key = seeds.design_key(design)
-            self._asked.setdefault(key, dict(design))
+            self._proposed.setdefault(key, dict(design))
             failed = value is None or not all(map(math.isfinite, value))
-            self._told[key] = (dict(design), None if failed else value)
+            self._history[key] = (dict(design), None if failed else value)
 
     def _study(self, seed: int) -> optuna.Study:
         """Return a study that knows the history and a sampler with a fresh generator."""
@@ -106,7 +106,7 @@ class OptunaSampler:
             )
         finally:
             optuna.logging.set_verbosity(verbosity)
-        history = [(self._parameters(design), value) for design, value in self._told.values()]
+        history = [(self._parameters(design), value) for design, value in self._history.values()]
         if self._replay is None:
             for parameters, value in history:
                 state = optuna.trial.TrialState.FAIL if value is None else optuna.trial.TrialState.COMPLETE
@@ -138,17 +138,17 @@ class OptunaSampler:
         On an axis that the design does not have, a sampler that crosses designs sees a value drawn for the
         design: so a child of two kinds inherits what it can of either.
         """
-        found = dict(design)
+        values = dict(design)
         if self._replay is not None:
             rng = seeds.generator(self._space.seed, design, "sampler")
-            found |= {
+            values |= {
                 name: _drawn(axis, rng) for name, axis in self._space.axes.items() if name not in design
             }
         return {
-            name: _to_optuna(axis, found[name]) for name, axis in self._space.axes.items() if name in found
+            name: _to_optuna(axis, values[name]) for name, axis in self._space.axes.items() if name in values
         }
 
-    def _asked_of(self, study: optuna.Study) -> tuple[optuna.Trial, Design]:
+    def _proposal(self, study: optuna.Study) -> tuple[optuna.Trial, Design]:
         """Return a new trial and its design."""
         always = {axis.name for axis in self._space.axes.values() if axis.condition is None}
         if self._replay is not None:
@@ -182,8 +182,8 @@ class OptunaSampler:
         import optuna
 
         for _ in range(_TRIES):
-            trial, design = self._asked_of(study)
-            if seeds.design_key(design) not in self._asked:
+            trial, design = self._proposal(study)
+            if seeds.design_key(design) not in self._proposed:
                 return design
             study.tell(trial, state=optuna.trial.TrialState.FAIL)
         return None
@@ -196,8 +196,8 @@ class OptunaSampler:
         total = n_designs(self._space)
         if total is None:
             drawn = (self._drawn_design(rng) for _ in range(_DRAWS))
-            return next((design for design in drawn if seeds.design_key(design) not in self._asked), None)
-        tried = {index_of(self._space, design) for design in self._asked.values()}
+            return next((design for design in drawn if seeds.design_key(design) not in self._proposed), None)
+        tried = {index_of(self._space, design) for design in self._proposed.values()}
         if len(tried) >= total:
             return None
         index = int(rng.integers(total))

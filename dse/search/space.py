@@ -17,16 +17,16 @@ def n_designs(space: SearchSpace) -> int | None:
 
 def n_designs_of_each(space: SearchSpace, section: str) -> dict[str, int | None]:
     """Return kind -> number of designs, for a section that is a choice of several components."""
-    found: dict[str, int | None] = {}
+    n_of_kind: dict[str, int | None] = {}
     name = f"{section}.kind"
     for kind in space.choices[section]:
         others = [(name, other) for other in space.choices[section] if other != kind]
-        found[kind] = n_combinations(
+        n_of_kind[kind] = n_combinations(
             Axis(name, (kind,)) if axis.name == name else axis
             for axis in space.axes.values()
             if axis.condition not in others
         )
-    return found
+    return n_of_kind
 
 
 def design_at(space: SearchSpace, index: int) -> Design:
@@ -102,10 +102,12 @@ def corners(space: SearchSpace, sections: Collection[str], most: int) -> Iterato
     parents = {f"{section}.kind": kinds for section, kinds in space.choices.items()}
     kinds = list(itertools.product(*parents.values()))
     for combination in kinds:
-        own = dict(zip(parents, combination, strict=True))
-        axes = space.active(own)
+        kind_of = dict(zip(parents, combination, strict=True))
+        axes = space.active(kind_of)
         ends = [
-            (own[name],) if name in own else axis.extremes()[: None if axis.place[0] in sections else 1]
+            (kind_of[name],)
+            if name in kind_of
+            else axis.extremes()[: None if axis.place[0] in sections else 1]
             for name, axis in axes.items()
         ]
         for values in itertools.islice(itertools.product(*ends), max(1, most // len(kinds))):
@@ -118,9 +120,9 @@ def position(axis: Axis, value: object) -> int:
     Raises:
         ValueError: it is none of them.
     """
-    wanted = tuple(value) if isinstance(value, list) else value
+    sought = tuple(value) if isinstance(value, list) else value
     for place, known in enumerate(axis.values or ()):
-        if known == wanted and isinstance(known, bool) == isinstance(wanted, bool):
+        if known == sought and isinstance(known, bool) == isinstance(sought, bool):
             return place
     raise ValueError(f"{axis.name} must be one of {list(axis.values or ())}, got {value!r}")
 

@@ -156,9 +156,9 @@ def _hidden_targets(load: Workload) -> list[float]:
     reached = []
     for layer in range(1, n_hidden + 1):
         onward = load.sizes[layer + 1] if layer < n_hidden else 0
-        own = load.sizes[layer] if load.recurrent[layer - 1] else 0
+        recurrent = load.sizes[layer] if load.recurrent[layer - 1] else 0
         share = 1.0 if load.synapses is None else load.synapses[layer] / load.fan_out[layer]
-        reached.append(share * (onward + own))
+        reached.append(share * (onward + recurrent))
     return reached
 
 
@@ -167,8 +167,8 @@ def _hidden_weights(load: Workload) -> float:
     total = 0.0
     for layer in range(1, len(load.sizes) - 1):
         before = load.sizes[layer - 1] if layer > 1 else 0
-        own = load.sizes[layer] if load.recurrent[layer - 1] else 0
+        recurrent = load.sizes[layer] if load.recurrent[layer - 1] else 0
         dense = load.dense[layer - 1]
         stored = dense if load.stored is None else load.stored[layer - 1]
-        total += load.sizes[layer] * (before + own) * stored / dense
+        total += load.sizes[layer] * (before + recurrent) * stored / dense
     return total

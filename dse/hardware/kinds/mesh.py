@@ -189,11 +189,11 @@ def _work(
         rules: of the chip.
     """
     sizes, recurrent, n_layers = net.sizes, net.recurrent, len(net.sizes)
-    fan_out = [a + b * own for a, b, own in zip((*sizes[1:], 0), sizes, (False, *recurrent), strict=True)]
+    fan_out = [a + b * loops for a, b, loops in zip((*sizes[1:], 0), sizes, (False, *recurrent), strict=True)]
     reached = fan_out if synapses is None else synapses
     shares = [a / b if b else 1.0 for a, b in zip(reached, fan_out, strict=True)]
     destinations = [
-        a + b * own for a, b, own in zip((*cores, 0), (0, *cores), (False, *recurrent), strict=True)
+        a + b * loops for a, b, loops in zip((*cores, 0), (0, *cores), (False, *recurrent), strict=True)
     ]
 
     # Counts: steps, spikes of each layer, updates of each layer after the input.

@@ -87,8 +87,8 @@ class PerEvent(Profile):
         mapping = self._mapping(load)
         # Copies of a neuron get every spike that it gets; a weight of b bits has b bits of the crossbar.
         onward = [n * copies for n, copies in zip(load.sizes[1:], mapping.copies, strict=True)]
-        own = [n if back else 0 for n, back in zip(onward, load.recurrent, strict=True)]
-        copied = np.add((*onward, 0), (0, *own)) * mapping.axons_per_source
+        recurrent = [n if back else 0 for n, back in zip(onward, load.recurrent, strict=True)]
+        copied = np.add((*onward, 0), (0, *recurrent)) * mapping.axons_per_source
         events = [n * share for n, share in zip(copied, self._shares(load), strict=True)]
         times = (0.0, *mapping.copies)
         energy = {
@@ -136,10 +136,10 @@ class PerEvent(Profile):
         copies: list[int] = []
         after = 0  # cores of the next layer: a layer's copies depend on them, so the last comes first
         for layer in range(n_layers, 0, -1):
-            n, own = load.sizes[layer], load.recurrent[layer - 1]
+            n, loops = load.sizes[layer], load.recurrent[layer - 1]
             per_neuron = max(1.0, self._stored(load)[layer - 1] / n)
             held = max(1, int(min(self.neurons_per_core.value, self.synapses_per_core.value / per_neuron)))
-            n_cores, n_copies = _copied(n, held, after, own, axons_per_source if self.crossbar.value else 0)
+            n_cores, n_copies = _copied(n, held, after, loops, axons_per_source if self.crossbar.value else 0)
             cores.append(n_cores)
             copies.append(n_copies)
             after = n_cores
@@ -182,8 +182,8 @@ class PerEvent(Profile):
     def _misfits_of_layers(self, load: Workload, mapping: _Mapping) -> list[Misfit]:
         misfits = []
         most = int(self.axons_per_core.value)
-        for layer, (n, own) in enumerate(zip(load.sizes[1:], load.recurrent, strict=True), start=1):
-            sources = load.sizes[layer - 1] + (n if own else 0)
+        for layer, (n, loops) in enumerate(zip(load.sizes[1:], load.recurrent, strict=True), start=1):
+            sources = load.sizes[layer - 1] + (n if loops else 0)
             axons = sources * mapping.axons_per_source
             if axons > most:
                 text = f"layer {layer}: {axons} axons for {sources} sources, {most} per core"
@@ -260,10 +260,10 @@ def _copied(n: int, held: int, after: int, recurrent: bool, axons_per_source: in
         axons_per_source: axons per core and neuron; 0 where one message serves all and nothing is copied.
     """
     # More axons for one's own layer than a core holds neurons have no solution, and too many axons anyway.
-    own = axons_per_source if recurrent and n * axons_per_source < held else 0
+    own_copies = axons_per_source if recurrent and n * axons_per_source < held else 0
     n_cores = 1
     while True:
-        copies = max(1, axons_per_source * after + own * n_cores)
+        copies = max(1, axons_per_source * after + own_copies * n_cores)
         needed = -(-n * copies // held)
         if needed <= n_cores:
             return n_cores, copies

@@ -137,18 +137,20 @@ class HOTS:
         Raises:
             ValueError: the data set has other channels or other input lengths than the one trained on.
         """
-        given, kept = dataset.spikes.n_channels, fitted.arrays
-        if given != fitted.n_channels:
-            raise ValueError(f"samples must have {fitted.n_channels} channels, got {given}")
+        n_channels, arrays = dataset.spikes.n_channels, fitted.arrays
+        if n_channels != fitted.n_channels:
+            raise ValueError(f"samples must have {fitted.n_channels} channels, got {n_channels}")
         lengths = read_out_steps(dataset.n_steps)
-        if len(lengths) != len(kept["signatures"]):
-            raise ValueError(f"windows must have {len(kept['signatures'])} input lengths, got {len(lengths)}")
-        inputs = _Inputs(dataset, _places(kept["positions"]), self._near())
+        if len(lengths) != len(arrays["signatures"]):
+            raise ValueError(
+                f"windows must have {len(arrays['signatures'])} input lengths, got {len(lengths)}"
+            )
+        inputs = _Inputs(dataset, _places(arrays["positions"]), self._near())
         prototypes: list[Array] = []
         layers = []
         for layer in range(self.layers):
             memory = Memory(self._field(layer, inputs.places, prototypes))
-            prototypes.append(kept[f"prototypes_{layer + 1}"])
+            prototypes.append(arrays[f"prototypes_{layer + 1}"])
             layers.append((memory, prepared(prototypes[-1])))
         shape = len(samples), len(lengths)
         counts = np.zeros((*shape, len(prototypes[-1])), dtype=np.int32)
@@ -161,14 +163,14 @@ class HOTS:
             input_spikes[row] = np.searchsorted(inputs.spikes(i)[0], lengths)
         features = self._features(counts)
         label = np.empty(shape, dtype=np.int64)
-        for k, signature in enumerate(kept["signatures"]):
-            label[:, k] = kept["signature_class"][_nearest_rows(features[:, k], signature)]
+        for k, signature in enumerate(arrays["signatures"]):
+            label[:, k] = arrays["signature_class"][_nearest_rows(features[:, k], signature)]
 
         n_events = counts.sum(axis=2, dtype=np.int64).mean(axis=0) if len(samples) else np.zeros(shape[1])
         n_input = input_spikes.mean(axis=0) if len(samples) else np.zeros(shape[1])
         per_event = sum(x.size + x.shape[1] for x in prototypes)
-        per_answer = kept["signatures"][0].size + (counts.shape[2] if self.normalised else 0)
-        stored = sum(x.size for x in prototypes) + kept["signatures"][0].size
+        per_answer = arrays["signatures"][0].size + (counts.shape[2] if self.normalised else 0)
+        stored = sum(x.size for x in prototypes) + arrays["signatures"][0].size
         return Answers(
             label=label,
             time_ms=lengths * dataset.spikes.step_ms,
@@ -187,8 +189,8 @@ class HOTS:
         rngs: Generators,
     ) -> Array:
         n = _rounded(self.prototypes * self.prototypes_factor**layer)
-        own = rngs("drawn surfaces", layer)
-        drawn = drawn_surfaces(recordings, n_events, field, self.surfaces, 2 * n, own)
+        surface_rngs = rngs("drawn surfaces", layer)
+        drawn = drawn_surfaces(recordings, n_events, field, self.surfaces, 2 * n, surface_rngs)
         rng = rngs("prototypes", layer)
         if self.clustering == "online":
             return learnt_online(recordings, drawn, field, n, rng)
@@ -291,8 +293,8 @@ class _Inputs:
         events = Stream(t_us, x[channel], y[channel], plane[channel])
         if self.near is None:
             return step, events
-        kept = neighbours(events, self.near.radius, self.near.span_us) >= self.near.n
-        return step[kept], Stream(*(a[kept] for a in events))
+        passed = neighbours(events, self.near.radius, self.near.span_us) >= self.near.n
+        return step[passed], Stream(*(a[passed] for a in events))
 
     def in_planes(self, i: int, plane: Array) -> Stream:
         """Return the events of sample i that pass the filter, in the planes of a deeper layer."""

@@ -31,7 +31,7 @@ def drawn_surfaces(
         recordings: each gives its events.
         n_events: (recording,) how many that are.
         field: of the layer.
-        n: surfaces wanted.
+        n: number of surfaces.
         least: how many are drawn however many numbers they hold.
         rng: draws the events.
     """

@@ -143,7 +143,7 @@ class Memory:
 
         Args:
             events: that follow those taken in before.
-            chosen: numbers of the events whose surfaces are wanted, rising.
+            chosen: numbers of the events whose surfaces are returned, rising.
         """
         surfaces = np.zeros((len(chosen), self.field.size))
         _surfaces(*self._checked(events), np.asarray(chosen, dtype=np.int64), *self._state(), surfaces)

@@ -111,8 +111,8 @@ def _by_length(designs: pandas.DataFrame) -> Iterator[tuple[pandas.Series[Any], 
 def printed() -> Iterator[Row]:
     """Return the power of the paper's platforms."""
     for platform, watts in _paper().power_w.items():
-        told = "; ".join(f"{power:g}" for power in watts)
-        yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=told)
+        numbers = "; ".join(f"{power:g}" for power in watts)
+        yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=numbers)
 
 
 def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
@@ -141,8 +141,8 @@ def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: i
 def _last(part: StudyTask, chosen: pandas.Series[Any]) -> Mapping[str, float | None]:
     """Return peak accuracy and the settings behind the times of the full read-out, mean over the runs."""
     runs = part.arrays(int(chosen["trial"]), "read_out")
-    wanted = ["accuracy_best", *(name for settings in _TIMES.values() for name in settings)]
-    names = [name for name in wanted if name in runs[0]]
+    figures = ["accuracy_best", *(name for settings in _TIMES.values() for name in settings)]
+    names = [name for name in figures if name in runs[0]]
     return {name: number(np.mean([run[name][-1] for run in runs])) for name in names}
 
 

@@ -35,16 +35,16 @@ class _GridSampler:
         self._space = space
         self._total = total
         self._next = 0
-        self._asked: set[int] = set()
+        self._proposed: set[int] = set()
 
     def ask(self, n: int) -> list[Design]:
-        found: list[Design] = []
-        while len(found) < n and self._next < self._total:
-            if self._next not in self._asked:
-                self._asked.add(self._next)
-                found.append(design_at(self._space, self._next))
+        designs: list[Design] = []
+        while len(designs) < n and self._next < self._total:
+            if self._next not in self._proposed:
+                self._proposed.add(self._next)
+                designs.append(design_at(self._space, self._next))
             self._next += 1
-        return found
+        return designs
 
     def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
-        self._asked.update(index_of(self._space, design) for design in designs)
+        self._proposed.update(index_of(self._space, design) for design in designs)
