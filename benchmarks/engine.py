@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import dse
-from benchmarks.recorded_touch import DESIGNS
+from benchmarks.recorded_touch import CASES
 from dse import dataset, seeds
 from dse.engine.events import gather
 from dse.engine.network import gradients
@@ -152,18 +152,18 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--epochs", type=int, help="absent: those of the search space")
     parser.add_argument("spaces", nargs="*", default=["braille", "fabric_texture"])
-    asked = parser.parse_args()
+    options = parser.parse_args()
     table = Table(
         "data", "engine", "step ms", "CPU s", "times float64", "gradient error", "of the cut", "accuracy"
     )
-    for name in asked.spaces:
-        sections = dse.load_space(name, DESIGNS[name]).resolve({})
-        space = dse.load_space(name, DESIGNS[name])
+    for name in options.spaces:
+        space = dse.load_space(name, next(case.overrides for case in CASES if case.space == name))
+        sections = space.resolve({})
         data, _ = dataset.build(sections, space.source.parent)
         base, training = sections.model, sections.training
         assert isinstance(base, SNN)
-        if asked.epochs:
-            training = dataclasses.replace(training, epochs=asked.epochs)
+        if options.epochs:
+            training = dataclasses.replace(training, epochs=options.epochs)
         cases = [(text, data, dataclasses.replace(base, **keys)) for text, keys in VARIANTS.items()]
         cases += [(f"integer, {n} steps in one", merged(data, n), slower(base, n)) for n in BINS]
         trained(data, base, dataclasses.replace(training, epochs=1), 1)  # compile
@@ -175,7 +175,7 @@ def main() -> None:
                 real = dataclasses.replace(whole, arithmetic="ideal")
                 found, *exact = (first_gradient(data, m, training) for m in (model, real, whole))
                 errors = [f"{np.linalg.norm(found - e) / np.linalg.norm(e):.1e}" for e in exact]
-            each, seconds = trained(used, model, training, asked.seeds)
+            each, seconds = trained(used, model, training, options.seeds)
             reference_s = reference_s or seconds
             spread = np.std(each, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.0
             table.add_row(
