@@ -3,8 +3,8 @@
 `serve` shows a study's page while the study runs.
 
 `gather` computes every number of a study's page, fronts included, on the full table; `write` fills a template
-of `dashboards/`, whose scripts only show what they are given. `details` gathers what is shown of one design
-beyond its points, `progress` how the study goes; `definition` reads which parts a page has. Figures of a
-design come from `dse.figures`; a view over all points is a module of `dashboards/`.
-`trial` writes two figures of `dse.figures`, and what its script needs to move the first one through time.
+of `dashboards/`, whose scripts only show data. `details` gathers the details of one design, `progress` the
+progress of the study; `definition` reads the parts and the initial settings of a page. Figures of a design
+come from `dse.figures`; a view over all points is a module of `dashboards/`. `trial` writes two figures of
+`dse.figures`, and the data with which its script moves the first one through time.
 """

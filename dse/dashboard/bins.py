@@ -1,4 +1,4 @@
-"""Where all points of a table lie, in counts: what a page draws behind the sample of them that it carries."""
+"""Counts of all points of a table in bins: a page draws them behind its sample of the points."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def gather_bins(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[s
 
     Args:
         points: all design points.
-        columns: which, without those that are the same everywhere.
+        columns: the columns to count in; one with a single value is skipped.
 
     Returns:
         task and hardware, where the table has them; x and y: columns; x_edges and y_edges: rising;
-        counts: [index along x, index along y, number of points] of each cell that has any.
+        counts: [index along x, index along y, number of points] of each cell with points.
     """
     edges = {name: ends for name in columns if (ends := _edges(numbers(points, name))) is not None}
     by = [name for name in ("task", "hardware") if name in points.columns]
-    found: list[dict[str, Any]] = []
+    planes: list[dict[str, Any]] = []
     for group in groups_of(points, by) if edges else ():
         about = {name: str(points[name].iloc[group[0]]) for name in by}
         for x, y in itertools.combinations(edges, 2):
@@ -44,12 +44,12 @@ def gather_bins(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[s
                 numbers(points, x)[group], numbers(points, y)[group], bins=[edges[x], edges[y]]
             )
             cells = np.argwhere(counts)
-            found.append(
+            planes.append(
                 about
                 | {"x": x, "y": y, "x_edges": edges[x].tolist(), "y_edges": edges[y].tolist()}
                 | {"counts": [[int(i), int(j), int(counts[i, j])] for i, j in cells]}
             )
-    return found
+    return planes
 
 
 def _edges(values: Array) -> Array | None:

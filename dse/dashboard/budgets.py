@@ -1,4 +1,4 @@
-"""What a page needs to weigh budgets exactly: the columns that they limit, and the rows that can matter."""
+"""The data for exact budgets on a page: the columns that they limit, and the rows that can be picked."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from dse.skyline.pareto import non_dominated
 if TYPE_CHECKING:
     import pandas
 
-# Beside the objectives, the first of each that a table has numbers of.
+# In addition to the objectives: the first column of each group with numbers in the table.
 _BESIDE = (("latency_ms", "decision_latency_ms", "hardware_latency_ms"), ("spikes_per_inference",))
 _FILTERS = ("task", "family", "hardware")
 
 
 def budget_columns(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, str]:
-    """Return the columns that get a budget and which way they are better: objectives, latency, spikes.
+    """Return the columns with a budget and their directions: objectives, latency, spikes.
 
-    A column that `dse pick --budget` could not name has none.
+    A column that `dse pick --budget` cannot name has no budget.
     """
     beside = [
         next((name for name in names if np.isfinite(numbers(points, name)).any()), None)
         for names in _BESIDE
         if not any(name in objectives for name in names)
     ]
-    wanted = {**objectives, **{name: "min" for name in beside if name}}
-    return {name: way for name, way in wanted.items() if _can_be_named(name)}
+    directions = {**objectives, **{name: "min" for name in beside if name}}
+    return {name: way for name, way in directions.items() if _can_be_named(name)}
 
 
 def gather_budgets(
     points: pandas.DataFrame, objectives: Mapping[str, str], results: str, hardware: Sequence[str]
 ) -> dict[str, Any]:
-    """Gather the terms of a page's budgets, as plain values that JSON can hold.
+    """Gather the data for a page's budgets, as plain values that JSON can hold.
 
     Args:
         points: all design points, in the order of the table.
         objectives: column -> 'max' or 'min'.
-        results: what a command calls the study.
-        hardware: profiles that a command names.
+        results: the folder of the study, for the commands that the page shows.
+        hardware: the profiles for these commands.
 
     Returns:
-        columns: {column: 'max' or 'min'} of those that get a budget;
-        maximise: the column that `dse pick` maximises, None where nothing can be;
-        results, hardware: as given;
-        ranges: values of the filters, and {column: [least, largest]} of the points that have them.
+        columns: {column: 'max' or 'min'} of each column with a budget;
+        maximise: the column that `dse pick` maximises, None if no column can be maximised;
+        results, hardware: the arguments;
+        ranges: values of the filters, and {column: [least, largest]} of the points with these values.
     """
     columns = budget_columns(points, objectives)
     upwards = [name for name in ("accuracy", *objectives) if objectives.get(name, "max") == "max"]
@@ -67,21 +67,21 @@ def gather_budgets(
 def contenders(points: pandas.DataFrame, objectives: Mapping[str, str], maximise: str | None) -> Array:
     """Return the row numbers that decide a front, a pick or the nearest row under any budgets and filters.
 
-    A row that another of the same task, family and hardware beats in the objectives, and that is nowhere
-    better in a column with a budget, can never be asked for: whatever admits it admits the other. Rows whose
-    objectives equal those of a row that remains are kept, since equal rows share a front.
+    A row cannot be picked if another row of the same task, family and hardware beats it in the objectives and
+    is at least as good in every column with a budget: any budget that admits the first admits the second.
+    Rows with the same objectives as a returned row are returned too, since equal rows share a front.
     """
     limited = {**objectives, **budget_columns(points, objectives), **({maximise: "max"} if maximise else {})}
     if not objectives or not len(points):
         return np.zeros(0, np.int64)
     signed = [(-1.0 if way == "max" else 1.0) * numbers(points, name) for name, way in limited.items()]
     costs = np.column_stack([np.where(np.isfinite(values), values, np.inf) for values in signed])
-    found = []
+    deciding = []
     for group in groups_of(points, (*_FILTERS, "fits", "transductive")):
         best = group[non_dominated(costs[group])]
         alike = _alike(costs[group, : len(objectives)])
-        found.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
-    return np.sort(np.concatenate(found))
+        deciding.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
+    return np.sort(np.concatenate(deciding))
 
 
 def _can_be_named(column: str) -> bool:
@@ -103,7 +103,7 @@ def groups_of(points: pandas.DataFrame, columns: Sequence[str]) -> list[Array]:
 
 
 def _alike(costs: Array) -> Array:
-    """Return a number for each row, equal where all its costs are."""
+    """Return a number for each row; rows with equal costs have equal numbers."""
     import pandas
 
     frame = pandas.DataFrame(costs)
@@ -114,12 +114,12 @@ def _ranges(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[str, 
     """Return the range of each column, for each combination of the filters' values."""
     keep = honest(points)
     values = {name: numbers(points, name) for name in columns}
-    found = []
+    ranges = []
     for group in groups_of(points, _FILTERS) if len(points) else ():
         rows = group[keep[group]]
         finite = {name: x[rows][np.isfinite(x[rows])] for name, x in values.items()}
-        found.append(
+        ranges.append(
             {name: str(points[name].iloc[group[0]]) for name in _FILTERS if name in points.columns}
             | {"ends": {name: [float(x.min()), float(x.max())] for name, x in finite.items() if len(x)}}
         )
-    return found
+    return ranges

@@ -1,6 +1,6 @@
-"""What a page has and opens with, as YAML: a file of `dashboards/`, or one's own.
+"""The parts and the initial settings of a page, as YAML: a file of `dashboards/`, or a file of the user.
 
-Studies have different columns, so that one which a study lacks is no fault of the file: its page says so.
+Studies have different columns: a column that a study lacks is no fault of the file, and the page says so.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class FrontView:
-    """The figure of the front. What is None, the page chooses from the objectives."""
+    """The figure of the front. The page chooses whatever is None from the objectives."""
 
     x: str | None = param(None, doc="column of the horizontal axis", axis=False)
     y: str | None = param(None, doc="column of the vertical axis", axis=False)
@@ -42,7 +42,7 @@ class FrontView:
 
 @dataclass(frozen=True)
 class Definition:
-    """The keys of a page definition. What is None, the page chooses."""
+    """The keys of a page definition. The page chooses whatever is None."""
 
     title: str = param("", doc="title, shown beside the name of the study", axis=False)
     plugins: tuple[str, ...] = param(
@@ -86,7 +86,9 @@ def shipped_definitions() -> dict[str, Path]:
 
 
 def load(name: str | Path = DEFAULT) -> Definition:
-    """Read a page definition by the name of one that the package holds, or from a file.
+    """Read a page definition: one of the package by its name, or a file.
+
+    The plugins of the definition are loaded before its views are looked up.
 
     Raises:
         ConfigError: no such definition, or everything that is wrong with the file.
@@ -111,7 +113,7 @@ def _path(name: str) -> Path:
 
 
 def _values(document: Document, folder: Path, faults: list[Fault]) -> dict[str, Any]:
-    """Return the keys of the file that are right, each in its type."""
+    """Return the valid keys of the file, each in its type."""
 
     def report(path: Keys, message: str) -> None:
         faults.append(document.fault(path, message))
@@ -119,7 +121,7 @@ def _values(document: Document, folder: Path, faults: list[Fault]) -> dict[str, 
     if not isinstance(document.data, dict):
         report((), f"a page definition must be a mapping of keys to values, got {echo(document.data)}")
         return {}
-    known = {own.name: own for own in dataclasses.fields(Definition)}
+    known = {field.name: field for field in dataclasses.fields(Definition)}
     hints = typing.get_type_hints(Definition)
     values = {}
     for key, raw in document.data.items():
@@ -149,7 +151,7 @@ def _check_views(views: Sequence[str] | None, report: Report) -> None:
 
 
 def _no_twins(data: Mapping[str, Any], report: Report) -> None:
-    """Report what a list names twice, and a column on two axes."""
+    """Report names that a list holds twice, and a column on two axes."""
     front = data["front"] if isinstance(data.get("front"), dict) else {}
     lists: dict[Keys, Any] = {
         (key,): data.get(key) for key in ("plugins", "views", "parallel", "table", "design")
@@ -172,11 +174,11 @@ def _no_twins(data: Mapping[str, Any], report: Report) -> None:
 def definition_for(
     definition: Definition, columns: Mapping[str, Mapping[str, Any]], budgets: Collection[str]
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return what a study's page can show of a definition, and sentences about the rest.
+    """Return the parts of a definition that a study's page can show, and sentences about the rest.
 
     Args:
         definition: of the page.
-        columns: those of the page with their `values`; none: nothing was measured yet, and nothing is said.
+        columns: the columns of the page with their `values`; empty before the first trial: then no sentences.
         budgets: columns that have a budget.
 
     Returns:
@@ -185,13 +187,13 @@ def definition_for(
         front: {x, y, z: column or None, dimensions: 2 or 3, log: columns};
         parallel, table: columns in order, or None; sort: column or None;
         budgets: {column: number}.
-        None is left to the page, as is an axis whose column has no numbers.
+        The page chooses whatever is None; an axis is None if its column has no numbers.
     """
     front = definition.front
     axes = {axis: getattr(front, axis) for axis in _AXES}
     numeric = {name for name, column in columns.items() if any(map(_is_number, column["values"]))}
 
-    def there(names: Sequence[str] | None) -> list[str] | None:
+    def present(names: Sequence[str] | None) -> list[str] | None:
         return [name for name in names or () if name in columns] or None
 
     page = {
@@ -202,8 +204,8 @@ def definition_for(
             "dimensions": front.dimensions,
             "log": [name for name in front.log if name in columns],
         },
-        "parallel": there(definition.parallel),
-        "table": there(definition.table),
+        "parallel": present(definition.parallel),
+        "table": present(definition.table),
         "design": list(definition.design),
         "budgets": {name: limit for name, limit in definition.budgets.items() if name in budgets},
         "sort": definition.sort if definition.sort in columns else None,
@@ -211,18 +213,18 @@ def definition_for(
     drawn = [name for name in axes.values() if name is not None]
     named = [*drawn, *(definition.parallel or ()), *(definition.table or ()), *definition.budgets]
     named += [] if definition.sort is None else [definition.sort]
-    told = {
+    faults = {
         "has no": [name for name in named if name not in columns],
         "has no numbers to draw in": [name for name in drawn if name in columns and name not in numeric],
         "has no budget of": [name for name in definition.budgets if name in columns and name not in budgets],
     }
     notes = [
-        f"This study {lacks} {', '.join(dict.fromkeys(names))}, used in the page definition."
-        for lacks, names in told.items()
+        f"This study {fault} {', '.join(dict.fromkeys(names))}, used in the page definition."
+        for fault, names in faults.items()
         if names and columns
     ]
     return page, notes
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,8 +1,8 @@
-"""What a page shows of one design beyond its points: figures, decision surfaces, example recordings.
+"""The details of one design on a page: figures, decision surfaces, example recordings.
 
-Surfaces are rows of the study's table of points, so that their numbers are those of `dse skyline`; the rest
-comes from the artefacts of the trial's runs. A part that the study did not record, or that is damaged, is
-left out.
+Surfaces are rows of the study's table of points, so their numbers are those of `dse skyline`. Everything else
+comes from the artefacts of the trial's runs. A part is left out if the study did not record it or if its file
+is damaged.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple, cast
 
 import numpy as np
 
@@ -46,20 +46,21 @@ if TYPE_CHECKING:
 
 MOST_EXAMPLES = 6
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
-_MOST_EPOCHS = 120  # that a line draws: more is finer than a pixel or two
-_DIGITS = 6  # as float32 has; a page shows three
+_MOST_EPOCHS = 120  # points of a line: more are finer than a pixel or two
+_DIGITS = 6  # of a float32; a page shows three
 
 # The panel of a design is about 400 px wide.
 _HEIGHT = 280
 _MARGIN = {"l": 56, "r": 12, "t": 28, "b": 40}
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0}
 
-Record = Mapping[str, Any]
+_T = TypeVar("_T")
+_Arguments = TypeVarTuple("_Arguments")
 
 
 @dataclass(frozen=True)
 class _Source:
-    """Where details come from: a study, its points, objectives and limited columns, profiles by name."""
+    """The source of details: a study, its points, the limited columns, and hardware profiles by name."""
 
     study: Study
     points: pandas.DataFrame
@@ -68,44 +69,66 @@ class _Source:
 
 
 @dataclass(frozen=True)
+class _Head:
+    """A head of a joint net: its classes, and its class in each joint class."""
+
+    classes: list[str]
+    of_class: list[int]
+
+
+@dataclass(frozen=True)
 class _Run:
-    """One training run of a trial, as far as its record could be read."""
+    """One training run of a trial: the part of its record that details need.
+
+    folder: of the run. files: names of its artefacts. classes, heads: of its answers.
+    """
 
     folder: Path
-    record: Record
+    files: frozenset[str]
+    classes: list[str]
+    heads: Mapping[str, _Head]
 
     def arrays(self, name: str) -> dict[str, Array] | None:
-        """Return the arrays of a file, None where the run has none of that name.
+        """Return the arrays of a file, None if the run has no file of this name.
 
         Raises:
             StoreError: the file is damaged or missing.
         """
-        return store.load_arrays(self.folder / name) if name in self.record["files"] else None
+        return store.load_arrays(self.folder / name) if name in self.files else None
+
+
+@dataclass(frozen=True)
+class _OnHardware:
+    """A design on one hardware: figures of its energy and its cores, and what does not fit."""
+
+    energy: dict[str, Any] | None = None
+    cores: dict[str, Any] | None = None
+    misfits: Sequence[str] = ()
 
 
 def gather_details(
     study: Study, points: pandas.DataFrame, trial: int, hardware: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Gather what a page shows of one trial, as plain values that JSON can hold.
+    """Gather the details of one trial, as plain values that JSON can hold.
 
     Args:
-        study: where the trial is from.
+        study: the study of the trial.
         points: its table of design points (`study.points(hardware)`).
         trial: number of the trial.
-        hardware: names or files of the profiles that the points are priced on; none: those of the study.
+        hardware: names or files of the profiles of the points; empty: the profiles of the study.
 
     Returns:
-        trial: as given;
-        notes: what could not be read, a sentence each;
-        tasks: {task: figures, surfaces, examples}, each only where it was recorded.
+        trial: its number;
+        notes: one sentence for each part that cannot be read;
+        tasks: {task: figures, surfaces, examples}, each only if it was recorded.
 
         figures: `confusion` (counts of the full read-out, summed over repeats), `learning`, `bits`, and per
         hardware `energy` and `cores`, both of the full read-out as trained.
-        surfaces: for each precision, `phi`, `theta`, and per hardware ('' where the table names none) columns
-        of the rows of the table, theta fastest; `first_point` is the value of `point` of the first.
-        examples: recordings of the first repeat, some that the full read-out gets right and some that it does
-        not.
-        misfits: hardware -> what does not fit it, where something does not.
+        surfaces: for each precision, `phi`, `theta`, and per hardware ('' if the table names none) columns
+        of the rows of the table, theta fastest; `first_point` is the value of `point` in the first row.
+        examples: recordings of the first repeat, some with the right answer of the full read-out and some
+        with a wrong one.
+        misfits: hardware -> the parts of the design that do not fit it.
 
     Raises:
         StoreError: the study has no such trial, or it failed.
@@ -120,22 +143,21 @@ def packed_details(
     room_bytes: int,
     hardware: Sequence[str] = (),
 ) -> dict[str, str]:
-    """Return the details of as many trials as there is room for, in their order.
+    """Return the details of the first trials that fit into the room, in their order.
 
-    Surfaces are those of the weights as trained: a dozen other precisions would leave room for few designs.
+    The only surfaces are those at the trained precision: a dozen more would leave room for few designs.
 
     Args:
-        study: where the trials are from.
+        study: the study of the trials.
         points: its table of design points.
-        trials: those that matter most first; one of which there is nothing to draw is left out.
-        room_bytes: that the texts may take together; a trial that does not fit is left out, and so are all
-            after it.
-        hardware: as of `gather_details`.
+        trials: the most important first; a trial without a figure is skipped.
+        room_bytes: largest total length of the texts; the first trial that does not fit ends the list.
+        hardware: as in `gather_details`.
 
     Returns:
-        Number of a trial -> its document, packed as a page's own (`dse.dashboard.write.packed`).
+        Number of a trial -> its document, packed like the page's data (`dse.dashboard.write.packed`).
     """
-    source, found, room = _source(study, points, hardware), {}, room_bytes
+    source, documents, room = _source(study, points, hardware), {}, room_bytes
     for trial in trials:
         try:
             document = _document(source, trial)
@@ -149,12 +171,12 @@ def packed_details(
         room -= len(text)
         if room < 0:
             break
-        found[str(trial)] = text
-    return found
+        documents[str(trial)] = text
+    return documents
 
 
 def shown_first(page: Mapping[str, Any]) -> list[int]:
-    """Return the trials of a page, those first that are on most of its fronts, then by number."""
+    """Return the trials of a page, those on the most fronts first, then by number."""
     if "trial" not in page["columns"]:
         return []
     trials = page["columns"]["trial"]["values"]
@@ -183,75 +205,91 @@ def _document(source: _Source, trial: int) -> dict[str, Any]:
     notes: list[str] = []
     runs = _runs(source.study, trial, int(rows["repeats"].iloc[0]), notes)
     tasks = {
-        str(task): _of_task(source, runs, str(task), own, notes)
-        for task, own in rows.groupby("task", sort=False)
+        str(task): _of_task(source, runs, str(task), of_task, notes)
+        for task, of_task in rows.groupby("task", sort=False)
     }
     return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks}
 
 
 def _runs(study: Study, trial: int, repeats: int, notes: list[str]) -> list[_Run]:
-    """Return the runs that the table's rows are means of, but for those whose records are damaged."""
-    found = []
+    """Return the runs behind the table's rows, without those with a damaged record."""
+    runs = []
     for repeat in range(repeats):
         folder = store.run_folder(study.folder, trial, repeat)
-        try:
-            record = store.read_json(folder / "record.json")
-        except StoreError:
-            record = None
-        if _is_record(record):
-            found.append(_Run(folder, record))
+        if (run := _run(folder)) is not None:
+            runs.append(run)
         else:
             notes.append(f"The record of repeat {repeat} cannot be read; the figures show the other repeats.")
-    return found
+    return runs
 
 
-def _is_record(record: Any) -> bool:
-    """Return whether this is the record of a run, as far as it is read here."""
+def _run(folder: Path) -> _Run | None:
+    """Return the run in a folder; None if its record is damaged."""
 
-    def are_names(classes: Any) -> bool:
+    def are_names(classes: object) -> bool:
         return isinstance(classes, list) and all(isinstance(name, str) for name in classes)
 
+    try:
+        record = store.read_json(folder / "record.json")
+    except StoreError:
+        return None
     if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
-        return False
+        return None
     heads = record.get("heads", {})
-    return (
+    if not (
         are_names(record.get("classes"))
         and isinstance(heads, dict)
         and all(isinstance(head, dict) and are_names(head.get("classes")) for head in heads.values())
+    ):
+        return None
+    return _Run(
+        folder=folder,
+        files=frozenset(record["files"]),
+        classes=record["classes"],
+        heads={name: _Head(head["classes"], head.get("of_class", [])) for name, head in heads.items()},
     )
 
 
 def _of_task(
     source: _Source, runs: Sequence[_Run], task: str, rows: pandas.DataFrame, notes: list[str]
 ) -> dict[str, Any]:
-    """Return what there is of one task of a trial."""
+    """Return the details of one task of a trial."""
 
-    def attempted(what: str, gather: Callable[..., Any], *given: Any) -> Any:
-        """Return what is gathered; nothing, with a note, where an artefact is damaged."""
+    def attempted(part: str, gather: Callable[[*_Arguments], _T], *arguments: *_Arguments) -> _T | None:
+        """Return a part of the details; None, with a note, if an artefact is damaged."""
         try:
-            return gather(*given)
+            return gather(*arguments)
         except (ConfigError, StoreError, KeyError, IndexError, TypeError, ValueError):
-            notes.append(f"{what} cannot be shown: a file of the study is damaged or incomplete.")
+            notes.append(f"{part} cannot be shown: a file of the study is damaged or incomplete.")
             return None
 
     surfaces = attempted("The decision surface", _surfaces, rows, source.limited) or []
-    figures = {"bits": attempted("Accuracy against bits", _bits, rows)}
-    found: dict[str, Any] = {"figures": figures, "surfaces": surfaces}
+    figures: dict[str, dict[str, Any] | None] = {"bits": attempted("Accuracy against bits", _bits, rows)}
+    misfits: dict[str, Sequence[str]] = {}
+    examples: list[dict[str, Any]] = []
     if runs:
-        heads = runs[0].record.get("heads", {})
+        heads = runs[0].heads
         head = task if task in heads else ""
-        classes = heads[head]["classes"] if head else runs[0].record["classes"]
+        classes = heads[head].classes if head else runs[0].classes
         figures["confusion"] = attempted("The confusion matrix", _confusion, runs, head, classes)
         figures["learning"] = attempted("The learning curve", _learning, runs)
-        loads = attempted("Energy by cause", _loads, runs, head)
+        loads = attempted("Energy by cause", _loads, runs, head) or []
         names = map(str, rows["hardware"].unique()) if loads and "hardware" in rows else ()
-        on = {name: attempted(f"Energy on {name}", _on, source.chip, name, loads) or {} for name in names}
-        for part, where in (("energy", figures), ("cores", figures), ("misfits", found)):
-            where[part] = {name: parts[part] for name, parts in on.items() if parts.get(part)}
-        examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces))
-        found["examples"] = examples
-    found["figures"] = {name: figure for name, figure in figures.items() if figure}
-    return {name: part for name, part in found.items() if part or name in ("figures", "surfaces")}
+        priced = {
+            name: on
+            for name in names
+            if (on := attempted(f"Energy on {name}", _on, source.chip, name, loads))
+        }
+        figures["energy"] = {name: on.energy for name, on in priced.items() if on.energy}
+        figures["cores"] = {name: on.cores for name, on in priced.items() if on.cores}
+        misfits = {name: on.misfits for name, on in priced.items() if on.misfits}
+        examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces)) or []
+    return {
+        "figures": {name: figure for name, figure in figures.items() if figure},
+        "surfaces": surfaces,
+        **({"misfits": misfits} if misfits else {}),
+        **({"examples": examples} if examples else {}),
+    }
 
 
 def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, Any]]:
@@ -263,22 +301,27 @@ def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, 
     if grid.empty:
         return []
     precisions = grid.groupby(by, sort=False, dropna=False) if by else [((None, None), grid)]
-    found = []
-    for precision, own in precisions:
-        on = own.groupby("hardware", sort=False) if "hardware" in own else [("", own)]
-        surface: dict[str, Any] = dict(zip(("weight_bits", "pruned_after"), _values(precision), strict=False))
+    surfaces = []
+    for precision, of_precision in precisions:
+        is_priced = "hardware" in of_precision
+        on = of_precision.groupby("hardware", sort=False) if is_priced else [("", of_precision)]
+        values = _values(cast("tuple[float | None, ...]", precision))
+        surface: dict[str, Any] = dict(zip(("weight_bits", "pruned_after"), values, strict=False))
         for name, each in on:
             surface |= _grid_of(each)
             surface.setdefault("hardware", {})[str(name)] = _columns(each, limited)
-        found.append(surface)
-    return found
+        surfaces.append(surface)
+    return surfaces
 
 
 def _grid_of(rows: pandas.DataFrame) -> dict[str, Any]:
-    """Return the axes of a grid of which these are all rows, theta fastest, and its first point.
+    """Return the axes of a grid and its first point.
+
+    Args:
+        rows: all rows of the grid, theta fastest.
 
     Raises:
-        StoreError: they are no such grid.
+        StoreError: the rows are no such grid.
     """
     phi, theta = (numbers(rows, name) for name in ("phi", "theta"))
     axes = [list(dict.fromkeys(values.tolist())) for values in (phi, theta)]
@@ -289,20 +332,20 @@ def _grid_of(rows: pandas.DataFrame) -> dict[str, Any]:
     return {"first_point": _values(point)[0], "phi": _values(axes[0]), "theta": _values(axes[1])}
 
 
-def _columns(rows: pandas.DataFrame, limited: Sequence[str]) -> dict[str, list[Any]]:
-    """Return the columns of a surface: what was measured, what budgets limit, and its intervals."""
+def _columns(rows: pandas.DataFrame, limited: Sequence[str]) -> dict[str, list[float | None]]:
+    """Return the columns of a surface: measured ones, and those with a budget with their intervals."""
     ends = [f"{name}_{end}" for name in limited for end in ("low", "high")]
-    wanted = dict.fromkeys([*_MEASURED, *limited, *ends])
-    return {name: _values(numbers(rows, name), _DIGITS) for name in wanted if name in rows}
+    names = dict.fromkeys([*_MEASURED, *limited, *ends])
+    return {name: _values(numbers(rows, name), _DIGITS) for name in names if name in rows}
 
 
-def _values(values: Iterable[Any], digits: int | None = None) -> list[Any]:
-    """Return numbers as JSON holds them: whole ones as such, None for what is missing."""
-    given = values.tolist() if isinstance(values, np.ndarray) else values
-    return [_value(x, digits) for x in given]
+def _values(values: Iterable[float | None] | Array, digits: int | None = None) -> list[float | None]:
+    """Return numbers as JSON holds them: integers without a fraction, None for missing ones."""
+    numbers = values.tolist() if isinstance(values, np.ndarray) else values
+    return [_value(x, digits) for x in numbers]
 
 
-def _value(x: float | None, digits: int | None) -> float | int | None:
+def _value(x: float | None, digits: int | None) -> float | None:
     if x is None or not math.isfinite(x):
         return None
     if float(x).is_integer() and abs(x) < 2**53:
@@ -311,7 +354,7 @@ def _value(x: float | None, digits: int | None) -> float | int | None:
 
 
 def _best(surfaces: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
-    """Return the phi and theta of t_p, of the weights as trained; None without a surface."""
+    """Return the phi and theta of t_p at the trained precision; None without a surface."""
     surface = next(filter(_is_trained, surfaces), None)
     if surface is None:
         return None
@@ -321,43 +364,43 @@ def _best(surfaces: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
         np.array(columns[name], np.float64).reshape(len(phi), len(theta))
         for name in ("accuracy", "decision_latency_ms")
     )
-    none = np.full(accuracy.shape, np.nan)  # of what plays no part
+    none = np.full(accuracy.shape, np.nan)  # t_p does not depend on these
     best = decision.t_p(DecisionSurface(phi, theta, accuracy, none, latency_ms, none, none, work=np.empty(0)))
     return best.phi, best.theta
 
 
 def _is_trained(surface: Mapping[str, Any]) -> bool:
-    """Return whether a surface is of the weights as they were trained, or of nothing that has precisions."""
+    """Return whether a surface is at the trained precision, or of a classifier without precisions."""
     return surface.get("weight_bits") in (None, AS_TRAINED[0]) and not surface.get("pruned_after")
 
 
-def _bits(rows: pandas.DataFrame) -> Any:
-    """Return accuracy over the bits per weight; None where no other precision was evaluated."""
+def _bits(rows: pandas.DataFrame) -> dict[str, Any] | None:
+    """Return accuracy over the bits per weight; None if no other precision was evaluated."""
     if not {BITS, PRUNED} <= set(rows) or len(rows[[BITS, PRUNED]].dropna().drop_duplicates()) < 2:
         return None
-    own = rows[rows["hardware"] == rows["hardware"].iloc[0]] if "hardware" in rows else rows
-    found = gather_precision(own)
-    figure = draw_precision(replace(found, costs={BITS: found.costs[BITS]}))
+    on_first = rows[rows["hardware"] == rows["hardware"].iloc[0]] if "hardware" in rows else rows
+    precisions = gather_precision(on_first)
+    figure = draw_precision(replace(precisions, costs={BITS: precisions.costs[BITS]}))
     figure.update_layout(height=_HEIGHT, margin=_MARGIN, legend=_LEGEND)
     return _plain(figure)
 
 
-def _confusion(runs: Sequence[_Run], head: str, classes: Sequence[str]) -> Any:
+def _confusion(runs: Sequence[_Run], head: str, classes: Sequence[str]) -> dict[str, Any] | None:
     suffix = f"_{head}" if head else ""
-    found = [arrays["validation"] for run in runs if (arrays := run.arrays(f"confusion{suffix}.npz"))]
-    if not found:
+    matrices = [arrays["validation"] for run in runs if (arrays := run.arrays(f"confusion{suffix}.npz"))]
+    if not matrices:
         return None
-    figure = draw_confusion(gather_confusion(np.sum(found, axis=0), classes))
+    figure = draw_confusion(gather_confusion(np.sum(matrices, axis=0), classes))
     figure.update_traces(showscale=False)
     figure.update_layout(height=_HEIGHT, margin=_MARGIN)
-    figure.update_xaxes(tickangle=-45)  # any other lets the last name stick out of the panel
+    figure.update_xaxes(tickangle=-45)  # at other angles the last name leaves the panel
     return _plain(figure)
 
 
-def _learning(runs: Sequence[_Run]) -> Any:
+def _learning(runs: Sequence[_Run]) -> dict[str, Any] | None:
     histories = [run.arrays("history.npz") or {} for run in runs]
     if not any(len(curve) > 1 for history in histories for curve in history.values() if np.ndim(curve)):
-        return None  # what is fitted in closed form has no epochs
+        return None  # a fit in closed form has no epochs
     figure = draw_learning(gather_learning(histories))
     for trace in figure.data:
         every = -(-len(trace.x) // _MOST_EPOCHS)
@@ -366,30 +409,30 @@ def _learning(runs: Sequence[_Run]) -> Any:
 
 
 def _loads(runs: Sequence[_Run], head: str) -> list[Workload | Operations]:
-    """Return each run's work of the full read-out; nothing where a file is missing."""
+    """Return each run's work of the full read-out; an empty list if a file is missing."""
     suffix = f"_{head}" if head else ""
-    found = []
+    loads = []
     for run in runs:
         arrays = run.arrays(f"read_out{suffix}.npz")
         if arrays is None:
             return []
-        found.append(store.work_of(arrays).mapped(lambda counts: counts[-1:]))
-    return found
+        loads.append(store.work_of(arrays).mapped(lambda counts: counts[-1:]))
+    return loads
 
 
-def _on(
-    profiles: Callable[[str], Profile], name: str, loads: Sequence[Workload | Operations]
-) -> dict[str, Any]:
-    """Return the energy and the cores of a design on one hardware, and what does not fit it."""
-    found: dict[str, Any] = {"energy": None, "cores": None, "misfits": []}
+def _on(profiles: Callable[[str], Profile], name: str, loads: Sequence[Workload | Operations]) -> _OnHardware:
+    """Return a design on one hardware, from each run's work."""
     chip = profiles(name)
-    with contextlib.suppress(NotApplicable):
+    try:
         costs = [cost(chip, load) for load in loads]
-        found["energy"] = _plain(draw_breakdown(gather_breakdown(costs)))
-        found["misfits"] = [str(misfit) for misfit in costs[0].misfits]
-        if isinstance(loads[0], Workload):
-            found["cores"] = _plain(draw_core_map(gather_core_map(chip, loads[0])))
-    return found
+    except NotApplicable:
+        return _OnHardware()
+    cores = None
+    if isinstance(loads[0], Workload):
+        with contextlib.suppress(NotApplicable):  # the chip is not divided into cores
+            cores = _plain(draw_core_map(gather_core_map(chip, loads[0])))
+    energy = _plain(draw_breakdown(gather_breakdown(costs)))
+    return _OnHardware(energy, cores, [str(misfit) for misfit in costs[0].misfits])
 
 
 def _examples(
@@ -398,35 +441,35 @@ def _examples(
     classes: Sequence[str],
     setting: tuple[float, float] | None,
 ) -> list[dict[str, Any]]:
-    """Return a few recordings as a run answered them; none of what has no output spikes."""
+    """Return a few recordings with a run's answers; an empty list for a classifier without output spikes."""
     arrays = run.arrays("response.npz")
     if arrays is None or "output" not in arrays:
         return []
     response, index = store.response_of(arrays), arrays["index"]
     first = 0
     if head:
-        heads = list(run.record["heads"])
-        first = sum(len(run.record["heads"][name]["classes"]) for name in heads[: heads.index(head)])
+        names = list(run.heads)
+        first = sum(len(run.heads[name].classes) for name in names[: names.index(head)])
     output = response.output[..., first : first + len(classes)]
-    said = read_out(output)
+    answers = read_out(output)
     true = arrays["target"]
     if head:
-        true = np.asarray(run.record["heads"][head]["of_class"])[true]
+        true = np.asarray(run.heads[head].of_class)[true]
     chosen = [
         sample
-        for among in (np.flatnonzero(said == true), np.flatnonzero(said != true))
+        for among in (np.flatnonzero(answers == true), np.flatnonzero(answers != true))
         for sample in _first_of_each(true, among, MOST_EXAMPLES // 2)
     ]
-    found = []
+    examples = []
     for sample in chosen:
-        meant = int(true[sample])
+        target = int(true[sample])
         drawn = gather_recording(
-            output[sample], response.spikes[sample], response.step_ms, classes, meant, setting
+            output[sample], response.spikes[sample], response.step_ms, classes, target, setting
         )
-        found.append(
+        examples.append(
             {
-                "title": _title(int(index[sample]), classes, meant, int(said[sample])),
-                "true": classes[meant],
+                "title": _title(int(index[sample]), classes, target, int(answers[sample])),
+                "true": classes[target],
                 "figure": _plain(draw_recording(drawn)),
                 "step_ms": response.step_ms,
                 "n_steps": len(output[sample]),
@@ -434,22 +477,23 @@ def _examples(
                 "classes": list(classes),
             }
         )
-    return found
+    return examples
 
 
-def _title(number: int, classes: Sequence[str], true: int, said: int) -> str:
+def _title(number: int, classes: Sequence[str], true: int, answer: int) -> str:
     return f"recording {number}: {classes[true]}" + (
-        f", classified as {classes[said]}" if said != true else ""
+        f", classified as {classes[answer]}" if answer != true else ""
     )
 
 
 def _first_of_each(label: Array, among: Array, most: int) -> list[int]:
-    """Return the first sample of each class among some samples, at most so many, in the order of samples."""
+    """Return the first sample of each class among some samples, at most `most`, in ascending order."""
     _, first = np.unique(label[among], return_index=True)
     return [int(sample) for sample in np.sort(among[first])[:most]]
 
 
-def _plain(figure: plotly.graph_objects.Figure) -> Any:
-    """Return a figure as JSON holds it, without the template: the page has a face of its own."""
+def _plain(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+    """Return a figure as JSON holds it, without the template: the page has its own style."""
     figure.layout.template = None
-    return json.loads(figure.to_json(validate=False))
+    plain: dict[str, Any] = json.loads(figure.to_json(validate=False))
+    return plain

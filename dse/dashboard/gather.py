@@ -1,4 +1,4 @@
-"""What a page shows, as plain values: points, fronts, intervals, failures, and what to say about them."""
+"""The content of a page, as plain values: points, fronts, intervals, failures, and notes about them."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     import pandas
 
 MAX_POINTS = 12_000
-"""Points that a page carries; beyond it, every front point and an even sample of the others, and all in bins.
+"""Largest number of points in a page. A larger table is thinned: the page holds every front point, an even
+sample of the others, and the counts of all points in bins.
 
-With sixty columns, so many make a file of some 7 MB, 5 of them the drawing library."""
+With sixty columns the file then has some 7 MB, 5 of them the drawing library."""
 
 _BOOKKEEPING = ("status", "reason")
 
@@ -41,38 +42,42 @@ def gather_page(
     definition: Definition | None = None,
     marks: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
-    """Gather what a page shows, as plain values that JSON can hold.
+    """Gather the content of a page, as plain values that JSON can hold.
 
-    Arguments and errors as `write_page`.
+    The arguments and errors are those of `write_page`.
 
     Returns:
         name, notes and counts of trials by status;
-        state: title and text when there is nothing to draw, else None;
-        objectives: {column: direction} of those that the table holds;
-        columns: {column: {label, unit, values}}, `design` names those that make a design;
+        state: title and text in place of a figure without points, else None;
+        objectives: {column: direction} of the objectives in the table;
+        columns: {column: {label, unit, values}}; `design` names the columns that define a design;
         intervals: {column: {low, high}}, distances from the value;
-        fronts: {columns joined by '|': row numbers that no row of the same task and hardware beats over
-        these columns}, for all objectives (key 'all') and each two or three of them;
-        bins: where all points lie, when `columns` has a sample of them (`bins.gather_bins`);
+        fronts: {columns joined by '|': numbers of the rows that no row of the same task and hardware
+        dominates in these columns}, for all objectives (key 'all') and each two or three of them;
+        bins: counts of all points, if `columns` holds a sample of them (`bins.gather_bins`);
         failures: trial, reason and design of each failed trial;
-        definition: what the page has and opens with (`definition_for`);
-        marks: as given.
+        definition: parts and initial settings of the page (`definition_for`);
+        marks: the argument.
     """
     if frame.columns.duplicated().any():
         raise ValueError(
             f"columns must be unique, got '{frame.columns[frame.columns.duplicated()][0]}' twice"
         )
-    wanted = dict(objectives)
+    directions = dict(objectives)
     wrong = [
         f"'{column}': '{direction}'"
-        for column, direction in wanted.items()
+        for column, direction in directions.items()
         if direction not in ("max", "min")
     ]
     if wrong:
         raise ValueError(f"directions must be 'max' or 'min', got {', '.join(wrong)}")
     failed = _failed(frame)
     points = frame[~failed].reset_index(drop=True)
-    present = {column: way for column, way in wanted.items() if np.isfinite(numbers(points, column)).any()}
+    present = {
+        column: direction
+        for column, direction in directions.items()
+        if np.isfinite(numbers(points, column)).any()
+    }
     fronts = _fronts(points, present)
     budgets = gather_budgets(points, present, results, hardware)
     whole = {**fronts, "contenders": contenders(points, present, budgets["maximise"])}
@@ -91,9 +96,9 @@ def gather_page(
     defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
     return {
         "name": name,
-        "notes": [*notes, *_remarks(points, wanted, present, len(keep)), *lacks],
+        "notes": [*notes, *_remarks(points, directions, present, len(keep)), *lacks],
         "counts": _counts(frame),
-        "state": _state(points, failed, wanted, present),
+        "state": _state(points, failed, directions, present),
         "objectives": present,
         "design": [column for column in design_columns(points) if column in measured],
         "columns": columns,
@@ -135,25 +140,25 @@ def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str
 
 
 def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
-    """Return the rows that the page carries: those of any front or budget whole, the rest thinned evenly."""
+    """Return the rows in the page: all rows of any front or budget, and an even sample of the rest."""
     if n <= MAX_POINTS:
         return np.arange(n)
     best = np.unique(np.concatenate(list(fronts.values())))
     rest = np.delete(np.arange(n), best)
-    # However many are on fronts, there is a sample: the number of feasible points rests on it.
+    # The sample is never empty, however many points are on fronts: feasible points are estimated from it.
     room = min(len(rest), max(MAX_POINTS - len(best), MAX_POINTS // 4))
     return np.sort(np.concatenate([best, rest[np.linspace(0, len(rest) - 1, room).astype(int)]]))
 
 
 def _column(frame: pandas.DataFrame, column: str, *, exact: bool) -> dict[str, Any]:
-    """Return a column; what budgets are compared with keeps all its digits."""
+    """Return a column; an exact one, which budgets are compared with, has all its digits."""
     words, unit = label(column)
     digits = 17 if exact else 6
     return {"label": words, "unit": unit, "values": _values(frame[column], digits)}
 
 
-def _values(values: pandas.Series, digits: int) -> list[Any]:
-    """Return values as JSON holds them; most of a table's are of its trials, and so many times the same."""
+def _values(values: pandas.Series, digits: int) -> list[object]:
+    """Return values as JSON holds them. The rows of a trial repeat most values: each is converted once."""
     if values.dtype.kind != "f":
         return [_plain(value, digits) for value in values.tolist()]
     codes, distinct = values.factorize()
@@ -170,8 +175,8 @@ def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dic
     }
 
 
-def _plain(value: Any, digits: int = 6) -> Any:
-    """Return a cell as JSON holds it, floats to so many significant digits."""
+def _plain(value: object, digits: int = 6) -> object:
+    """Return a cell as JSON holds it, floats to a number of significant digits."""
     cell = plain_cell(value)
     if not isinstance(cell, float):
         return cell
@@ -201,9 +206,9 @@ def _failures(frame: pandas.DataFrame) -> list[dict[str, Any]]:
 
 
 def _state(
-    points: pandas.DataFrame, failed: Array, wanted: Mapping[str, str], present: Mapping[str, str]
+    points: pandas.DataFrame, failed: Array, objectives: Mapping[str, str], present: Mapping[str, str]
 ) -> dict[str, str] | None:
-    """Return what to say in place of a figure, or None when there is something to draw."""
+    """Return the text in place of a figure without points, else None."""
     if not len(points) and failed.any():
         return {
             "title": "Every trial failed",
@@ -218,20 +223,20 @@ def _state(
     if not present:
         return {
             "title": "Nothing to compare",
-            "text": f"No row has a value of {', '.join(wanted) or 'any objective'}.",
+            "text": f"No row has a value of {', '.join(objectives) or 'any objective'}.",
         }
     return None
 
 
 def _remarks(
-    points: pandas.DataFrame, wanted: Mapping[str, str], present: Mapping[str, str], n_kept: int
+    points: pandas.DataFrame, objectives: Mapping[str, str], present: Mapping[str, str], n_kept: int
 ) -> list[str]:
-    """Return what a reader must know before trusting the figure."""
+    """Return warnings about the figure."""
     if not len(points):
         return []
     remarks = [
         f"Column {column} is missing from this study and is not used for the front."
-        for column in wanted
+        for column in objectives
         if column not in present
     ]
     for column in present:

@@ -1,4 +1,4 @@
-"""How a study goes, as plain values for the page."""
+"""The progress of a study, as plain values for the page."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 MAX_LISTED = 50
-"""Trials under way, reasons, and trials of a reason that are listed; the counts are of all."""
+"""Largest number of running trials, of reasons, and of trials per reason in a list; counts include all."""
 
 
 def gather_progress(folder: Path | str) -> dict[str, Any]:
-    """Gather how a study goes (`dse.study.status`), as plain values that JSON can hold.
+    """Gather the progress of a study (`dse.study.status`), as plain values that JSON can hold.
 
     Returns:
-        trials: {total, done, running, failed, pruned}; total is None where nothing tells it;
+        trials: {total, done, running, failed, pruned}; total is None if it is unknown;
         runs: {total, done};
-        running: [{trial, design}] of trials that were asked for and are not done, the first `MAX_LISTED`;
+        running: [{trial, design}] of proposed trials without all their runs, the first `MAX_LISTED`;
         failed, pruned: [{reason, count, trials}], the most frequent reason first, each with its first trials;
-        hours: spent in all sessions, without what lay between them;
-        time_left_s: None where there is no estimate or nothing is missing;
-        last: when a run last ended, ISO 8601 in UTC, None where none has;
-        hypervolume: [{task, hardware, hypervolume, trials, hours}], where the curves of the figure end;
-        figure: `dse.figures.progress.draw_progress` as JSON, None where it has no curve.
+        hours: total length of all sessions, without the time between them;
+        time_left_s: None if there is no estimate or no run is missing;
+        last: end of the last run, ISO 8601 in UTC, None before the first end;
+        hypervolume: [{task, hardware, hypervolume, trials, hours}] at the ends of the figure's curves;
+        figure: `dse.figures.progress.draw_progress` as JSON, None if it has no curve.
 
     Raises:
-        StoreError: there is no search space in the folder, or not as a study writes it.
+        StoreError: the folder has no search space, or one that no study wrote.
     """
     now = status(folder)
     last = None if now.last_s is None else datetime.fromtimestamp(now.last_s, UTC)
@@ -71,8 +71,8 @@ def _by_reason(now: Status, how: str) -> list[dict[str, Any]]:
     ]
 
 
-def _without_nan(value: Any) -> Any:
-    """Return a value of a design with None for every number that JSON does not have."""
+def _without_nan(value: object) -> object:
+    """Return a value of a design with None in place of NaN and infinity, which JSON lacks."""
     if isinstance(value, dict):
         return {name: _without_nan(inner) for name, inner in value.items()}
     if isinstance(value, list):
@@ -81,6 +81,6 @@ def _without_nan(value: Any) -> Any:
 
 
 def _plain(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(figure.to_json())
-    found["layout"].pop("template", None)
-    return found
+    plain: dict[str, Any] = json.loads(figure.to_json())
+    plain["layout"].pop("template", None)
+    return plain

@@ -43,16 +43,17 @@ _PATIENCE_S = 60.0
 _WORTH_PACKING = 1024
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # what an answer that is no page may do
 _MOST_DOCUMENTS = 16
-"""Trials whose documents are kept, a few 100 kB each."""
+"""Number of trials with a document in memory, a few 100 kB each."""
 
 _OFTEN = ("progress",)
 """Keys of a page that change with every trial that ends."""
 
 Page = Mapping[str, Any]
+_Connection = socket.socket | tuple[bytes, socket.socket]
 
 
 class Refused(Exception):
-    """Something that cannot be sent: the status of the answer, and one sentence for whoever asked."""
+    """A request that is refused: the status of the answer, and one sentence for the reader."""
 
     def __init__(self, status: HTTPStatus, text: str) -> None:
         super().__init__(text)
@@ -61,7 +62,7 @@ class Refused(Exception):
 
 @dataclass(frozen=True)
 class Download:
-    """A file to be sent; of its name, letters, digits, '.', '_' and '-' are kept."""
+    """A file to send; any character of its name but letters, digits, '.', '_' and '-' is replaced."""
 
     name: str
     content: bytes
@@ -278,21 +279,21 @@ class Server(ThreadingHTTPServer):
         with self._exporting:
             return self._bundle(trial, point, hardware)
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread for a connection if there is a place for it."""
+    def process_request(self, request: _Connection, client_address: object) -> None:
+        """Start a thread for a connection if fewer than `MOST_READERS` are open."""
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
+    def process_request_thread(self, request: _Connection, client_address: object) -> None:
         """Answer, and free the place."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._places.release()
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
+    def handle_error(self, request: _Connection, client_address: object) -> None:
         """Say nothing when a reader went away; anything else is a fault to be seen."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
@@ -366,13 +367,13 @@ class _Handler(BaseHTTPRequestHandler):
         if sum(len(name) + len(value) for name, value in self.headers.items()) > LONGEST_HEADERS:
             return HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
         if self.server.token is None:
-            # A foreign page may have its own name point here; the browser then says that name.
+            # The name of a foreign page may resolve to this machine; the browser then sends that name.
             named = self.headers.get_all("Host") or []
             if len(named) != 1 or _without_port(named[0]) not in self.server.hosts:
                 return HTTPStatus.MISDIRECTED_REQUEST
             return None
-        given = _fields(self.path.partition("?")[2]).get("token", "")
-        right = hmac.compare_digest(given.encode(), self.server.token.encode())
+        token = _fields(self.path.partition("?")[2]).get("token", "")
+        right = hmac.compare_digest(token.encode(), self.server.token.encode())
         return None if right else HTTPStatus.FORBIDDEN
 
     def _send_document(self, document: Document) -> None:
@@ -439,7 +440,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.command != "HEAD":
             self.wfile.write(body)
 
-    def log_message(self, format: str, *args: Any) -> None:
+    def log_message(self, format: str, *args: object) -> None:
         """Keep no log: an address may hold the token."""
 
 
@@ -456,7 +457,7 @@ def _once(query: str, name: str) -> str:
     """Return a field of a query, '' where it is missing.
 
     Raises:
-        Refused: it is given more than once.
+        Refused: it occurs more than once.
     """
     values = parse_qs(query, errors="replace").get(name, [""])
     if len(values) > 1:
@@ -468,7 +469,7 @@ def _number(query: str, name: str) -> int:
     """Return a field of a query as a whole number.
 
     Raises:
-        Refused: it is missing, given more than once, or anything but up to nine digits.
+        Refused: it is missing, occurs more than once, or is anything but up to nine digits.
     """
     text = _once(query, name)
     if not re.fullmatch("[0-9]{1,9}", text):

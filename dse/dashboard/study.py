@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     import pandas
 
     from dse.dashboard.definition import Definition
-    from dse.dashboard.serve import Download, Server
+    from dse.dashboard.serve import Download, Server, Stamp
     from dse.study.results import Study
 
 LARGEST_BYTES = 7_800_000
-"""Of a page in a file, which goes through most mail; the drawing library is 4.8 MB of it."""
+"""Largest size of a page in a file: most mail servers accept it. The drawing library takes 4.8 MB of it."""
 _ROOM_BYTES = 200_000, 1_500_000
-"""What the details of designs may take in it, at least and at most; what the points leave, in between."""
+"""Least and largest room for the details of designs in it; between these, the room that the points leave."""
 
 _NO_TRIAL = "The study has no finished trial of this number."
 _NEEDED = ("search_space.yaml", "trials.parquet", "points.parquet")
@@ -29,12 +29,12 @@ _NEEDED = ("search_space.yaml", "trials.parquet", "points.parquet")
 
 @dataclass(frozen=True)
 class PageRequest:
-    """What a reader wants of a page.
+    """The options of a page.
 
-    definition: which parts it has; None: `dashboards/study.yaml`.
-    n_draws: how often the figures of the hardware are drawn, to show how sure each point's place on the front
-        is; 0: not at all.
-    hardware: names or files of profiles to price the points on; none: those of the study.
+    definition: its parts and initial settings; None: `dashboards/study.yaml`.
+    n_draws: number of samples of the hardware's uncertain numbers, which show how certain each point's place
+        on the front is; 0: no samples.
+    hardware: names or files of profiles to price the points on; empty: the profiles of the study.
     """
 
     definition: Definition | None = None
@@ -42,14 +42,33 @@ class PageRequest:
     hardware: tuple[str, ...] = ()
 
 
-def write_page(study: Study, path: Path | None = None, request: PageRequest | None = None) -> Path:
-    """Write the page of a study, by default as page.html in its folder, and return where.
+def load_definition(folder: Path, name: str) -> Definition:
+    """Read the definition of a study's page; its views may come from plugins of the study.
 
-    It carries the details of as many designs as there is room for, those on the fronts first.
+    Args:
+        folder: of the study; without a search space, no plugin is loaded.
+        name: a shipped definition, or a YAML file.
+
+    Raises:
+        ConfigError: no such definition, or everything that is wrong with the file.
+        StoreError: the search space is damaged, or one of its plugins cannot be loaded.
+    """
+    from dse.dashboard.definition import load
+    from dse.study.results import Study
+
+    if (folder / "search_space.yaml").is_file():
+        Study(folder).load_plugins()
+    return load(name)
+
+
+def write_page(study: Study, path: Path | None = None, request: PageRequest | None = None) -> Path:
+    """Write the page of a study, by default as page.html in its folder, and return the path.
+
+    It holds the details of as many designs as fit, those on the fronts first.
 
     Raises:
         ConfigError: a hardware profile does not exist or is wrong.
-        StoreError: a table or an artefact is damaged, or figures are to be drawn where none are.
+        StoreError: a table or an artefact is damaged, or there is nothing to sample.
     """
     from dse.dashboard.details import packed_details, shown_first
     from dse.dashboard.write import filled, write_filled
@@ -66,12 +85,12 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
 
 
 def page_server(folder: Path, host: str, port: int, request: PageRequest | None = None) -> Server:
-    """Return a server of the page of a study, which need not have finished a trial yet.
+    """Return a server of the page of a study; the study may have no finished trial yet.
 
     Raises:
         ConfigError: a hardware profile does not exist or is wrong.
-        StoreError: there is no study in the folder, or figures are to be drawn where none are.
-        OSError: the host is not this machine's, or the port is taken.
+        StoreError: the folder holds no study, a plugin cannot be loaded, or there is nothing to sample.
+        OSError: the host is not an address of this machine, or the port is in use.
     """
     import pandas
 
@@ -83,22 +102,25 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     if not (folder / "search_space.yaml").is_file():
         raise store.StoreError(f"{folder}: is not the folder of a study: there is no search_space.yaml")
     request = request or PageRequest()
+    Study(folder).load_plugins()
     _check(Study(folder), request)
     designs = _Designs(Study(folder), request.hardware)
 
     tables = [folder / name for name in (*_NEEDED, store.WARNINGS)]
-    last: dict[str, Any] = {"stamps": None, "page": {}}
+    last_stamps: list[Stamp | None] = []
+    last_page: dict[str, Any] = {}
 
     def read() -> Mapping[str, Any]:
-        # Trials end all the time; the tables, and what is gathered from them, change now and then.
+        nonlocal last_stamps, last_page
+        # Trials end all the time; the tables, and the part of the page made from them, change now and then.
         stamps = [stamp(path) for path in tables]
-        if stamps != last["stamps"]:
-            found = results.open(folder)
-            points = found.points(request.hardware)
-            page = _gathered(found, _with_failures(found, points), request)
+        if stamps != last_stamps:
+            study = results.open(folder)
+            points = study.points(request.hardware)
+            page = _gathered(study, _with_failures(study, points), request)
             designs.points = points
-            last.update(stamps=stamps, page=page)
-        return {**last["page"], **_progress(folder)}
+            last_stamps, last_page = stamps, page
+        return {**last_page, **_progress(folder)}
 
     empty = _gathered(Study(folder), pandas.DataFrame(), request)
     going_on = [folder / "journal.log", folder / "artefacts", tables[-1]]
@@ -107,7 +129,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
 
 
 class _Designs:
-    """What a server tells of single designs: those of the table that its page was last read from."""
+    """The details and bundles of single designs for a server: designs of the table that it read last."""
 
     def __init__(self, study: Study, hardware: Sequence[str]) -> None:
         self._study = study
@@ -115,7 +137,7 @@ class _Designs:
         self.points: pandas.DataFrame | None = None
 
     def details(self, trial: int) -> Mapping[str, Any]:
-        """Return what the page shows of a trial.
+        """Return the details of a trial.
 
         Raises:
             Refused: there is no such trial, or it failed.
@@ -162,7 +184,7 @@ class _Designs:
             raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
 
     def _row(self, trial: int, point: int, hardware: str) -> Mapping[str, Any] | None:
-        """Return a design point; None where there is none, or several."""
+        """Return a design point; None if there is none, or several."""
         if self.points is None or not {"trial", "point"} <= set(self.points):
             return None
         rows = self.points[self.points["trial"] == trial]
@@ -173,11 +195,11 @@ class _Designs:
 
 
 def _zipped(folder: Path) -> bytes:
-    """Return a folder as a zip file, which is the same for the same files."""
+    """Return a folder as a zip file; equal files give equal bytes."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(folder.rglob("*")):
-            entry = zipfile.ZipInfo(path.relative_to(folder.parent).as_posix())  # dated 1980, as of no file
+            entry = zipfile.ZipInfo(path.relative_to(folder.parent).as_posix())  # always dated 1980
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, path.read_bytes())
@@ -203,11 +225,11 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
 
 
 def _check(study: Study, request: PageRequest) -> None:
-    """Check that profiles can be read, and that a front depends on figures of hardware where they are drawn.
+    """Check that profiles can be read and, with samples, that an objective depends on the sampled numbers.
 
     Raises:
         ConfigError: a profile does not exist or is wrong.
-        StoreError: no objective depends on hardware.
+        StoreError: there is nothing to sample.
     """
     from dse.measure.on_chips import DRAWN
     from dse.store import StoreError
@@ -226,9 +248,9 @@ def _check(study: Study, request: PageRequest) -> None:
 
 
 def _front_share(study: Study, table: pandas.DataFrame, request: PageRequest) -> pandas.Series:
-    """Return in what share of draws of the hardware's figures each point is on its task's front.
+    """Return the fraction of samples of the hardware's numbers in which each point is on its task's front.
 
-    NaN for rows that no front compares, such as failed trials.
+    NaN for rows that are on no front by rule, such as failed trials.
     """
     import pandas
 
@@ -244,7 +266,7 @@ def _front_share(study: Study, table: pandas.DataFrame, request: PageRequest) ->
 
 
 def _progress(folder: Path) -> dict[str, Any]:
-    """Return how a study goes; None, which a page does not show, where its folder does not say."""
+    """Return the progress of a study; None, which hides this part of the page, if it is unknown."""
     from dse.dashboard.progress import gather_progress
     from dse.store import StoreError
 
@@ -255,7 +277,7 @@ def _progress(folder: Path) -> dict[str, Any]:
 
 
 def _marks(study: Study) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the published designs to draw beside a study, and a sentence where they cannot be told."""
+    """Return the published designs to draw beside a study, or a sentence if they cannot be read."""
     from dse import store
     from dse.report import gather_marks
 

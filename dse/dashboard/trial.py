@@ -33,7 +33,7 @@ def write_trial_page(view: TrialView, path: Path | str, notes: Sequence[str] = (
 
 
 def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what a trial's page holds, as plain values that JSON can hold.
+    """Return the content of a trial's page, as plain values that JSON can hold.
 
     Returns:
         name, notes, facts: in words;
@@ -77,7 +77,7 @@ def _facts(view: TrialView) -> str:
 
 
 def _remarks(view: TrialView) -> list[str]:
-    """Return what a reader must know before trusting the figures."""
+    """Return warnings about the figures."""
     if view.n_events == 0:
         return ["No pixel sent an event in this trial."]
     if view.one_in == 1:

@@ -1,4 +1,4 @@
-"""Views of a page by name: the files of `dashboards/views/`, and what plugins bring.
+"""Views of a page by name: the files of `dashboards/views/`, and the views of plugins.
 
 A view is a script (`dashboards/views.js` says what it must do). Files of the same name beside it are its
 style (.css) and its section of the page (.html); without the latter it has an empty one. A plugin's view is a
@@ -30,7 +30,7 @@ class ViewError(ValueError):
 
 @dataclass(frozen=True)
 class ViewSource:
-    """What a view adds to a page."""
+    """The parts of a page that a view adds."""
 
     name: str
     script: str
@@ -45,7 +45,7 @@ def view_names() -> list[str]:
 
 
 def view_sources(names: list[str]) -> list[ViewSource]:
-    """Return what every view of the package adds to a page, and those of plugins that are named, as named.
+    """Return the sources of every view of the package and of the named views of plugins, in the named order.
 
     Raises:
         ViewError: a plugin's view has a name or a script that a page cannot hold.

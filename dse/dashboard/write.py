@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
 _MODULES = {"page": ("data", "figure", "details", "budgets", "views"), "trial": ("data", "figure")}
-"""What the views of each page, and its own script, call."""
+"""The scripts that the views and the main script of each page call."""
 
 
 def write_page(
@@ -77,7 +77,7 @@ def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Pa
 
     Args:
         template: name of its .html and .js.
-        page: what its script is given, as plain values that JSON can hold; `name` is the title.
+        page: data for its script, as plain values that JSON can hold; `name` is the title.
         path: file to write.
 
     Returns:
@@ -91,7 +91,7 @@ def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Pa
 
 @dataclass(frozen=True)
 class Filled:
-    """A page's HTML, and the content security policy that it states: what may run in it."""
+    """A page's HTML, and the content security policy that it states."""
 
     html: str
     policy: str
@@ -102,7 +102,7 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
 
     Args:
         template: name of its .html and .js.
-        page: what its script is given, as plain values that JSON can hold; `name` is the title.
+        page: data for its script, as plain values that JSON can hold; `name` is the title.
         live: whether the page asks its server for changes (`dashboards/live.js`).
     """
     from plotly.offline import get_plotlyjs
@@ -115,7 +115,7 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
         *(view.script for view in views),
         *(_text(folder, f"{name}.js") for name in (template, *(["live"] if live else []))),
     ]
-    # Only these scripts may run, and nothing but the page's own server may be asked, whatever a name in the
+    # Only these scripts may run, and they may only connect to the page's server, whatever a name in the
     # study contains. 'unsafe-eval' is for plotly's WebGL layer, which compiles its drawing calls; our scripts
     # never evaluate.
     hashes = " ".join(

@@ -92,7 +92,7 @@ def gather_marks(study: Study) -> list[dict[str, Any]]:
     """Return the published designs that the report sets beside a study, as plain values (fields of `Mark`).
 
     Raises:
-        StoreError: the study's folder is damaged, or older than the report.
+        StoreError: the study's folder is damaged.
     """
     marks: dict[tuple[str, str], Mark] = {}
     for group in alike(tasks_of(study)):

@@ -1,4 +1,4 @@
-"""A finished study, or one that runs, as tables and answers."""
+"""The results of a study that runs or has finished: tables, records, skyline and pick."""
 
 from __future__ import annotations
 
@@ -47,11 +47,23 @@ class Study:
         """One row per trial (`dse.study.trials`)."""
         return _table(self.folder / "trials.parquet")
 
+    def load_plugins(self) -> None:
+        """Load the plugins of the search space, so that their components can be named.
+
+        Raises:
+            StoreError: the search space is damaged, or a plugin cannot be loaded.
+        """
+        for plugin in self.space.get("plugins", ()):
+            try:
+                registry.load_plugin(plugin)
+            except registry.PluginError as error:
+                raise store.StoreError(f"{self.folder / 'search_space.yaml'}: {error}") from None
+
     def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
-        """Return one row per design point: a trial, when it answers, and on which hardware.
+        """Return one row per design point: a trial, a time of its answer, and a hardware profile.
 
         Args:
-            hardware: names or files of profiles to price the points on; none: those of the study.
+            hardware: names or files of profiles to price the points on; empty: the profiles of the study.
         """
         return pricing.points(self.folder, hardware) if hardware else _table(self.folder / "points.parquet")
 
@@ -96,21 +108,21 @@ class Study:
         ]
 
     def dataset(self, trial: int) -> Dataset:
-        """Return what the first run of a trial was trained on, from the cache.
+        """Return the data set of the first run of a trial, from the cache.
 
         Raises:
-            StoreError: as of `runs`, or the cache does not hold it any more.
+            StoreError: as of `runs`, or the data set was evicted from the cache.
         """
         from dse import dataset
         from dse.dataset import cache
 
-        found = dataset.find(cache.usual_root(), load_records(self.folder, trial)[0].data)
-        if found is None:
+        data = dataset.find(cache.usual_root(), load_records(self.folder, trial)[0].data)
+        if data is None:
             raise store.StoreError(f"{self.folder}: the data set of trial {trial} is no longer in the cache")
-        return found
+        return data
 
     def chip(self, name: str) -> Profile:
-        """Return a hardware profile as the study keeps it, or a shipped one."""
+        """Return a hardware profile: the study's copy, or a shipped one."""
         return pricing.profile(self.folder, name)
 
     @property
@@ -150,11 +162,7 @@ def open(folder: str | Path) -> Study:
         if not (path / name).is_file():
             raise store.StoreError(f"{path}: is not the folder of a study with results: there is no {name}")
     study = Study(path)
-    for plugin in study.space.get("plugins", ()):
-        try:
-            registry.load_plugin(plugin)
-        except registry.PluginError as error:
-            raise store.StoreError(f"{path / 'search_space.yaml'}: {error}") from None
+    study.load_plugins()
     return study
 
 

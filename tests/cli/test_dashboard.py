@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from dse import registry, store
 from dse.cli import main
 from dse.dashboard.study import write_page
 from dse.report import gather_marks
@@ -229,9 +230,52 @@ def test_a_page_of_another_definition_and_published_designs(
     assert all(served[part] == page[part] for part in ("definition", "marks", "notes"))
 
 
-def test_a_study_of_before_families_has_a_page_without_published_designs(tmp_path: Path) -> None:
-    made = write(tmp_path / "old", [{"accuracy": 0.8}])
-    made.points().drop(columns="family").to_parquet(made.folder / "points.parquet")
+VIEW = """
+from dataclasses import dataclass
+from typing import ClassVar
+from dse.registry import register
+
+@register("views", "blank")
+@dataclass(frozen=True)
+class Blank:
+    script: ClassVar[str] = "Views.blank = { view() { return { render() {} }; } };"
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path: Path) -> Iterator[Path]:
+    """A plugin with the view `blank`, which the tests leave unregistered."""
+    before = dict(registry._components.get("views", {}))
+    path = tmp_path / "blank.py"
+    path.write_text(VIEW, encoding="utf-8")
+    yield path
+    registry._components["views"] = before
+
+
+@pytest.mark.parametrize("has_run", [False, True])
+def test_a_view_of_a_plugin_of_the_study(
+    fake_model: None, tmp_path: Path, plugin: Path, capsys: pytest.CaptureFixture[str], has_run: bool
+) -> None:
+    folder = write(tmp_path / "made", [{"accuracy": 0.8}]).folder if has_run else study_folder(tmp_path)
+    space = folder / "search_space.yaml"
+    space.write_text(space.read_text(encoding="utf-8") + f"plugins: [{plugin}]\n", encoding="utf-8")
+    definition = tmp_path / "mine.yaml"
+    definition.write_text("views: [blank, table]\n", encoding="utf-8")
+    with shown(str(folder), "--port", "0", "--page", str(definition)) as (_, url):
+        assert ask(url, "/data.json")[1]["definition"]["views"] == ["blank", "table"]
+    if has_run:
+        path = tmp_path / "page.html"
+        assert main(["dashboard", str(folder), "--html", str(path), "--page", str(definition)]) == 0
+        assert "Views.blank = " in path.read_text(encoding="utf-8")
+        capsys.readouterr()
+    plugin.unlink()
+    assert main(["dashboard", str(folder), "--port", "0", "--page", str(definition)]) == 2
+    assert capsys.readouterr().err.startswith(f"{space}: plugin '{plugin}': cannot read ")
+
+
+def test_a_damaged_study_has_a_page_without_published_designs(tmp_path: Path) -> None:
+    made = write(tmp_path / "damaged", [{"accuracy": 0.8}])
+    (store.run_folder(made.folder, 0, 0) / "record.json").unlink()
     page = held(write_page(made, tmp_path / "page.html"))
     assert page["marks"] == []
     assert any("Published designs are not shown: " in note for note in page["notes"])

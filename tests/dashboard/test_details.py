@@ -178,16 +178,16 @@ def test_examples_are_what_the_first_repeat_answered(found):
     for example in examples:
         number = int(example["title"].split(":")[0].removeprefix("recording "))
         output = response.output[index.index(number)]
-        true, said = NAMES[label[number]], NAMES[output.sum(axis=0).argmax()]
-        taken = "" if said == true else f", taken for {said}"
+        true, answer = NAMES[label[number]], NAMES[output.sum(axis=0).argmax()]
+        mistake = "" if answer == true else f", classified as {answer}"
         assert (example["true"], example["classes"]) == (true, NAMES)
-        assert example["title"] == f"recording {number}: {true}{taken}"
+        assert example["title"] == f"recording {number}: {true}{mistake}"
         assert example["spikes"] == np.argwhere(output).tolist()
         assert (example["step_ms"], example["n_steps"]) == (5.0, tiny_study.N_STEPS)
         layers = next(trace for trace in example["figure"]["data"] if trace["type"] == "heatmap")
         spikes = response.spikes[index.index(number)]
         assert numbers(layers["customdata"]).tolist() == spikes.T.tolist()
-        verdicts.append(said == true)
+        verdicts.append(answer == true)
     assert verdicts == sorted(verdicts, reverse=True)
     assert True in verdicts
     right = [example["true"] for example, verdict in zip(examples, verdicts, strict=True) if verdict]
@@ -235,7 +235,7 @@ def test_a_damaged_record_takes_its_repeat(copied, text):
     one = store.run_folder(copied.folder, trial, 1) / "record.json"
     one.write_text(text)
     document, task = details(copied)
-    assert document["notes"] == ["The record of repeat 1 cannot be read: the figures show the other repeats."]
+    assert document["notes"] == ["The record of repeat 1 cannot be read; the figures show the other repeats."]
     assert len(task["figures"]["learning"]["data"]) == 1
     (one.parent.parent / "repeat_0" / "record.json").write_text(text)
     document, task = details(copied)
@@ -311,6 +311,6 @@ def test_a_record_that_is_none_is_left_out(found, tmp_path, part):
     [task] = document["tasks"].values()
     assert list(task["figures"]) == []
     assert len(task["surfaces"]) == 1
-    assert [note.split(":")[0] for note in document["notes"]] == [
+    assert [note.split(";")[0] for note in document["notes"]] == [
         f"The record of repeat {repeat} cannot be read" for repeat in range(2)
     ]

@@ -9,7 +9,7 @@ from dse.cli.answer import Answer
 from dse.cli.numbers import draws, port
 from dse.cli.options import add_hardware
 from dse.config import ConfigError, Fault
-from dse.dashboard.study import PageRequest, page_server, write_page
+from dse.dashboard.study import PageRequest, load_definition, page_server, write_page
 
 GROUP = "choose"
 HELP = "serve the page of a study, also while it runs, or write it as one HTML file"
@@ -50,15 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Write the page and return its path, or serve it until Ctrl-C."""
-    from dse.dashboard import definition
-
     faults = []
     if arguments.html:
         conflicting = [name for name in ("port", "host") if getattr(arguments, name) is not None]
         text = "applies to a served page and cannot be combined with --html"
         faults += [Fault(f"--{name}", 0, text) for name in conflicting]
     try:
-        page = definition.load(arguments.page)
+        page = load_definition(Path(arguments.results), arguments.page)
     except ConfigError as error:
         faults += error.faults
     if faults:
