@@ -1,7 +1,7 @@
 """A study: train the designs of a search space, keep what they measured, answer questions about them.
 
-Designs are asked for in batches, a batch is trained to its end, and only then is the sampler told. Together
-with seeds that belong to a design and a repeat, this makes results independent of the number of workers and
-of interruptions: the same command on the same folder goes on, and ends with the same tables (but for the
-seconds that training took).
+The sampler proposes designs in batches; it receives results only after the whole batch is trained. Seeds
+belong to a design and a repeat. Results are therefore independent of the number of workers and of
+interruptions: the same command on the same folder resumes the study and ends with the same tables, except
+for training times.
 """

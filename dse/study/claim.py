@@ -1,4 +1,4 @@
-"""A study folder belongs to one search space: the one that it was started with."""
+"""The claim of a study folder: it belongs to the search space that it was started with."""
 
 from __future__ import annotations
 

@@ -6,12 +6,11 @@ import importlib.metadata
 import os
 import platform
 from datetime import UTC, datetime
-from typing import Any
 
 PACKAGES = ("dse", "numpy", "numba", "torch", "optuna", "pandas", "pyarrow", "scikit-learn", "moocore")
 
 
-def describe() -> dict[str, Any]:
+def describe() -> dict[str, object]:
     """Return the interpreter, the machine and the versions of the packages that compute results."""
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -1,4 +1,4 @@
-"""Run a study: ask for designs, train them, tell the sampler; then repeat the front and round its weights."""
+"""Run a study: propose designs, train them, report to the sampler; then repeat and round the front."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class _Tables:
 def _search(
     space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
 ) -> None:
-    """Ask, train and tell batch by batch; batches in the ledger are not asked for again."""
+    """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions."""
     settings = space.search
     sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
         space, [direction for _, direction in space.objectives]
@@ -122,7 +122,7 @@ def _search(
     while True:
         entries = [e for e in ledger.entries if e.batch == number]
         n_before = sum(e.batch < number for e in ledger.entries)
-        if not entries or not any(e.told for e in entries):
+        if not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
             missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
             if missing > 0:
@@ -140,7 +140,7 @@ def _search(
             return
         runs.complete(entries, settings.repeats, results_tables.refresh)
         for entry in entries:
-            if not entry.told:
+            if not entry.is_reported:
                 ledger.tell(entry.trial, _values(space, runs.of(entry.trial)[: settings.repeats]))
         ended = [e for e in ledger.entries if e.batch == number]
         sampler.tell([e.design for e in ended], [e.values for e in ended])

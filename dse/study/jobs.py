@@ -1,16 +1,15 @@
-"""What a worker does for a study: prepare a data set, or train a cohort of runs and record each.
+"""The jobs of a worker: prepare a data set, or train a cohort of runs and record each run.
 
-A job carries paths and settings only; spikes are read from the prepared data set as a memory map.
+A job holds paths and settings only; spikes are read from the prepared data set as a memory map.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,22 +29,21 @@ from dse.study.workers import Failure
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
 
-# At most, per spike of a batch: its row and its channel, each way round, while they are gathered and sorted.
+# At most, per spike of a batch: its row and its channel, in both orders, while they are gathered and sorted.
 _SPIKE_BYTES = 64
-# At most, per sample and step: spikes and updates of each layer, and the same work as it adds up.
+# At most, per sample and step: spikes and updates of each layer, and their cumulative sums.
 _ANSWER_BYTES = 216
 
-
-# At least, between two sentences about the work in progress.
-_TELL_S = 0.5
+# Shortest time between two messages about the work in progress.
+_MESSAGE_S = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class Preparation:
     """Prepare data sets that have most of their work in common, one after the other.
 
-    designs: key of the data set -> sections of its design. base: what recordings lie beside.
-    cache: root of the cache. threads: for trials that are simulated.
+    designs: key of the data set -> sections of its design. base: folder that recordings are relative to.
+    cache: root of the cache. threads: number of threads that simulate trials.
     """
 
     designs: Mapping[str, Sections]
@@ -59,14 +57,14 @@ class Run:
     """Train a design once.
 
     sections: of the design.
-    data: folder of the prepared data set, named as its key; base: folder that recordings lie beside.
+    data: folder of the prepared data set, named as its key; base: folder that recordings are relative to.
     folder: where the run is published.
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
     """
 
     trial: int
     repeat: int
-    design: Mapping[str, Any]
+    design: Mapping[str, object]
     seed: int
     sections: Sections
     data: Path
@@ -110,7 +108,7 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
     """Make the data sets that are not in the cache.
 
     Yields:
-        Sentences about the work in progress; the key of a data set that cannot be made, and why.
+        Messages about the work in progress; the key of a data set that cannot be made, and why.
     """
     for key, sections in job.designs.items():
         try:
@@ -123,11 +121,11 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
 
 
 def _prepared(job: Preparation, sections: Sections) -> Iterator[str]:
-    """Prepare a data set on a thread; yield the latest sentence about it now and then."""
+    """Prepare a data set on a thread; yield the latest message at intervals."""
     latest: deque[str] = deque(maxlen=1)
     with ThreadPoolExecutor(1) as pool:
         made = pool.submit(dataset.prepare, sections, job.base, job.cache, job.threads, latest.append)
-        while not wait([made], _TELL_S).done:
+        while not wait([made], _MESSAGE_S).done:
             if latest:
                 yield latest.pop()
         made.result()
@@ -137,13 +135,13 @@ def _prepared(job: Preparation, sections: Sections) -> Iterator[str]:
 class Loaded:
     """A data set in a worker.
 
-    leak: why an evaluation of the data has seen its own answers; '' where it has not.
-    fitted: section -> key -> plain value that was fitted to its recordings.
+    leak: why evaluations on the data know the labels; '' if they do not.
+    fitted: section -> key -> plain value that was fitted to the recordings.
     """
 
     data: Dataset
     leak: str
-    fitted: Mapping[str, Mapping[str, Any]]
+    fitted: Mapping[str, Mapping[str, object]]
 
 
 _last: dict[Path, Loaded] = {}  # the data set that this process loaded last, by its folder
@@ -172,7 +170,7 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     """Train the runs of a cohort; measure and publish each as it finishes.
 
     Yields:
-        A run's number, and None once it is published, or why it failed. What fails all of them is raised.
+        A run's number, and None after it is published, or why it failed. An error of all runs is raised.
     """
     loaded = load(job.runs[0], job.threads)
     missing = set(range(len(job.runs)))
@@ -271,9 +269,9 @@ def arrays_of(job: Run, measurement: Measurement, suffix: str) -> dict[str, dict
 
 
 def _work(load: Workload | Operations | None) -> dict[str, Array]:
-    assert load is not None  # what was answered took work
+    assert load is not None  # every answer has a workload
     return store.work_arrays(load)
 
 
-def _writer(arrays: Mapping[str, Array]) -> Any:
+def _writer(arrays: Mapping[str, Array]) -> Callable[[Path], None]:
     return lambda path: store.save_arrays(path, arrays)

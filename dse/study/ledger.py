@@ -1,9 +1,9 @@
-"""Writing the journal of a study: which designs are asked for, in which batch, and what the sampler is told.
+"""Writing the journal of a study: the designs that the sampler proposes, and the results that it receives.
 
-It is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. Every entry is
-on the disk before anything is trained for it; a half-written last line (the process was killed) is cut off.
-The caller holds the study folder (`store.exclusive`), so a lock file beside the journal is of a process that
-has died.
+The journal is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. An entry is
+on the disk before its design is trained. A killed process may leave a half-written last line, which is cut
+off. The caller holds the study folder (`store.exclusive`), so a lock file beside the journal belongs to a
+process that has died.
 """
 
 from __future__ import annotations
@@ -15,15 +15,11 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from dse.config import SearchSpace
 from dse.search.proposals import distribution
 from dse.store import StoreError, explained
 from dse.study.journal import Entry, read_journal
-
-if TYPE_CHECKING:
-    pass
 
 _NAME = "dse"
 
@@ -69,10 +65,10 @@ class Ledger:
 
     @property
     def entries(self) -> list[Entry]:
-        """Every entry in the order of asking; `trial` counts from 0."""
+        """Every entry in the order of proposal; `trial` counts from 0."""
         return list(self._entries)
 
-    def ask(self, batch: int, designs: Sequence[Mapping[str, Any]]) -> None:
+    def ask(self, batch: int, designs: Sequence[Mapping[str, object]]) -> None:
         """Append designs that are about to be trained."""
         from optuna.trial import TrialState, create_trial
 
@@ -89,11 +85,11 @@ class Ledger:
             )
             with self._explained():
                 self._storage.create_new_trial(self._study, template)
-            written = json.loads(json.dumps(dict(design)))  # as the journal says it after a restart
+            written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
             self._entries.append(Entry(len(self._entries), batch, written, time.time()))
 
     def tell(self, trial: int, values: Sequence[float] | None) -> None:
-        """Append what the sampler is told of a trial: its objectives, or None for a failed trial."""
+        """Append the result of a trial: its objectives, or None for a failed trial."""
         from optuna.trial import TrialState
 
         state = TrialState.FAIL if values is None else TrialState.COMPLETE
@@ -101,7 +97,7 @@ class Ledger:
             number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
             self._storage.set_trial_state_values(number, state, values)
         objectives = None if values is None else tuple(map(float, values))
-        self._entries[trial] = replace(self._entries[trial], told_s=time.time(), values=objectives)
+        self._entries[trial] = replace(self._entries[trial], reported_s=time.time(), values=objectives)
 
 
 @contextlib.contextmanager
@@ -117,7 +113,7 @@ def _quiet() -> Iterator[None]:
         optuna.logging.set_verbosity(verbosity)
 
 
-def _scalar(value: Any) -> Any:
+def _scalar(value: object) -> bool | float | str:
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
 
 

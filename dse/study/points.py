@@ -1,7 +1,7 @@
 """Runs -> a study's table of one row per design point, and what the points cost on any hardware.
 
 A trial has many points: a full read-out, one for every (phi, theta), and one for every earlier read-out. Each
-is stored with the mean work that it takes, so hardware is asked when the table is made, not in training.
+is stored with its mean work, so costs on hardware are computed for the table, not in training.
 Numbers are means over a trial's runs, as in `dse.study.trials`.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,15 +38,15 @@ def points_table(
 
     The first row of each trial and profile is the full read-out, which answers at the end of the window: its
     phi, theta and read_out_ms are NaN, and nothing is undecided. Rows with phi and theta answer when the
-    decision maker does, rows with read_out_ms after so much of the input. A joint net has the rows of each of
-    its heads, under the head's task, so that they meet nets of one task on one front. Column `point` numbers
+    decision maker does, rows with read_out_ms after that much of the input. A joint net has the rows of each
+    of its heads, under the head's task, so that they compete with nets of one task. Column `point` numbers
     the rows of a trial, the same on every profile.
 
     Args:
-        space: what was explored.
+        space: the search space of the study.
         folder: of the study.
         trials: trial number -> records of its runs.
-        profiles: hardware to price the points on; it need not be what the study was run with.
+        profiles: hardware to price the points on; not necessarily that of the study.
 
     Raises:
         StoreError: an artefact is damaged.
@@ -84,40 +84,40 @@ def priced(answers: Sequence[Answered], profile: Profile) -> dict[str, Array]:
 
 
 def drawn(
-    answers: Sequence[Answered], profile: Profile, figures: Figures, columns: Sequence[str], wanted: Array
+    answers: Sequence[Answered], profile: Profile, figures: Figures, columns: Sequence[str], rows: Array
 ) -> dict[str, Array]:
-    """Return hardware columns of some points of a trial under draws of a chip's figures, (draw, wanted) each.
+    """Return hardware columns of some points of a trial for samples of a chip's numbers, (draw, row) each.
 
     Args:
         answers: of the trial.
         profile: the chip.
-        figures: draws of its figures, the same for every trial that is to be compared.
+        figures: samples of its numbers, the same for all trials that are compared.
         columns: some of `dse.measure.on_chips.DRAWN`.
-        wanted: which points, numbered as the rows of `answers` are.
+        rows: the points, as row numbers of `answers`.
 
     Returns:
-        NaN where the chip cannot run them.
+        NaN for points that the chip cannot run.
     """
     n_draws = len(next(iter(figures.values())))
-    found = {name: np.full((n_draws, len(wanted)), np.nan) for name in columns}
+    samples = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}
     start = 0
     for piece in answers:
-        here = np.flatnonzero((wanted >= start) & (wanted < start + len(piece)))
-        rows = wanted[here] - start
+        here = np.flatnonzero((rows >= start) & (rows < start + len(piece)))
+        of_piece = rows[here] - start
         start += len(piece)
         if len(here):
-            runs = [drawn_on(profile, _part(load, rows), figures) for load in piece.work]
+            runs = [drawn_on(profile, _part(load, of_piece), figures) for load in piece.work]
             for name in columns:
                 if all(name in run for run in runs):
-                    found[name][:, here] = np.mean([run[name] for run in runs], axis=0)
-    return found
+                    samples[name][:, here] = np.mean([run[name] for run in runs], axis=0)
+    return samples
 
 
-# Columns of one row: others do not have its value where they measure none.
+# Columns of a single row: other rows do not inherit its values.
 _OF_ROW = ("phi", "theta", "read_out_ms")
 
 
-# Of read-outs, the settings behind their decision times: a row per setting is on the surface.
+# Columns of read-outs that belong to one decision setting: the surface has a row for each setting.
 _OF_SETTINGS = (
     *("phi_p", "theta_p", "phi_h", "theta_h"),
     *("accuracy_best", "accuracy_best_strict", "t_p_strict_ms", "t_h_strict_ms"),
@@ -126,12 +126,12 @@ _OF_SETTINGS = (
 
 @dataclass(frozen=True)
 class Answered:
-    """Rows of a trial that answer in one way: their columns, and each run's work on them.
+    """Rows of a trial from one kind of read-out: their columns, and each run's work on them.
 
-    design: columns that every row of the same design and head has.
+    design: columns that all rows of the same design and head share.
     """
 
-    design: dict[str, Any]
+    design: dict[str, object]
     columns: dict[str, Array]
     work: list[Workload | Operations]
 
@@ -142,32 +142,32 @@ class Answered:
 def answers(
     folder: Path, records: Sequence[RunRecord], settings: Sequence[precision.Setting] | None = None
 ) -> list[Answered]:
-    """Return what a trial answers as it was trained, and then at other precisions.
+    """Return the answers of a trial at the trained precision, then at other precisions.
 
     Args:
         folder: of the study.
         records: runs of the trial.
-        settings: other precisions, in this order; None: those that all its runs were evaluated at, by bits
-            and then by share.
+        settings: other precisions, in this order; None: those at which all its runs were evaluated, by bits
+            and then by pruned fraction.
 
     Raises:
         StoreError: an artefact is damaged, or a run was not evaluated at such a precision.
     """
     runs = [store.run_folder(folder, record.trial, record.repeat) for record in records]
     trained = [_as_trained(run, record) for run, record in zip(runs, records, strict=True)]
-    found = _of_runs(trained)
+    pieces = _of_runs(trained)
     evaluated = {} if settings is not None and not settings else dict(precision.common(runs))
     for setting in evaluated if settings is None else settings:
         if setting not in evaluated:
             bits, pruned = setting
             lack = f"has no evaluation at {bits} bits with {pruned:g} pruned; run the study again"
             raise store.StoreError(f"{runs[0].parent}: {lack}")
-        found += _of_runs(evaluated[setting])
-    return found
+        pieces += _of_runs(evaluated[setting])
+    return pieces
 
 
 def _as_trained(run: Path, record: RunRecord) -> precision.Evaluation:
-    """Return what a run measured in training, as if it were an evaluation at another precision."""
+    """Return the measurement of a run in training as an evaluation."""
     names = [name for name in record.files if name.startswith(("read_out", "surface"))]
     files = {name: store.load_arrays(run / name) for name in names}
     return precision.Evaluation(*precision.AS_TRAINED, record.measured, files)
@@ -185,8 +185,8 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     read_outs = [run.files[f"read_out{suffix}.npz"] for run in runs]
     surfaces = [run.files[name] for run in runs if (name := f"surface{suffix}.npz") in run.files]
     of_lengths = [store.work_of(arrays) for arrays in read_outs]
-    about: dict[str, Any] = {}
-    if isinstance(of_lengths[0], Workload):  # of other classifiers no precision is varied
+    about: dict[str, object] = {}
+    if isinstance(of_lengths[0], Workload):  # other classifiers have no precision
         about = {"weight_bits": runs[0].weight_bits, "pruned_after": runs[0].pruned}
     full = {**about, **({"task": head} if head else {}), **tables.summary(numbers, None)}
     end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
@@ -198,23 +198,23 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
         if name not in _OF_ROW and (name not in declared or declared[name].of_design)
     }
     last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
-    found = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
+    pieces = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
     if surfaces:
         grids = [store.work_of(arrays).mapped(_flat) for arrays in surfaces]
-        found.append(Answered(design, _grid([_measured(x) for x in surfaces]), grids))
+        pieces.append(Answered(design, _grid([_measured(x) for x in surfaces]), grids))
     earlier = [load.mapped(lambda x: x[:-1]) for load in of_lengths]
-    found.append(Answered(design, _earlier([_measured(x) for x in read_outs]), earlier))
-    return found
+    pieces.append(Answered(design, _earlier([_measured(x) for x in read_outs]), earlier))
+    return pieces
 
 
 def _rows(answers: Sequence[Answered]) -> dict[str, Array]:
-    """Return the columns of all answers, one after the other; what the design has, every row has."""
+    """Return the columns of all answers, one after the other; every row has the columns of its design."""
     names = dict.fromkeys(name for piece in answers for name in piece.columns)
     return {name: _column(answers, name) for name in names}
 
 
 def _column(answers: Sequence[Answered], name: str) -> Array:
-    """Return a column of all answers; NaN where neither they nor their designs have it."""
+    """Return a column of all answers; NaN if neither the answers nor their design have it."""
     parts = [
         _repeated(piece.design.get(name, np.nan), len(piece)) if column is None else column
         for piece in answers
@@ -227,10 +227,9 @@ _KEY = ("weight_bits", "pruned_after", "phi", "theta", "read_out_ms")
 
 
 def places(answers: Sequence[Answered], rows: pandas.DataFrame) -> Ints:
-    """Return where design points of a trial are among its answers, (row,); -1 where they are not.
+    """Return the row numbers of design points among the answers of their trial, (row,); -1 for no match.
 
-    A point is identified by what it was evaluated at: its precision, phi and theta, read-out time and, of a
-    joint net, its task.
+    The identity of a point is its precision, phi, theta, read-out time and, of a joint net, its task.
 
     Args:
         answers: of the trial.
@@ -276,8 +275,10 @@ def _grid(surfaces: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
 
 def _earlier(read_outs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Return the columns of the read-outs before the end of the window, summarised over repeats."""
-    found = _averaged([{name: x for name, x in one.items() if name not in _OF_SETTINGS} for one in read_outs])
-    return {name: x[:-1] for name, x in ({"read_out_ms": found["decision_latency_ms"]} | found).items()}
+    averaged = _averaged(
+        [{name: x for name, x in one.items() if name not in _OF_SETTINGS} for one in read_outs]
+    )
+    return {name: x[:-1] for name, x in ({"read_out_ms": averaged["decision_latency_ms"]} | averaged).items()}
 
 
 def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
@@ -294,6 +295,6 @@ def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     return columns
 
 
-def _repeated(value: Any, n: int) -> Array:
+def _repeated(value: object, n: int) -> Array:
     """Return one value n times."""
     return np.full(n, value, dtype=object if value is None or isinstance(value, str) else None)

@@ -1,14 +1,14 @@
-"""Trained networks at other precisions: evaluated again, kept beside their run, read back for the tables.
+"""Trained networks at other precisions: evaluating them, storing the results, reading them for the tables.
 
-A setting is (weight_bits, pruned): how the weights of a network that is trained already are rounded
-(`dse.models.snn.quantise`). What it measured is one file in the run's folder,
+A setting is (weight_bits, pruned): it states how the weights of a trained network are rounded
+(`dse.models.snn.quantise`). The results at a setting are one file in the run's folder,
 
     precision_<weight_bits>_<pruned>.npz
         schema, weight_bits, pruned
-        numbers          JSON text: what record.json holds of a measurement
-        <file>/<name>    the arrays that <file> of a run at this setting would hold, such as read_out.npz
+        numbers          JSON text: the measured part of record.json
+        <file>/<name>    the arrays of <file> at this setting, such as read_out.npz
 
-which is there whole or not at all, so its presence is what makes the setting finished.
+which is written atomically: a setting is finished if its file exists.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Setting = tuple[int, float]
 AS_TRAINED: Setting = (BITS, 0.0)
 
 _SCHEMA = "dse/precision/1"
-_OWN = ("schema", "weight_bits", "pruned", "numbers")
+_KEYS = ("schema", "weight_bits", "pruned", "numbers")
 _ROUNDING = 1e-9  # accuracies are ratios of counts: closer than this they are equal
 
 
@@ -52,9 +52,9 @@ class Job:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a run measured at one setting.
+    """The measurement of a run at one setting.
 
-    files: name of a file -> the arrays that it holds of a run, such as read_out.npz.
+    files: name of a file, such as read_out.npz -> its arrays.
     """
 
     weight_bits: int
@@ -68,10 +68,10 @@ class Evaluation:
 
 
 def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
-    """Evaluate a run at its settings, one after the other; each is kept as soon as it is measured.
+    """Evaluate a run at its settings, one after the other; each result is stored at once.
 
     Yields:
-        A setting, and None once it is kept, or why it failed. What fails all of them is raised.
+        A setting, and None after it is stored, or why it failed. An error that fails all settings is raised.
     """
     loaded = jobs.load(job.run)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
@@ -89,7 +89,7 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
 
 
 def refusal(folder: Path) -> str:
-    """Return why a run has no other precisions, in words; '' where it has."""
+    """Return why a run has no other precisions, in words; '' if it has."""
     with np.load(folder / "weights.npz", allow_pickle=False) as arrays:
         if "arithmetic" not in arrays.files:
             return "is not a single stack of spiking layers"
@@ -98,25 +98,25 @@ def refusal(folder: Path) -> str:
 
 
 def missing(folder: Path, settings: Sequence[Setting]) -> tuple[Setting, ...]:
-    """Return the settings that a run was not evaluated at; one whose file is damaged is among them."""
+    """Return the settings that a run was not evaluated at, including those with a damaged file."""
     return tuple(setting for setting in settings if _read(_path(folder, setting)) is None)
 
 
 def rows(folder: Path) -> list[Evaluation]:
-    """Return what a run measured at other precisions, by bits and then by share; damaged files are none."""
-    found = (_read(path) for path in folder.glob("precision_*.npz"))
-    return sorted((x for x in found if x is not None), key=lambda x: x.setting)
+    """Return the evaluations of a run, by bits and then by pruned fraction; damaged files are skipped."""
+    evaluations = (_read(path) for path in folder.glob("precision_*.npz"))
+    return sorted((x for x in evaluations if x is not None), key=lambda x: x.setting)
 
 
 def common(folders: Sequence[Path]) -> list[tuple[Setting, list[Evaluation]]]:
-    """Return the settings that every one of some runs was evaluated at, with what each run measured."""
+    """Return the settings at which all of some runs were evaluated, with the evaluation of each run."""
     of_runs = [{x.setting: x for x in rows(folder)} for folder in folders]
-    shared = [setting for setting in of_runs[0] if all(setting in own for own in of_runs)]
-    return [(setting, [own[setting] for own in of_runs]) for setting in shared]
+    shared = [setting for setting in of_runs[0] if all(setting in of_run for of_run in of_runs)]
+    return [(setting, [of_run[setting] for of_run in of_runs]) for setting in shared]
 
 
 def as_trained(points: pandas.DataFrame) -> pandas.DataFrame:
-    """Return the design points whose weights are those that were trained."""
+    """Return the design points at the trained precision."""
     if "weight_bits" not in points:
         return points
     return points[~((points["weight_bits"] < BITS) | (points["pruned_after"] > 0))]
@@ -125,19 +125,19 @@ def as_trained(points: pandas.DataFrame) -> pandas.DataFrame:
 def near(
     points: pandas.DataFrame, front: pandas.DataFrame, objectives: Sequence[tuple[str, str]], within: float
 ) -> set[int]:
-    """Return the trials on a front, and those with a point at most so much accuracy below it.
+    """Return the trials on a front, and those with a point close below it in accuracy.
 
     The front's accuracy at a point is the best among its rows that are no worse in every other objective.
 
     Args:
-        points: the design points that the front is of.
+        points: the design points behind the front.
         front: its rows.
-        objectives: (column, 'max' or 'min') pairs; without accuracy among them only the front itself.
-        within: difference in accuracy.
+        objectives: (column, 'max' or 'min') pairs; without accuracy, only the front itself.
+        within: largest difference in accuracy.
     """
-    found = set(front["trial"].tolist())
+    trials: set[int] = set(front["trial"].tolist())
     if ("accuracy", "max") not in objectives:
-        return found
+        return trials
     costs = [
         (name, 1.0 if direction == "min" else -1.0) for name, direction in objectives if name != "accuracy"
     ]
@@ -152,13 +152,13 @@ def near(
     for top, limits in zip(best_first["accuracy"].tolist(), others(best_first), strict=True):
         reached = (limits <= cost[left]).all(axis=1)
         close = top - accuracy[left[reached]] <= within + _ROUNDING
-        found |= set(points["trial"].to_numpy()[left[reached][close]].tolist())
+        trials |= set(points["trial"].to_numpy()[left[reached][close]].tolist())
         left = left[~reached]
-    return found
+    return trials
 
 
 def _evaluate(
-    run: jobs.Run, setting: Setting, network: Any, loaded: jobs.Loaded, trained: Mapping[str, Any]
+    run: jobs.Run, setting: Setting, network: object, loaded: jobs.Loaded, trained: Mapping[str, Any]
 ) -> None:
     """Measure a run at a setting and publish its file."""
     if not isinstance(network, Network):
@@ -185,7 +185,7 @@ def _evaluate(
         "weight_bits": np.array(setting[0]),
         "pruned": np.array(setting[1]),
         "numbers": np.array(json.dumps(numbers, default=store.plain)),
-        **{f"{file}/{name}": x for file, own in files.items() for name, x in own.items()},
+        **{f"{file}/{name}": x for file, arrays in files.items() for name, x in arrays.items()},
     }
     with store.published(_path(run.folder, setting)) as temporary:
         store.save_arrays(temporary, arrays)
@@ -197,7 +197,7 @@ def _path(folder: Path, setting: Setting) -> Path:
 
 
 def _read(path: Path) -> Evaluation | None:
-    """Return what a file holds; None where it is missing, damaged, or of another schema."""
+    """Return the evaluation in a file; None if it is missing, damaged, or of another schema."""
     try:
         arrays = store.load_arrays(path)
         if str(arrays["schema"]) != _SCHEMA:
@@ -208,7 +208,7 @@ def _read(path: Path) -> Evaluation | None:
         return None
     files: dict[str, dict[str, Array]] = {}
     for key, array in arrays.items():
-        if key not in _OWN:
+        if key not in _KEYS:
             file, name = key.split("/", 1)
             files.setdefault(file, {})[name] = array
     return Evaluation(*setting, numbers, files)

@@ -1,9 +1,8 @@
-"""What a run of a search space would be: how many designs, of which size, on which data."""
+"""The preview of a study: number of designs, sizes of networks, and the data."""
 
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 from dse.config import SearchSpace
 from dse.config.contracts import trains_in_cohorts
@@ -17,17 +16,17 @@ _MOST_COMBINATIONS = 10_000
 _SIZING = ("task", "preprocessing", "encoder", "model")
 
 
-def preview(space: SearchSpace) -> dict[str, Any]:
-    """Return what `dse check` prints; `designs` is None where an axis is a range without steps.
+def preview(space: SearchSpace) -> dict[str, object]:
+    """Return the row that `dse check` prints; `designs` is None if an axis is a range without steps.
 
     Raises:
         RecordingError: the recordings do not fit the search space.
     """
     grid = n_designs(space)
     n_trials = min(x for x in (space.search.n_trials, grid) if x is not None)
-    settings = len(space.decision.phi) * len(space.decision.theta) + 1  # and the full read-out
+    settings = len(space.decision.phi) * len(space.decision.theta) + 1  # one more for the full read-out
     points = settings * max(1, len(space.hardware))
-    row: dict[str, Any] = {
+    row: dict[str, object] = {
         "study": space.study,
         "task": space.parts["task"].values["name"],
         **({"plugins": [_loaded(plugin) for plugin in space.plugins]} if space.plugins else {}),
@@ -45,18 +44,18 @@ def preview(space: SearchSpace) -> dict[str, Any]:
         if place := getattr(space.data, kind, None):
             path = locate(place, space.source.parent, kind)
             row["data"] = str(path)
-            size = path.stat().st_size if path.is_file() else 0  # event files are read when they are needed
+            size = path.stat().st_size if path.is_file() else 0  # a folder of event files is not read
     return row if size > _MOST_BYTES else row | _from_data(space)
 
 
 def _loaded(plugin: Plugin) -> str:
-    """Return what a plugin brings along: `my_neuron.py: neurons adaptive, objectives jitter`."""
+    """Return the components of a plugin: `my_neuron.py: neurons adaptive, objectives jitter`."""
     components = ", ".join(f"{section} {name}" for section, name in plugin.components)
     return f"{plugin.name}: {components}"
 
 
-def _from_data(space: SearchSpace) -> dict[str, Any]:
-    """Return recordings, classes and the range of the number of weights, as far as they are known early."""
+def _from_data(space: SearchSpace) -> dict[str, object]:
+    """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
     from dse.dataset.parts import pooling_of
     from dse.recordings import RecordingError, Simulated
     from dse.recordings.cutting import cut
@@ -75,11 +74,11 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
         for i in sorted(itertools.chain(*parts)):
             if recordings.offsets[i] == recordings.offsets[i + 1]:
                 raise RecordingError(f"recording {i} must have events, got none")
-    found: dict[str, Any] = {"recordings": len(codes)}
-    found |= zip(("train", "validation", "test"), map(len, parts), strict=True)
-    found["classes"] = list(classes)
+    row: dict[str, object] = {"recordings": len(codes)}
+    row |= zip(("train", "validation", "test"), map(len, parts), strict=True)
+    row["classes"] = list(classes)
     if notes := recordings.notes():
-        found["repairs"] = notes
+        row["repairs"] = notes
     weights: set[int] = set()
     for design in corners(space, _SIZING, _MOST_COMBINATIONS):
         sections = space.resolve(design)
@@ -88,18 +87,18 @@ def _from_data(space: SearchSpace) -> dict[str, Any]:
             n_channels = recordings.n_channels
         elif settings is not None and (settings.crop != "pins" or isinstance(recordings, Simulated)):
             n_channels = pooling_of(recordings, settings).n_channels
-        else:  # the crop follows from the events, which are not read just for this
-            return found
+        else:  # the crop depends on the events, which a preview does not read
+            return row
         if encoder is not None:
             try:
                 n_channels = encoder.n_channels(n_channels)
-            except ValueError:  # they follow from what it learns, and nothing is learnt just for this
-                return found
-        if not trains_in_cohorts(model):  # only networks know it before training
-            return found
-        wanted = sections.task.target
-        own, names = target(recordings.columns, wanted)
-        parts_of = heads(recordings.columns, wanted, own) if sections.task.joint else ()
+            except ValueError:  # the encoder learns its channels, and a preview fits nothing
+                return row
+        if not trains_in_cohorts(model):  # other families have weights only after training
+            return row
+        columns = sections.task.target
+        joint_codes, names = target(recordings.columns, columns)
+        parts_of = heads(recordings.columns, columns, joint_codes) if sections.task.joint else ()
         n_outputs = sum(len(head.classes) for head in parts_of) or len(names)
         weights.add(model.n_weights(n_channels, n_outputs))
-    return found | {"n_weights_low": min(weights), "n_weights_high": max(weights)}
+    return row | {"n_weights_low": min(weights), "n_weights_high": max(weights)}

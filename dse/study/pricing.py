@@ -1,13 +1,13 @@
-"""Costs of the design points of studies on any hardware, how sure they are, and on a duty cycle.
+"""Costs of the design points of studies on any hardware, their uncertainty, and costs on a duty cycle.
 
-Nothing is trained for this: a study keeps the work counts of its points.
+This trains nothing: a study stores the work counts of its points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,23 +34,23 @@ DRAWS = 200
 
 
 def check(profiles: Sequence[Profile], folder: Path) -> None:
-    """Check that profiles hold the numbers that a study keeps: its samplers were told costs by these.
+    """Check that profiles have the numbers that a study stores: its sampler received costs from these.
 
     Raises:
         ConfigError: a number of a profile has changed.
     """
     faults = []
     for chip in profiles:
-        kept = folder / _FOLDER / f"{chip.name}.yaml"
-        if kept.is_file() and _figures(profile(folder, chip.name)) != _figures(chip):
+        stored = folder / _FOLDER / f"{chip.name}.yaml"
+        if stored.is_file() and _figures(profile(folder, chip.name)) != _figures(chip):
             hint = "change it back, rename the profile, or use another --results folder"
-            faults.append(Fault(chip.name, 0, f"the numbers differ from those in {kept}; {hint}"))
+            faults.append(Fault(chip.name, 0, f"the numbers differ from those in {stored}; {hint}"))
     if faults:
         raise ConfigError(faults)
 
 
 def _figures(chip: Profile) -> object:
-    """Return what costs are computed from: the numbers of a profile without their sources and notes."""
+    """Return the inputs of costs: the numbers of a profile without their sources and notes."""
     return type(chip), chip.interval_only, [chip.at(end) for end in ("low", "value", "high")]
 
 
@@ -61,14 +61,14 @@ def keep(profiles: Sequence[Profile], folder: Path) -> None:
 
 
 def profile(folder: Path, name: str) -> Profile:
-    """Return a hardware profile: as a study kept it, or the package's, or a file.
+    """Return a hardware profile: the study's copy, or a shipped one, or a file.
 
     Raises:
         ConfigError: there is none, or it is wrong.
     """
-    kept = folder / _FOLDER / f"{name}.yaml"
-    if kept.is_file():
-        return read(kept.read_text(encoding="utf-8"), str(kept))
+    stored = folder / _FOLDER / f"{name}.yaml"
+    if stored.is_file():
+        return read(stored.read_text(encoding="utf-8"), str(stored))
     return load(name)
 
 
@@ -78,7 +78,7 @@ def figures(chip: Profile, n_draws: int) -> Figures:
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
-    """Return hardware profiles of different names; one that is named twice is meant once.
+    """Return hardware profiles by their names or files, without duplicates.
 
     Raises:
         ConfigError: as `profile`, or two files give one name.
@@ -100,7 +100,7 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
     Raises:
         ConfigError: a profile does not exist or is wrong.
-        StoreError: the study's artefacts are damaged, or other points have replaced those of its table.
+        StoreError: the study's artefacts are damaged, or no longer match the points of its table.
     """
     import pandas
 
@@ -112,9 +112,9 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     of_hardware = registry.columns("hardware")
     table = table.drop(columns=[name for name in table if name in of_hardware])
     on: list[list[pandas.DataFrame]] = [[] for _ in chips]
-    for trial, rows in table.groupby("trial", sort=False):
-        answers = _answers(folder, trial, rows)
-        places = _places(folder, trial, answers, rows)
+    for _, rows in table.groupby("trial", sort=False):
+        answers = _answers(folder, rows)
+        places = _places(folder, answers, rows)
         for parts, chip in zip(on, chips, strict=True):
             costs = _points.priced(answers, chip)
             parts.append(pandas.DataFrame({name: x[places] for name, x in costs.items()}, rows.index))
@@ -129,10 +129,10 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
 
 def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.DataFrame]:
-    """Return the points of every study or table, with costs computed anew if hardware is named.
+    """Return the points of every study or table; if hardware is named, with costs on it.
 
     Raises:
-        ConfigError, StoreError: as of `points`, or hardware is named for what is no study.
+        ConfigError, StoreError: as in `points`, or hardware is named for a table that is no study.
         TableError: a file is no table.
     """
     if not hardware:
@@ -144,15 +144,15 @@ def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.
 def on_duty(
     frame: pandas.DataFrame, contacts_per_hour: float | None, battery_mwh: float | None
 ) -> pandas.DataFrame:
-    """Return points with the columns power_mw and, if a battery is given, battery_h.
+    """Return points with the columns power_mw and, with a battery, battery_h.
 
-    Without contacts per hour the points are returned as they are.
+    Without contacts per hour, the points are returned unchanged.
 
-    Both columns are NaN where contacts would overlap, where the profile does not state the idle power, and
-    where the chip cannot run the classifier.
+    Both columns are NaN if contacts would overlap, if the profile does not state the idle power, or if the
+    chip cannot run the classifier.
 
     Raises:
-        StoreError: points lack the costs that this takes, or a battery is given without contacts.
+        StoreError: points lack the necessary costs, or there is a battery without contacts per hour.
     """
     if contacts_per_hour is None:
         if battery_mwh is not None:
@@ -181,17 +181,17 @@ def draws(
     names: Sequence[str],
     n_draws: int,
 ) -> Draws:
-    """Return how to sample the columns among `names` that depend on uncertain numbers of hardware.
+    """Return the sampler of the columns among `names` that depend on uncertain numbers of hardware.
 
     Args:
         paths: studies.
-        frames: their points; rows are identified by their place in all of them, one after the other.
+        frames: their points; a row is identified by its position in the concatenation of all frames.
         hardware: as of `points`.
         names: columns.
         n_draws: number of samples.
 
     Raises:
-        StoreError: a frame is of no study, or none of the columns depends on hardware.
+        StoreError: a frame is not from a study, or none of the columns depends on hardware.
     """
     _must_be_studies(paths, "sampling needs")
     columns = [name for name in dict.fromkeys(names) if name in DRAWN]
@@ -231,11 +231,10 @@ def drawn(
         rows: of its points, with all columns that identify them (`dse.study.points.places`).
         columns: some of `dse.measure.on_chips.DRAWN`.
         n_draws: number of samples; the same ones at every call, and for all designs on a chip.
-        hardware: as of `points`, where the rows are from there: the name of a profile does not lead to its
-            file.
+        hardware: as in `points`, if the rows are from there: a profile's name does not give its file.
 
     Returns:
-        NaN where the chip cannot run the classifier.
+        NaN for points that the chip cannot run.
 
     Raises:
         ConfigError, StoreError: as of `points`.
@@ -245,10 +244,10 @@ def drawn(
     named = {chip.name: chip for chip in profiles(folder, hardware)}
     chips = {name: named.get(name) or profile(folder, name) for name in rows["hardware"].unique()}
     figures_of = {name: figures(chip, n_draws) for name, chip in chips.items()}
-    for trial, indices in rows.groupby("trial", sort=False).indices.items():
+    for indices in rows.groupby("trial", sort=False).indices.values():
         of_trial = rows.iloc[indices]
-        answers = _answers(folder, trial, of_trial)
-        places = _places(folder, trial, answers, of_trial)
+        answers = _answers(folder, of_trial)
+        places = _places(folder, answers, of_trial)
         for name, chip in chips.items():
             on_chip = np.flatnonzero(of_trial["hardware"] == name)
             if len(on_chip):
@@ -266,18 +265,19 @@ def _precisions(rows: pandas.DataFrame) -> list[Setting]:
     return sorted({(int(bits), float(pruned)) for bits, pruned in pairs} - {AS_TRAINED})
 
 
-def _answers(folder: Path, trial: Any, rows: pandas.DataFrame) -> list[_points.Answered]:
-    """Return what a trial answers at the precisions of some rows, by the runs that these are means of.
+def _answers(folder: Path, rows: pandas.DataFrame) -> list[_points.Answered]:
+    """Return the answers of a trial at the precisions of some of its rows, from the runs behind these rows.
 
-    There may be more runs by now: a study that is being run writes its table now and then.
+    The trial may have more runs by now: a running study writes its table at intervals.
     """
-    runs = load_records(folder, int(trial))[: int(rows["repeats"].iloc[0])]
+    runs = load_records(folder, int(rows["trial"].iloc[0]))[: int(rows["repeats"].iloc[0])]
     return _points.answers(folder, runs, _precisions(rows))
 
 
-def _places(folder: Path, trial: Any, answers: Sequence[_points.Answered], rows: pandas.DataFrame) -> Ints:
+def _places(folder: Path, answers: Sequence[_points.Answered], rows: pandas.DataFrame) -> Ints:
     places = _points.places(answers, rows)
     if (places < 0).any():
+        trial = rows["trial"].iloc[0]
         raise StoreError(f"{folder}: the points of trial {trial} have changed; run the study again")
     return places
 

@@ -1,4 +1,4 @@
-"""What a study tells whoever waits for it, on stderr: a bar with the time left, or one line per run."""
+"""The progress of a running study, on stderr: a bar with the time left, or one line per run."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Protocol
 
 from dse.study.time_left import TimeLeft
 
-# At least so long between two lines of a log about the work in progress.
+# Shortest time between two lines of a log about the work in progress.
 _DOING_S = 10.0
 
 
 class Progress(Protocol):
-    """How a study reports; `expect` may raise the number of runs as it goes."""
+    """A reporter of progress; the number of expected runs may grow."""
 
     def expect(self, n_runs: int) -> None:
         """Announce that many more training runs."""
@@ -24,24 +24,24 @@ class Progress(Protocol):
         """Announce the estimated work of runs that are about to be trained, in any unit."""
 
     def advance(self, text: str, work: float = 0.0) -> None:
-        """One run has ended; `text` says which and how, `work` is what was planned for it."""
+        """Report the end of a run; `text` names it and its result, `work` is its planned work."""
 
     def doing(self, text: str) -> None:
-        """Say what is being done before the next run ends; each text replaces the one before."""
+        """Report the work in progress; each text replaces the previous one."""
 
     def note(self, text: str) -> None:
-        """Say something that matters: a warning, a stage."""
+        """Report an important event: a warning, a stage."""
 
 
 @contextmanager
-def shown(wanted: bool, n_workers: int = 1) -> Iterator[Progress]:
-    """Yield what shows progress: a bar on a terminal, lines elsewhere, nothing where not wanted.
+def shown(enabled: bool, n_workers: int = 1) -> Iterator[Progress]:
+    """Yield the reporter of progress: a bar on a terminal, lines elsewhere, or silence.
 
     Args:
-        wanted: whether to show it.
+        enabled: whether to show progress.
         n_workers: workers that train at a time.
     """
-    if not wanted:
+    if not enabled:
         yield Silent()
     elif sys.stderr.isatty():
         with _bar(n_workers) as bar:

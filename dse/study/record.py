@@ -27,7 +27,7 @@ class Numbers:
 
         Args:
             measurement: of a run.
-            leak: why an evaluation of the data has seen its own answers; '' where it has not.
+            leak: why evaluations on the data know the labels; '' if they do not.
         """
         heads = {name: cls.of(head, leak) for name, head in measurement.heads.items()}
         return cls({**measurement.columns, "transductive": bool(leak)}, measurement.hardware, heads)
@@ -59,13 +59,13 @@ class RunRecord:
     sections: of its design, as plain data, with what was fitted to the recordings.
     classes, heads: of its answers.
     data: key of the data set. samples: number of samples in each part of it.
-    leak: why an evaluation of the data has seen its own answers; '' where it has not.
+    leak: why evaluations on the data know the labels; '' if they do not.
     files: names of its artefacts.
     """
 
     trial: int
     repeat: int
-    design: Mapping[str, Any]
+    design: Mapping[str, object]
     seed: int
     reason: str = ""
     details: str = ""

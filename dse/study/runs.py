@@ -1,10 +1,9 @@
-"""The training runs of a study: which are finished, and how the missing ones are made.
+"""The training runs of a study: reading finished runs and training missing ones.
 
-A run is (trial, repeat). It is finished when its folder exists and is undamaged; a failed run is finished
-too, its record says why. Data sets are prepared once per distinct data sections, in a cache that all studies
-share, and read as memory maps. In a cross-validation each repeat is a fold: repeat r validates
-on fold r modulo k.
-Runs that can share batches train in cohorts (dse.search.cohorts); no result depends on which.
+A run is (trial, repeat). It is finished when its folder exists and is undamaged. A failed run is finished
+too; its record has the reason. A data set is prepared once for equal data sections, in a cache that all
+studies share, and read as a memory map. In a cross-validation, repeat r validates on fold r modulo k. Runs
+that can share batches train in cohorts (dse.search.cohorts); the grouping changes no result.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
@@ -31,7 +29,7 @@ from dse.study.progress import Progress
 from dse.study.record import RunRecord, load_record
 from dse.study.workers import Failure, Workers, memory_budget
 
-_Member = tuple[int, int | None]  # trial and fold: what a data set belongs to
+_Member = tuple[int, int | None]  # the trial and the fold of a data set
 
 _OVER_BUDGET = "MemoryBudget"
 # Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
@@ -44,8 +42,8 @@ class _Data:
     """The data sets of some designs and folds.
 
     sections, keys: of every design and fold whose sections are legal.
-    failures: key -> why there is no such data set.
-    refused: why a design and fold has no sections.
+    failures: key -> why the data set cannot be made.
+    refused: design and fold -> why its sections are illegal.
     """
 
     sections: dict[_Member, Sections]
@@ -54,12 +52,12 @@ class _Data:
     refused: dict[_Member, Failure]
 
     def failure(self, member: _Member) -> Failure | None:
-        """Return why a design and fold cannot be trained, None where it can."""
+        """Return why a design and fold cannot be trained, None if it can."""
         return self.refused.get(member) or self.failures.get(self.keys[member])
 
 
 class Runs:
-    """The runs of one study folder, which the caller holds (`store.exclusive`)."""
+    """The runs of one study folder, which the caller has locked (`store.exclusive`)."""
 
     def __init__(
         self,
@@ -90,13 +88,13 @@ class Runs:
         return {number: self.of(number) for number in sorted({trial for trial, _ in self._records})}
 
     def count(self, repeats: int | None = None) -> int:
-        """Return the number of finished runs, if asked among the first `repeats` of every trial."""
+        """Return the number of finished runs, with `repeats` only among the first ones of every trial."""
         return sum(repeats is None or repeat < repeats for _, repeat in self._records)
 
     def recall(self, entries: Sequence[Entry]) -> None:
-        """Read what earlier sessions finished.
+        """Read the runs that earlier sessions finished.
 
-        A damaged run is removed, to be made again, and so is one that has the memory now which it lacked.
+        A damaged run is removed and repeated, and so is a run that failed for memory that is available now.
 
         Raises:
             ConfigError: a run was trained on other data than its design has now.
@@ -123,7 +121,7 @@ class Runs:
     def complete(
         self, entries: Sequence[Entry], repeats: int, after_each: Callable[[], None] = lambda: None
     ) -> None:
-        """Make every missing run of some designs up to a number of repeats.
+        """Train every missing run of some designs up to a number of repeats.
 
         Args:
             entries: the designs.
@@ -135,8 +133,8 @@ class Runs:
             RecordingError: no data set of any design could be prepared.
         """
         self.recall(entries)
-        wanted = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
-        waiting = self._planned(self._prepared(wanted))
+        missing = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
+        waiting = self._planned(self._prepared(missing))
         while waiting:
             again: list[jobs.TrainingJob] = []
             for cohort, ended in self._workers.stream(jobs.train, waiting):
@@ -154,9 +152,9 @@ class Runs:
         settings: Sequence[precision.Setting],
         after_each: Callable[[], None] = lambda: None,
     ) -> None:
-        """Evaluate the finished runs of some designs at other precisions, where that is not done yet.
+        """Evaluate the finished runs of some designs at other precisions, unless they are evaluated already.
 
-        Families that have none are left out, with a note each.
+        A family without other precisions is skipped, with a note.
 
         Args:
             entries: the designs.
@@ -166,11 +164,11 @@ class Runs:
         Raises:
             StoreError: results cannot be written (the disk is full); nothing finished is lost.
         """
-        wanted, lacking = self._to_round(entries, settings)
+        incomplete, lacking = self._to_round(entries, settings)
         done, n_settings = 0, sum(map(len, lacking.values()))
-        data = self._data(wanted)
+        data = self._data(incomplete)
         jobs = []
-        for entry, repeat in wanted:
+        for entry, repeat in incomplete:
             member = entry.trial, self._fold(repeat)
             if why := data.failure(member):
                 self._progress.note(f"precision: trial {entry.trial} cannot be evaluated: {why.reason}")
@@ -196,8 +194,8 @@ class Runs:
     def _to_round(
         self, entries: Sequence[Entry], settings: Sequence[precision.Setting]
     ) -> tuple[list[tuple[Entry, int]], dict[tuple[int, int], tuple[precision.Setting, ...]]]:
-        """Return the runs that lack settings, and which each lacks."""
-        wanted, lacking = [], {}
+        """Return the runs that are not evaluated at all settings, and the missing settings of each."""
+        incomplete, lacking = [], {}
         left_out: dict[str, None] = {}
         for entry in entries:
             for record in self.of(entry.trial):
@@ -208,14 +206,14 @@ class Runs:
                 if why := precision.refusal(folder):
                     left_out[f"{record.sections['model']['kind']} {why}"] = None
                 elif missing := precision.missing(folder, settings):
-                    wanted.append((entry, repeat))
+                    incomplete.append((entry, repeat))
                     lacking[entry.trial, repeat] = missing
         for text in left_out:
             self._progress.note(f"precision: skipped: {text}")
-        return wanted, lacking
+        return incomplete, lacking
 
     def _planned(self, runs: Sequence[jobs.Run]) -> list[jobs.TrainingJob]:
-        """Return the runs as cohorts, in the order of training; one that no worker can hold fails here."""
+        """Return the runs as cohorts, in the order of training; a run too large for a worker fails here."""
         run_of = {run.data: run for run in runs}
 
         @functools.lru_cache(maxsize=8)
@@ -242,13 +240,13 @@ class Runs:
         return [jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads) for members in plan]
 
     def _unfinished(self, cohort: jobs.TrainingJob, why: Failure) -> list[jobs.TrainingJob]:
-        """Return the runs of a job that ended early, to be tried alone; one that was alone has failed."""
+        """Return a job for each unfinished run of a job that ended early; a run that was alone has failed."""
         _stop_if_disk(why)
         again = []
         for run in cohort.runs:
             if (run.trial, run.repeat) in self._records:
                 continue
-            if run.folder.is_dir():  # published, and then the worker died before it said so
+            if run.folder.is_dir():  # the worker died after publishing it
                 self._settle(run, None)
             elif len(cohort.runs) > 1:
                 again.append(dataclasses.replace(cohort, runs=(run,)))
@@ -257,7 +255,7 @@ class Runs:
         return again
 
     def _settle(self, run: jobs.Run, why: Failure | None) -> None:
-        """Take in a run that has ended."""
+        """Record a run that has ended."""
         record = load_record(run.folder) if why is None else None
         if record is not None:
             self._keep(record)
@@ -274,11 +272,11 @@ class Runs:
         self,
         number: int,
         repeat: int,
-        design: Mapping[str, Any],
+        design: Mapping[str, object],
         why: Failure,
         needs_bytes: int | None = None,
     ) -> None:
-        """Record a failed run; with the memory that it lacked, it is tried again where there is more."""
+        """Record a failed run; `needs_bytes` lets a later session with more memory repeat it."""
         record = RunRecord(
             trial=number,
             repeat=repeat,
@@ -291,9 +289,9 @@ class Runs:
         store.save_run(store.run_folder(self._folder, number, repeat), record.to_plain(), {})
         self._keep(record)
 
-    def _prepared(self, wanted: Sequence[tuple[Entry, int]]) -> list[jobs.Run]:
-        """Prepare the data sets that the wanted runs need; return the runs that can be trained."""
-        data = self._data(wanted)
+    def _prepared(self, missing: Sequence[tuple[Entry, int]]) -> list[jobs.Run]:
+        """Prepare the data sets of missing runs; return the runs that can be trained."""
+        data = self._data(missing)
         needed = set(data.keys.values())
         first = next(iter(data.failures.values()), None)
         if first is not None and not self._records and len(data.failures) == len(needed):
@@ -301,7 +299,7 @@ class Runs:
             raise RecordingError(first.message if is_plain else f"data cannot be prepared: {first.reason}")
         self._warn(needed - data.failures.keys())
         runs = []
-        for entry, repeat in wanted:
+        for entry, repeat in missing:
             member = entry.trial, self._fold(repeat)
             why = data.failure(member)
             if why is None:
@@ -311,9 +309,9 @@ class Runs:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
 
-    def _data(self, wanted: Sequence[tuple[Entry, int]]) -> _Data:
+    def _data(self, runs: Sequence[tuple[Entry, int]]) -> _Data:
         """Prepare the data sets of some runs."""
-        designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in wanted}
+        designs = {(entry.trial, self._fold(repeat)): entry.design for entry, repeat in runs}
         sections, refused = {}, {}
         for member, design in designs.items():
             try:
@@ -330,7 +328,7 @@ class Runs:
         k_fold = self._space.split.k_fold
         return None if k_fold is None else repeat % k_fold.k
 
-    def _resolved(self, design: Mapping[str, Any], fold: int | None) -> Sections:
+    def _resolved(self, design: Mapping[str, object], fold: int | None) -> Sections:
         """Return the sections of a design, with its fold.
 
         Raises:
@@ -340,7 +338,7 @@ class Runs:
         return sections if fold is None else sections.on_fold(fold)
 
     def _prepare(self, needed: Mapping[str, Sections]) -> dict[str, Failure]:
-        """Make the data sets that are not in the cache; return those that cannot be made.
+        """Make the data sets that are not in the cache; return the failures by key.
 
         Args:
             needed: key -> sections of a design.
@@ -362,7 +360,7 @@ class Runs:
         return failures
 
     def _preparations(self, needed: Mapping[str, Sections], missing: Sequence[str]) -> list[jobs.Preparation]:
-        """Return the jobs: designs that may share spikes in one; jobs share the threads there are."""
+        """Return the jobs, one for all designs with the same spikes; the jobs share the threads."""
         groups: dict[str, list[str]] = {}
         for key in missing:
             groups.setdefault(dataset.same_spikes(needed[key]), []).append(key)
@@ -393,16 +391,16 @@ class Runs:
         )
 
     def _warn(self, keys: Iterable[str]) -> None:
-        """Say what is suspicious about data sets, once, and keep it with the study."""
+        """Print the warnings about data sets once, and store them with the study."""
         path = self._folder / store.WARNINGS
         known: list[str] = store.read_json(path) if path.exists() else []
-        found = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
-        for text in dict.fromkeys(found):
+        warnings = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
+        for text in dict.fromkeys(warnings):
             if text not in self._warned:
                 self._warned.add(text)
                 self._progress.note(f"warning: {text}")
-        if set(found) - set(known):
-            store.write_json(path, list(dict.fromkeys([*known, *found])))
+        if set(warnings) - set(known):
+            store.write_json(path, list(dict.fromkeys([*known, *warnings])))
 
     def _check_data(self, entry: Entry, record: RunRecord) -> None:
         if not record.data:
@@ -418,7 +416,7 @@ class Runs:
 
 
 def _opened_cache(folder: Path, progress: Progress) -> Path:
-    """Return the cache, in the study's folder where the user's own cannot be written."""
+    """Return the user's cache, or one in the study's folder if the user's cannot be written."""
     with store.explained(folder / "cache"):
         try:
             root, note = cache.opened_root(folder / "cache")
@@ -434,7 +432,7 @@ def _is_of(entry: Entry, record: RunRecord) -> bool:
 
 
 def _stop_if_disk(failure: Failure) -> None:
-    """Raise what a full disk did: it is not the design's fault, and the same command resumes the study."""
+    """Raise the error of a full disk: the design is not at fault, and the same command resumes the study."""
     if failure.error == StoreError.__name__:
         raise StoreError(failure.message)
 

@@ -1,6 +1,6 @@
-"""How a study goes: what is done, under way and failed, the time left, and how its front grew.
+"""The status of a study: trials done, running and failed, the time left, and the growth of its front.
 
-Everything is read from the folder while a run may be writing it, so nothing here writes, repairs or locks.
+A run may be writing the folder, so this module only reads: it writes, repairs and locks nothing.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 ENDED_BADLY = ("failed", "pruned")
 
 _OF_POINTS = ("trial", *GROUPS, "fits", "transductive", "weight_bits", "pruned_after")
-_CLOCKS_S = 60.0  # by which the clock of a file system may be ahead
+_CLOCKS_S = 60.0  # a file system's clock may be ahead by this
 
 _Runs = dict[int, dict[int, float]]  # trial -> repeat -> when it ended, in seconds since 1970
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended, over its runs: 'finished', 'failed' or 'pruned', and why."""
+    """How a trial ended, over its runs: 'finished', 'failed' or 'pruned', and the reason."""
 
     status: str
     reason: str
@@ -47,18 +47,18 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Status:
-    """How a study goes.
+    """The status of a study.
 
-    n_trials: designs to train; None where nothing tells it.
-    n_done: trials all of whose `search.repeats` runs have ended, well or not.
-    running: designs that were asked for and are not done.
+    n_trials: designs to train; None if unknown.
+    n_done: trials whose `search.repeats` runs have all finished or failed.
+    running: designs that were proposed and are not done.
     outcomes: trial -> how it ended.
-    n_runs: runs in all, those that repeat the front included; None where nothing tells it.
+    n_runs: number of all runs, including those that repeat the front; None if unknown.
     n_runs_done: runs that have ended.
-    hours: spent in all sessions, without what lay between them.
-    time_left_s: None where there is no estimate (`dse.study.time_left`) or nothing is missing.
-    last_s: when a run last ended, in seconds since 1970; None where none has.
-    growth: how the hypervolume of each front grew.
+    hours: total length of all sessions, without the time between them.
+    time_left_s: None if there is no estimate (`dse.study.time_left`) or no run is missing.
+    last_s: end of the last run, in seconds since 1970; None before the first end.
+    growth: hypervolume of each front over time.
     """
 
     n_trials: int | None
@@ -73,7 +73,7 @@ class Status:
     growth: Progress
 
     def trials_by_reason(self, status: str) -> list[tuple[str, list[int]]]:
-        """Return (reason, trials) of the trials that ended so, the most frequent reason first."""
+        """Return (reason, trials) of the trials with a status, the most frequent reason first."""
         trials: dict[str, list[int]] = {}
         for trial, outcome in self.outcomes.items():
             if outcome.status == status:
@@ -83,7 +83,7 @@ class Status:
 
 @dataclass(frozen=True)
 class _Search:
-    """The settings of the search, as a study writes them with every default."""
+    """The settings of the search; a study writes every default."""
 
     n_trials: int | None
     batch: int
@@ -94,26 +94,27 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Sessions:
-    """When a study ran: (session,) its starts, in seconds since 1970, and how long something happened."""
+    """The sessions of a study: (session,) starts in seconds since 1970, and lengths up to the last event."""
 
     start_s: Floats
     length_s: Floats
 
     def hours(self, at_s: Floats) -> Floats:
-        """Return the time spent until some moments, without what lay between sessions; NaN for NaN."""
+        """Return the time spent until some moments, without the time between sessions; NaN for NaN."""
         spent = np.clip(at_s[:, None] - self.start_s, 0, self.length_s).sum(axis=1) / 3600
         return np.where(np.isfinite(at_s), spent, np.nan)
 
 
 def status(folder: Path | str) -> Status:
-    """Return how the study in a folder goes.
+    """Return the status of the study in a folder.
 
-    No record says when a run ended: the time of its file does, kept between when its trial was asked for and
-    told of, so that a copied folder falls back on the journal. Evaluations at other precisions are no runs.
-    Runs that repeat the front are missing where the front of the last table lacks them.
+    A run ended when its record file was written. This time is clipped to the interval from the proposal of
+    the trial to its report, so that a copied folder falls back on the journal. Evaluations at other
+    precisions do not count as runs. Runs that repeat the front are missing if a design on the front of the
+    last table has fewer runs than `search.repeats_on_front`.
 
     Raises:
-        StoreError: there is no search space in the folder, or not as a study writes it.
+        StoreError: the folder has no search space, or one that no study wrote.
     """
     study = Study(Path(folder))
     search = _search(study)
@@ -143,7 +144,9 @@ def status(folder: Path | str) -> Status:
     return Status(
         n_trials=n_trials,
         n_done=len(done),
-        running=tuple(entry for trial, entry in entries.items() if not entry.told and trial not in done),
+        running=tuple(
+            entry for trial, entry in entries.items() if not entry.is_reported and trial not in done
+        ),
         outcomes=outcomes,
         n_runs=None if n_missing is None else n_runs_done + n_missing,
         n_runs_done=n_runs_done,
@@ -172,7 +175,7 @@ def _search(study: Study) -> _Search:
 
 
 def _written(folder: Path) -> _Runs:
-    """Return trial -> repeat -> time of the record, of every run that is there."""
+    """Return trial -> repeat -> time of the record, for every run in the folder."""
     written: _Runs = {}
     for trial, at in _numbered(folder / "artefacts", ""):
         runs = {}
@@ -187,7 +190,7 @@ def _written(folder: Path) -> _Runs:
 
 
 def _numbered(folder: Path | str, prefix: str) -> list[tuple[int, str]]:
-    """Return (number, path) of what a folder holds under names of a prefix and a number."""
+    """Return (number, path) of the entries of a folder whose names are a prefix and a number."""
     try:
         names = os.listdir(folder)
     except OSError:
@@ -197,7 +200,7 @@ def _numbered(folder: Path | str, prefix: str) -> list[tuple[int, str]]:
 
 
 def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
-    """Return how trials ended: from the table, and from the records of those that it is too old for."""
+    """Return how trials ended: from the table, or from the records of trials newer than the table."""
     outcomes = {}
     table = _table(folder / "trials.parquet", ("trial", "status", "reason", "repeats"))
     if len(table.columns) == 4:
@@ -215,7 +218,7 @@ def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
 
 
 def _record(folder: Path) -> dict[str, Any]:
-    """Return the record of a run, without checking its files: they are many, and may be large."""
+    """Return the record of a run without checking its files, which are many and may be large."""
     try:
         record = read_json(folder / "record.json")
     except StoreError:
@@ -224,7 +227,7 @@ def _record(folder: Path) -> dict[str, Any]:
 
 
 def _table(path: Path, columns: Sequence[str]) -> pandas.DataFrame:
-    """Return those of some columns that a table has, none where it cannot be read now."""
+    """Return the columns among `columns` that a table has; no columns if it cannot be read now."""
     import pandas
     import pyarrow.parquet
 
@@ -246,18 +249,18 @@ def _points(folder: Path, objectives: Sequence[str]) -> pandas.DataFrame:
 def _timed(
     written: _Runs, entries: Mapping[int, Entry], outcomes: Mapping[int, Outcome], repeats: int
 ) -> _Runs:
-    """Return when every run ended, NaN where nothing says it: a folder may come without its artefacts."""
+    """Return the end of every run, NaN if it is unknown: a copied folder may lack its artefacts."""
     timed = {}
     for trial in sorted(written.keys() | outcomes.keys()):
         runs = written.get(trial) or dict.fromkeys(range(outcomes[trial].n_runs), math.nan)
         if (entry := entries.get(trial)) is not None:
-            until_s = math.inf if entry.told_s is None else entry.told_s
+            until_s = math.inf if entry.reported_s is None else entry.reported_s
             first = [at for at in runs.values() if not math.isnan(at)][:repeats]
             copied = len(first) < repeats or max(first) > until_s + _CLOCKS_S
             runs = {
-                repeat: _between(at, entry.asked_s, until_s)
+                repeat: _between(at, entry.proposed_s, until_s)
                 if number < repeats
-                else (math.nan if copied else max(at, entry.asked_s))
+                else (math.nan if copied else max(at, entry.proposed_s))
                 for number, (repeat, at) in enumerate(runs.items())
             }
         timed[trial] = runs
@@ -265,17 +268,17 @@ def _timed(
 
 
 def _between(at: float, low: float, high: float) -> float:
-    """Return a moment kept within two, and the last that is known of these where it is unknown."""
+    """Return a moment clipped to an interval; an unknown one becomes the last known end of the interval."""
     if math.isnan(at):
         return high if math.isfinite(high) else low
     return max(low, min(at, high))
 
 
 def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessions:
-    """Return the sessions that the study notes when they start; before it did, all that happened is one."""
+    """Return the sessions by the starts that the study records; without any, all events are one session."""
     happened = [at for ends in runs.values() for at in ends.values() if math.isfinite(at)]
-    happened += [entry.asked_s for entry in entries.values()]
-    happened += [entry.told_s for entry in entries.values() if entry.told_s is not None]
+    happened += [entry.proposed_s for entry in entries.values()]
+    happened += [entry.reported_s for entry in entries.values() if entry.reported_s is not None]
     events = np.sort(np.array(happened))
     try:
         starts = sorted(seconds(session["started"]) for session in read_json(folder / "environment.json"))
@@ -288,7 +291,7 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
 
 
 def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> int | None:
-    """Return how many trials there will be; a sampler that has no other design ends a search early."""
+    """Return the final number of trials; a sampler without further designs ends a search early."""
     n_trials = search.n_trials
     if n_trials is None:
         try:
@@ -297,7 +300,7 @@ def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> in
             return None
     newest = max((entry.batch for entry in entries.values()), default=0)
     last = [entry for entry in entries.values() if entry.batch == newest]
-    if n_trials is not None and last and all(entry.told for entry in last):
+    if n_trials is not None and last and all(entry.is_reported for entry in last):
         before = len(entries) - len(last)
         if len(last) < min(search.batch, n_trials - before):
             return len(entries)
@@ -305,7 +308,7 @@ def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> in
 
 
 def _n_repeats_missing(points: pandas.DataFrame, goals: Sequence[Goal], search: _Search, runs: _Runs) -> int:
-    """Return how many runs the designs on the fronts of the last table lack to have their repeats."""
+    """Return the number of missing repeats of the designs on the fronts of the last table."""
     known = [goal for goal in goals if goal.column in points.columns]
     if search.repeats_on_front <= search.repeats or not known or points.empty:
         return 0
@@ -317,7 +320,7 @@ def _n_repeats_missing(points: pandas.DataFrame, goals: Sequence[Goal], search: 
 def _time_left_s(
     sessions: _Sessions, moments: Sequence[float], n_missing: int | None, n_workers: int
 ) -> float | None:
-    """Return the estimated time left by the runs that ended in the last session, each as much work as any."""
+    """Return the estimated time left, from the runs of the last session; all runs count as equal work."""
     if not n_missing or not len(sessions.start_s):
         return None
     began_s = float(sessions.start_s[-1])

@@ -1,8 +1,8 @@
 """Runs -> a study's table of one row per trial.
 
 Several runs (repeats) of a design are one row: numbers are means over its repeats. `accuracy_se` is the
-Wilson standard error of the one run where there is one, and the standard error of the mean over seeds
-(sample standard deviation / sqrt(repeats)) where there are several. A trial with a failed run is a failed
+Wilson standard error for one run, and the standard error of the mean over seeds (sample standard deviation /
+sqrt(repeats)) for several. A trial with a failed run is a failed
 trial: leaving that seed out would flatter the design.
 """
 
@@ -25,10 +25,10 @@ _LAST = ("status", "reason")
 
 
 def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) -> pandas.DataFrame:
-    """Return one row per trial: its design, what its full read-out measured, status and reason.
+    """Return one row per trial: its design, the numbers of its full read-out, status and reason.
 
     Args:
-        space: what was explored.
+        space: the search space of the study.
         trials: trial number -> records of its runs.
     """
     import pandas
@@ -52,8 +52,8 @@ def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) 
     return frame.astype(dict.fromkeys(claims, "boolean"))
 
 
-def named(space: SearchSpace, trial: int, records: Sequence[RunRecord]) -> dict[str, Any]:
-    """Return the columns that say what a row is about; an axis that the design does not have is missing."""
+def named(space: SearchSpace, trial: int, records: Sequence[RunRecord]) -> dict[str, object]:
+    """Return the columns that identify a row; an axis that the design does not have is missing."""
     design = records[0].design
     cells = {
         name: _cell(axis, design[name]) if name in design else _missing(axis)
@@ -63,18 +63,18 @@ def named(space: SearchSpace, trial: int, records: Sequence[RunRecord]) -> dict[
     return {**about, **cells, "repeats": len(records)}
 
 
-def family(space: SearchSpace, design: Mapping[str, Any]) -> str:
+def family(space: SearchSpace, design: Mapping[str, object]) -> str:
     """Return the kind of a design's model."""
     return space.kind("model", design)
 
 
-def task_name(space: SearchSpace, design: Mapping[str, Any]) -> str:
-    """Return what a design predicts: the task's name, or the columns of its target where that is an axis."""
+def task_name(space: SearchSpace, design: Mapping[str, object]) -> str:
+    """Return the task of a design: its name, or the columns of its target if the target is an axis."""
     return space.task_name(design)
 
 
-def _cell(axis: Axis, value: Any) -> Any:
-    """Return a plain value as it is, and JSON text on an axis that mixes kinds or holds lists or mappings."""
+def _cell(axis: Axis, value: object) -> object:
+    """Return the value itself, or JSON text on an axis with mixed kinds, lists or mappings."""
     values = axis.values or ()
     kinds = {
         bool if isinstance(v, bool) else float if isinstance(v, int | float) else type(v) for v in values
@@ -84,12 +84,12 @@ def _cell(axis: Axis, value: Any) -> Any:
 
 
 def _missing(axis: Axis) -> float | None:
-    """Return what stands for no value: NaN on an axis of numbers, None on any other."""
+    """Return the cell without a value: NaN on an axis of numbers, None on any other."""
     values = axis.values or ()
     return np.nan if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values) else None
 
 
-def _short(value: Any) -> Any:
+def _short(value: object) -> object:
     """Return a value whose whole floats are integers, as people write them: [1, 2.5], not [1.0, 2.5]."""
     if isinstance(value, list | tuple):
         return [_short(inner) for inner in value]
@@ -104,8 +104,8 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     """Return a trial's full read-out: mean of every number, `all` of every claim, the accuracy's error.
 
     Args:
-        runs: what the runs of one trial measured.
-        profile: hardware profile, or None for the columns that need none.
+        runs: measurements of the runs of one trial.
+        profile: hardware profile, or None for the columns without hardware.
     """
     rows = [{**run.columns, **(run.hardware[profile] if profile else {})} for run in runs]
     columns: dict[str, Any] = {}

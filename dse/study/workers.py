@@ -1,13 +1,13 @@
 """A function over jobs, in worker processes: one job at a time and one thread each.
 
-A job may yield its result in parts, which arrive as they come: the parts that it had finished before it was
-stopped are kept.
+A job may yield its result in parts, which arrive at once: parts that arrived before the job ended early stay
+valid.
 
 A worker that dies (killed for memory, segmentation fault) costs the job that it was running and nothing
 else: it is replaced, and the job's result is a `Failure` that names the signal. A shared pool such as
-joblib's cannot promise that: one dead worker ends every job in flight and does not tell which job killed
-it. Workers are in a process group of their own, so Ctrl-C reaches the parent alone, and they end with the
-parent however it ends, because the pipe between them closes. POSIX only.
+joblib's cannot do this: one dead worker ends every running job and hides the job that killed it. Each worker
+has a separate process group, so Ctrl-C reaches the parent alone; workers end with the parent, however it
+ends, because the pipe between them closes. POSIX only.
 
 A job may hold components of plugins: a worker loads the plugins that its parent has loaded.
 """
@@ -79,7 +79,7 @@ class Failure:
 
 
 def memory_budget(gib: float | None, n_workers: int, device: str) -> int:
-    """Return the bytes that a worker may take: as stated, else its share of three quarters of all there is.
+    """Return the bytes that a worker may use: as stated, else an equal part of three quarters of the memory.
 
     Args:
         gib: stated budget; None: not stated.
@@ -90,7 +90,7 @@ def memory_budget(gib: float | None, n_workers: int, device: str) -> int:
 
 
 def _memory(device: str) -> int:
-    """Return all of a device's memory, in bytes; in a container, what the container may take."""
+    """Return a device's memory in bytes; in a container, at most the container's limit."""
     if device == "cuda":
         import torch
 
@@ -102,7 +102,7 @@ def _memory(device: str) -> int:
 
 
 class Workers:
-    """Up to `n` worker processes, started when first needed and kept until the `with` block ends.
+    """Up to `n` worker processes, started when first needed and ended with the `with` block.
 
     One `map` or `stream` at a time.
 
@@ -147,17 +147,17 @@ class Workers:
     def stream(
         self, function: Callable[[Job], Iterable[Part]], jobs: Iterable[Job]
     ) -> Iterator[tuple[Job, Part | Failure]]:
-        """Yield every part of what the function yields for a job, with its job, as soon as it is there.
+        """Yield every part that the function yields for a job, with its job, as soon as it arrives.
 
-        A job that ends early, by an exception or by its worker's death, ends with a `Failure`; the parts
-        before it stand.
+        A job that ends early, by an exception or by its worker's death, ends with a `Failure`; earlier parts
+        stay valid.
 
         Args:
             function: importable by name; it is called in a worker.
             jobs: taken one by one as workers become free; pickled, so keep them small.
         """
         waiting = iter(jobs)
-        busy: dict[Any, tuple[_Worker, Job]] = {}
+        busy: dict[Connection, tuple[_Worker, Job]] = {}
         try:
             while True:
                 for job in itertools.islice(waiting, self.n - len(busy)):
@@ -167,6 +167,7 @@ class Workers:
                 if not busy:
                     return
                 for ready in wait(list(busy)):
+                    assert isinstance(ready, Connection)  # nothing else is waited for
                     worker, job = busy[ready]
                     is_last, part = worker.receive()
                     if is_last:
@@ -175,7 +176,7 @@ class Workers:
                             self._idle.append(worker)
                     if not is_last or part is not None:
                         yield job, part
-        finally:  # the caller stopped listening: the jobs that still run are of no use
+        finally:  # the caller has stopped: nobody reads the results of running jobs
             for worker, _ in busy.values():
                 worker.kill()
 
@@ -211,7 +212,7 @@ class _Worker:
     def is_alive(self) -> bool:
         return not self.connection.closed
 
-    def send(self, message: Any) -> None:
+    def send(self, message: object) -> None:
         data = pickle.dumps((registry.loaded_plugins(), pickle.dumps(message)))
         with contextlib.suppress(BrokenPipeError):  # it died just now: receive() reports it
             self.connection.send_bytes(data)

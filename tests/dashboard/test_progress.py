@@ -107,7 +107,7 @@ def test_a_study_half_way(half):
     json.dumps(found, allow_nan=False)
     now = status(half.path)
     assert (now.n_trials, now.n_done, now.n_runs, now.n_runs_done) == (4, 3, 4, 3)
-    assert [(entry.trial, entry.batch, entry.asked_s - START) for entry in now.running] == [(3, 1, 902)]
+    assert [(entry.trial, entry.batch, entry.proposed_s - START) for entry in now.running] == [(3, 1, 902)]
     assert now.trials_by_reason("failed") == [("loss is not finite", [2])]
     assert now.outcomes[0].status == "finished" and now.last_s == START + 1800
 

@@ -47,7 +47,7 @@ EXPECTED = [
 
 
 def without_times(entries: list[Entry]) -> list[tuple[object, ...]]:
-    return [(entry.trial, entry.batch, entry.design, entry.told, entry.values) for entry in entries]
+    return [(entry.trial, entry.batch, entry.design, entry.is_reported, entry.values) for entry in entries]
 
 
 def test_what_was_asked_and_told_is_there_after_a_restart(
@@ -58,8 +58,8 @@ def test_what_was_asked_and_told_is_there_after_a_restart(
     assert without_times(again) == EXPECTED
     assert capfd.readouterr() == ("", "")
     for written, read in zip(ledger.entries, again, strict=True):
-        assert abs(written.asked_s - read.asked_s) < 120
-        assert read.told_s is None or read.asked_s <= read.told_s
+        assert abs(written.proposed_s - read.proposed_s) < 120
+        assert read.reported_s is None or read.proposed_s <= read.reported_s
 
 
 def test_a_journal_is_read_as_optuna_reads_it(ledger: Ledger, tmp_path: Path) -> None:
@@ -82,9 +82,9 @@ def test_a_journal_is_read_as_optuna_reads_it(ledger: Ledger, tmp_path: Path) ->
         (t.number, t.user_attrs["batch"], t.user_attrs["design"], t.state.is_finished(), t.values)
         for t in trials
     ] == [(*rest, None if values is None else list(values)) for *rest, values in without_times(entries)]
-    assert [t.datetime_start.timestamp() for t in trials] == [entry.asked_s for entry in entries]
+    assert [t.datetime_start.timestamp() for t in trials] == [entry.proposed_s for entry in entries]
     assert [t.datetime_complete and t.datetime_complete.timestamp() for t in trials] == [
-        entry.told_s for entry in entries
+        entry.reported_s for entry in entries
     ]
 
 
@@ -108,7 +108,7 @@ def test_a_last_line_that_is_no_json_is_cut_off(ledger: Ledger, tmp_path: Path, 
     again = Ledger(tmp_path / "journal.log", space)
     assert without_times(again.entries) == EXPECTED
     again.tell(2, None)
-    assert Ledger(tmp_path / "journal.log", space).entries[2].told
+    assert Ledger(tmp_path / "journal.log", space).entries[2].is_reported
 
 
 def test_the_lock_of_a_dead_process_is_no_obstacle(
