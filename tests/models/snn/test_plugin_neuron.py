@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dse
 from dse.cli import main
+from dse.config.locate import shipped_folder
 
 pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
 
@@ -65,3 +67,11 @@ def test_a_users_neuron_goes_from_a_file_to_a_bundle(
     assert {row["trial"] for row in front} <= {0, 1}
     (picked,) = run("pick", results, "--export", tmp_path / "bundle", capsys=capsys)[:1]
     assert float(str(picked["accuracy"])) > 2 / 6  # six textures
+
+    # The bundle answers the scene's recordings; on those of the validation part it has the recorded accuracy.
+    validation = dse.open(results).dataset(int(str(picked["trial"]))).validation
+    (tmp_path / "adaptive.py").unlink()  # the bundle has its own copy
+    scene = shipped_folder("search_spaces") / "scenes" / "quickstart.yaml"
+    answers = run("evaluate", tmp_path / "bundle", "--data", scene, "--each", capsys=capsys)
+    correct = [answers[i]["answer"] == answers[i]["true"] for i in validation]
+    assert np.mean(correct) == picked["accuracy"]
