@@ -1,7 +1,7 @@
 """Which rows of a table may be compared on a front.
 
 A row is admissible if its classifier has not seen the labels that it predicts (it is not transductive) and
-if it fits its hardware, wherever other rows fit that hardware.
+if it fits its hardware; if no row fits a hardware, all its rows are admissible.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from dse import registry
 from dse.records import Bools, Ints
 from dse.skyline.table import group_numbers, numbers
 
-_NAMED_IN_NOTE = 5  # rows that a note names before it says how many more there are
+_NAMED_IN_NOTE = 5  # rows that a note names; it only counts the others
 
 
 def honest(rows: pd.DataFrame) -> Bools:
-    """Return which rows are of classifiers that have not seen the labels that they predict, (row,)."""
+    """Return which rows' classifiers have not seen the labels that they predict, (row,)."""
     try:
         leaky = rows["transductive"].astype("boolean")
-    except (KeyError, TypeError, ValueError):  # a user's column of that name that holds something else
+    except (KeyError, TypeError, ValueError):  # a user's column of this name with other content
         return np.ones(len(rows), dtype=bool)
     return ~leaky.fillna(False).to_numpy(dtype=bool)
 
@@ -36,7 +36,7 @@ def fitting(rows: pd.DataFrame) -> Bools:
 
 
 def admissible(rows: pd.DataFrame) -> Bools:
-    """Return which rows a front compares, (row,): the honest ones that fit their hardware, where any does."""
+    """Return which rows a front compares, (row,): the honest ones that fit their hardware, if any fits it."""
     keep = honest(rows)
     of_hardware = [name for name in ("fits", "hardware") if name in rows.columns]
     keep[keep] = fitting(rows.loc[keep, of_hardware])
@@ -100,9 +100,9 @@ def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.
 
 
 def _fits(rows: pd.DataFrame) -> Bools:
-    """Return which rows fit; one without an answer where others of its hardware have one cannot run there.
+    """Return which rows fit; a row without a value fits only if no row of its hardware has a value.
 
-    A column `fits` that holds anything but yes, no or nothing is not about hardware.
+    A column `fits` with other values than true, false and missing is not about hardware: all rows fit.
     """
     try:
         fits = rows["fits"].astype("boolean")
@@ -114,7 +114,7 @@ def _fits(rows: pd.DataFrame) -> Bools:
 
 
 def _chips(rows: pd.DataFrame) -> Ints:
-    """Return the number of each row's hardware; all are on one where the table does not say."""
+    """Return the number of each row's hardware; without a column `hardware`, all rows have the same."""
     return group_numbers(rows, ["hardware"] if "hardware" in rows else [])
 
 

@@ -4,8 +4,8 @@
     TEST  = VALUE (== | != | < | <= | > | >=) VALUE ... | VALUE [not] in [constant, ...] | column of booleans
     VALUE = a column name, dots allowed (model.hidden) | number | 'text' | True | False
 
-Python's own parser reads the text and this file walks the tree; nothing is evaluated as code.
-A comparison with a missing value (NaN) is false, whatever the comparison, as in SQL.
+Python's parser reads the text and this file walks the tree; nothing is evaluated as code. Any comparison with
+a missing value (NaN) is false, as in SQL.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ import pandas as pd
 from dse.config.faults import known_names
 from dse.records import Array, Bools, Floats
 
-_OPERATORS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
+_Comparison = Callable[[Array, Array | float], Bools]
+
+_OPERATORS: dict[type[ast.cmpop], tuple[str, _Comparison]] = {
     ast.LtE: ("<=", operator.le),
     ast.GtE: (">=", operator.ge),
     ast.Lt: ("<", operator.lt),
@@ -59,7 +61,7 @@ class Budget:
         return np.asarray(compare(values, self.limit), dtype=bool)
 
     def excess(self, values: Floats) -> Floats:
-        """Return by how much each value misses the limit, in the column's unit; 0 at the limit itself."""
+        """Return the amount by which each value misses the limit, in the column's unit; 0 at the limit."""
         over = {"min": values - self.limit, "max": self.limit - values}
         return np.asarray(np.maximum(over.get(self.direction, np.abs(values - self.limit)), 0.0))
 
@@ -166,7 +168,7 @@ def _names(node: ast.AST) -> Iterator[str]:
         yield from _names(child)
 
 
-def _constant(node: ast.expr) -> Any:
+def _constant(node: ast.expr) -> float | str | None:
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         value = _constant(node.operand)
         if isinstance(value, int | float) and not isinstance(value, bool):
@@ -214,14 +216,14 @@ def _compare(left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFra
 
 @dataclass(frozen=True)
 class _Operand:
-    """One side of a comparison, over all rows; `is_text` is None where no row has a value."""
+    """One side of a comparison, over all rows; `is_text` is None if no row has a value."""
 
     values: Array
     present: Bools
     is_text: bool | None
 
 
-def _test(compare: Callable[[Any, Any], Any], left: _Operand, right: _Operand, text: str) -> Bools:
+def _test(compare: _Comparison, left: _Operand, right: _Operand, text: str) -> Bools:
     if None not in (left.is_text, right.is_text) and left.is_text != right.is_text:
         raise ExpressionError(f"condition '{text}' compares text with a number")
     result = left.present & right.present

@@ -2,8 +2,8 @@
 
 A table is a pandas DataFrame with one row per design point; columns are named as in the record of
 a trial. Goals are (column, 'max' or 'min') pairs. A row with a NaN or infinite goal is left out, and the
-notes say how many and which. A row that is not admissible (`dse.skyline.admissible`) is left out too, unless
-the condition names the column that says so.
+notes state the number and the reason. A row that is not admissible (`dse.skyline.admissible`) is left out
+too, unless the condition names the column `fits` or `transductive`.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Skyline(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """How to sample columns that depend on uncertain numbers.
+    """A sampler of columns that depend on uncertain numbers.
 
-    columns: which; `<column>_low` and `<column>_high` of the table are the ends of what a draw may give.
+    columns: their names; `<column>_low` and `<column>_high` of the table are the ends of every sample.
     of: rows -> column -> (draw, row).
     """
 
@@ -53,9 +53,9 @@ def skyline(
 ) -> Skyline:
     """Return the rows that meet a condition and that no other such row dominates.
 
-    Costs on different hardware do not compare: each has a front of its own. Rows with equal goals do
-    not dominate each other: all of them are kept, one after the other. Rows come group by group, best first
-    goal first; the index says where they stood in the table.
+    Costs on different hardware do not compare: each hardware has a separate front. Rows with equal goals do
+    not dominate each other: all of them are returned. Rows are sorted by group, then by goals, best first;
+    the index is their index in the table.
 
     Args:
         frame: design points.
@@ -81,20 +81,20 @@ def comparable(
     by: str | Sequence[str] | None = None,
     named: Iterable[str] = (),
 ) -> Skyline:
-    """Return the rows that a front is sought among: those that meet a condition and have every goal.
+    """Return the candidates of a front: the rows that meet a condition and have every goal.
 
-    Whether rows fit their hardware does not depend on the limits that the condition sets. Where no goal
-    depends on hardware and the table holds the same points on several, the first serves.
+    Whether rows fit their hardware does not depend on the limits that the condition sets. If no goal
+    depends on hardware and the table holds the same points on several, only the first is used.
 
     Args:
         frame: design points.
         goals: (column, 'max' or 'min') pairs.
         where: condition in the language of `dse.skyline.constraints`, or several, all of which must be met.
-        by: as of `skyline`.
-        named: columns that the caller's own conditions name, such as budgets.
+        by: as in `skyline`.
+        named: columns that further conditions of the caller name, such as budgets.
 
     Raises:
-        ExpressionError: as of `skyline`.
+        ExpressionError: as in `skyline`.
     """
     names = [goal.column for goal in checked_goals(goals)]
     conditions = _as_list(where or None)
@@ -125,7 +125,7 @@ def front_mask(
     Args:
         frame: design points, admissible or not.
         goals: (column, 'max' or 'min') pairs.
-        group: (row,) group numbers, as of `group_numbers`; None: one group.
+        group: (row,) group numbers, as in `group_numbers`; None: one group.
         among: (row,) which rows to compare, such as `admissible(frame)`; None: all.
 
     Raises:
@@ -151,14 +151,14 @@ def front_share(
     draws: Draws,
     by: str | Sequence[str] | None = None,
 ) -> Floats:
-    """Return in what share of draws each row is non-dominated among all of them, (row,).
+    """Return the fraction of samples in which each row is non-dominated among all rows, (row,).
 
     Args:
         frame: rows of `comparable`.
         goals: (column, 'max' or 'min') pairs.
         draws: of what is uncertain; other columns are as they stand. A row with NaN in a draw is not on that
             draw's front. Sampled only for rows whose ranges leave them a chance.
-        by: as of `skyline`.
+        by: as in `skyline`.
     """
     checked = checked_goals(goals)
     costs = costs_of(frame, checked)
@@ -192,7 +192,7 @@ _ROUNDING = 1e-9  # of a range's ends, relative: draws at an end are computed in
 
 
 def _range(frame: pd.DataFrame, goal: Goal) -> tuple[Floats, Floats]:
-    """Return the least and the largest cost that a draw may give each row; without a range, anything."""
+    """Return the least and the largest cost of each row in any sample; without a range, infinities."""
     if not {f"{goal.column}_low", f"{goal.column}_high"} <= set(frame):
         return np.full(len(frame), -np.inf), np.full(len(frame), np.inf)
     ends = np.sort([goal.sign * numbers(frame, f"{goal.column}_{end}") for end in ("low", "high")], axis=0)
@@ -200,7 +200,7 @@ def _range(frame: pd.DataFrame, goal: Goal) -> tuple[Floats, Floats]:
 
 
 def _possible(costs: Floats, ranges: Mapping[int, tuple[Floats, Floats]], group: Ints) -> Ints:
-    """Return the rows that may be on the front, wherever in their ranges (least, most) the costs are.
+    """Return the rows that may be on the front for some costs in their ranges (least, most).
 
     A row whose least cost is dominated by another's largest is never on it.
     """
@@ -237,7 +237,7 @@ def front_ends(
     Args:
         frame: design points.
         by: column with a front for each of its values (a task).
-        design: columns that say what the design was.
+        design: columns that identify the design.
         accuracy: column to maximise.
         spikes: column of S.
         weights: column of W_t.
@@ -266,7 +266,7 @@ def front_ends(
 
 
 def _front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
-    """Return the columns whose values have a front each: `by`, and hardware where there are several."""
+    """Return the columns whose values have separate fronts: `by`, and hardware if there are several."""
     names = _as_list(by)
     several = "hardware" in rows and rows["hardware"].nunique() > 1
     return [*names, *(["hardware"] if several and "hardware" not in names else [])]

@@ -1,4 +1,4 @@
-"""Goals: which columns of a table are better large or small."""
+"""Goals: columns of a table to maximise or to minimise."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Non-dominated points and hypervolume of plain arrays, everything minimised.
 
 A point dominates another when it is nowhere worse and somewhere better; equal points do not
-dominate each other, so both are kept. `dse.skyline.front` does the same for tables.
+dominate each other, so both are on the front. `dse.skyline.front` does the same for tables.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _all_finite(array: Floats) -> bool:
 
 
 def non_dominated(points: ArrayLike) -> Bools:
-    """Return which points no other point dominates; equal points are kept together.
+    """Return which points no other point dominates; equal points are on the front together.
 
     Large sets are thinned first: points that dominate much of a small sample remove what they
     dominate in one pass each, and only the rest goes to moocore, whose Kung-Luccio-Preparata
@@ -59,9 +59,9 @@ def non_dominated(points: ArrayLike) -> Bools:
     if len(array) <= _SMALL:
         return _kernel(array)
     columns = np.ascontiguousarray(array.T)
-    kept, thinned = _thin(columns)
+    remaining, thinned = _thin(columns)
     mask = np.zeros(len(array), dtype=bool)
-    mask[kept[_kernel(np.ascontiguousarray(thinned.T))]] = True
+    mask[remaining[_kernel(np.ascontiguousarray(thinned.T))]] = True
     return mask
 
 
@@ -73,7 +73,7 @@ def non_dominated_by_group(points: ArrayLike, group: Ints) -> Bools:
         group: (n,) group numbers from 0.
 
     Raises:
-        ValueError: as of `non_dominated`.
+        ValueError: as in `non_dominated`.
     """
     array = _points(points)
     mask = np.zeros(len(array), dtype=bool)
@@ -109,15 +109,15 @@ def _bounded(array: Floats) -> Floats:
 
 def _thin(columns: Floats) -> tuple[Ints, Floats]:
     """Return the indices and columns (d, m) left after dropping points that a pivot dominates."""
-    kept = np.arange(columns.shape[1])
+    remaining = np.arange(columns.shape[1])
     while columns.shape[1] > _SMALL:
         before = columns.shape[1]
         for pivot in _pivots(columns).T:
             left = _not_dominated_by(pivot, columns)
-            kept, columns = kept[left], columns[:, left]
+            remaining, columns = remaining[left], columns[:, left]
         if columns.shape[1] > 0.7 * before:
             break
-    return kept, columns
+    return remaining, columns
 
 
 def _not_dominated_by(pivot: Floats, columns: Floats) -> Ints:

@@ -1,4 +1,4 @@
-"""The best design point within budgets, or the points that come nearest."""
+"""The best design point within budgets, or the nearest points."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from dse.skyline.table import numbers
 
 
 class Pick(NamedTuple):
-    """The best row within the budgets, or the rows that come nearest.
+    """The best row within the budgets, or the nearest rows.
 
-    row: None where no row meets every budget.
-    nearest: only then: rows ranked by `shortfall`, the sum over the budgets of miss / |limit|
+    row: None if no row meets every budget.
+    nearest: in that case, rows ranked by `shortfall`, the sum over the budgets of miss / |limit|
         (miss itself where the limit is 0); one column `missed <budget>` each, in the budget's unit.
         A strict limit that is hit exactly is missed by 0.
-    notes: what was left out, and why.
+    notes: the number of rows left out, and the reason.
     """
 
     row: pd.Series[Any] | None
@@ -38,7 +38,7 @@ def pick(
     tie_breaks: Sequence[tuple[str, str]] = (),
     n_nearest: int = 5,
 ) -> Pick:
-    """Return the best row within the budgets; where there is none, the nearest rows.
+    """Return the best row within the budgets; if there is none, the nearest rows.
 
     Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
     budgets in their order, then to the first row of the table. A row without the number of a tie break, such
@@ -50,8 +50,8 @@ def pick(
             with a number are budgets; anything else (task == 'texture') is a condition never relaxed.
         maximise: column to maximise.
         tie_breaks: (column, 'max' or 'min') pairs.
-        n_nearest: how many rows to name where no row is within the budgets; of several points of a trial
-            on one hardware profile, the nearest.
+        n_nearest: number of nearest rows; of several points of a trial on one hardware profile, only the
+            nearest counts.
 
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
@@ -101,7 +101,7 @@ def _nearest(rows: pd.DataFrame, limits: Sequence[Budget], ranking: Floats) -> p
     nearest = table.iloc[np.lexsort((*ranking, shortfall))]
     if "trial" not in nearest.columns:
         return nearest
-    # Several points of one design would say little.
+    # Several points of one design would repeat it.
     return nearest.drop_duplicates([name for name in ("trial", "hardware") if name in nearest.columns])
 
 
@@ -115,23 +115,23 @@ def sure_pick(
     by: str | Sequence[str] | None = None,
     n_nearest: int = 5,
 ) -> Pick:
-    """Return `pick` among the rows that are good in a share `confidence` of the draws.
+    """Return the pick among the rows that meet the conditions in a fraction `confidence` of the samples.
 
-    A row must be within each budget in that share of the draws, and on the front of `maximise` and the tie
-    breaks in as many. Its numbers are reported as they stand, with `front_share` beside.
+    In that fraction of the samples a row must be within each budget, and on the front of `maximise` and the
+    tie breaks. Its numbers are those of the table, with the column `front_share`.
 
     Args:
         frame: design points.
-        budgets: as of `pick`.
+        budgets: as in `pick`.
         maximise: column to maximise.
         tie_breaks: (column, 'max' or 'min') pairs, the other goals of the front.
-        draws: as of `front_share`, of what budgets limit too.
-        confidence: the share, in (0, 1].
-        by: columns whose values have fronts of their own.
-        n_nearest: as of `pick`.
+        draws: as in `front_share`, also for columns with a budget.
+        confidence: the fraction, in (0, 1].
+        by: columns whose values have separate fronts.
+        n_nearest: as in `pick`.
 
     Raises:
-        ExpressionError: as of `pick`.
+        ExpressionError: as in `pick`.
     """
     limits, conditions = split_budgets(budgets)
     goals = [(maximise, "max"), *tie_breaks]
@@ -143,7 +143,7 @@ def sure_pick(
     bounds = {}
     for limit in limits:
         if limit.column in costs and limit.direction:
-            # The value that so many draws stay within: the k-th best of them.
+            # The bound of that fraction of the samples: the k-th best of them.
             better = np.sort(costs[limit.column], axis=0)[:: 1 if limit.direction == "min" else -1]
             bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
     bounded = pick(rows.assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
@@ -151,7 +151,7 @@ def sure_pick(
     if not sure.any():
         surest = f"; the most certain one is in {share.max():.0%}" if len(share) else ""
         notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the samples{surest}")
-    # Numbers as they stand; what is missed is what was missed with confidence.
+    # Columns are those of the table; misses are those of the bounds.
     nearest = bounded.nearest.assign(**{name: rows[name].reindex(bounded.nearest.index) for name in bounds})
     row = None if bounded.row is None else rows.iloc[rows.index.tolist().index(bounded.row.name)]
     return Pick(row, nearest, notes)

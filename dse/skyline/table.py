@@ -32,7 +32,7 @@ def read(path: str | Path) -> pd.DataFrame:
         frame = _read(file)
     except TableError:
         raise
-    except Exception as error:  # each reader has its own kinds; what users need is the file and the reason
+    except Exception as error:  # every reader raises other errors; users need the file and the reason
         raise TableError(f"{file}: the table cannot be read: {str(error).strip().splitlines()[0]}") from error
     if frame.empty:
         raise TableError(f"{file}: the table has no rows")
@@ -54,7 +54,7 @@ def _read(file: Path) -> pd.DataFrame:
 
 
 def numbers(frame: pd.DataFrame, name: str) -> Floats:
-    """Return a column as float64, NaN where a value is missing.
+    """Return a column as float64, NaN for missing values.
 
     Raises:
         ExpressionError: there is no such column, or it holds no numbers.
@@ -67,7 +67,7 @@ def numbers(frame: pd.DataFrame, name: str) -> Floats:
 
 
 def group_numbers(frame: pd.DataFrame, by: Sequence[str]) -> Ints:
-    """Return a number for each row, equal where the columns `by` are; from 0, in the order of the table.
+    """Return a group number for each row, by the values of the columns `by`; from 0, in table order.
 
     Missing values are equal to each other. Without columns all rows are one group.
 
