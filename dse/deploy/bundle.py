@@ -1,8 +1,8 @@
 """A bundle: the folder that `dse pick --export` writes and `dse evaluate` runs.
 
 bundle.json   schema, how recordings become spikes, the decision rule, the classes, the record, the evidence
-weights.npz   what was trained; of a network: float weights, 8-bit weights, decays, thresholds
-plugins/      files of the plugins that its components are from; reading the bundle runs their code
+weights.npz   trained parameters; of a network: float weights, 8-bit weights, decays, thresholds
+plugins/      files of the plugins with its components; reading the bundle runs their code
 README.md     the same for people
 """
 
@@ -36,15 +36,15 @@ class BundleError(ValueError):
 class Bundle:
     """A classifier that can be deployed.
 
-    fitted: what was trained; the family of section model runs it.
-    sections: of its design, with what was fitted to the recordings.
-    classes: names of the answers of the whole network.
-    phi, theta: the decision rule; both None where the answer comes at a fixed time.
+    fitted: the trained network or parameters; the family of section model runs it.
+    sections: of its design, with the values that were fitted to the recordings.
+    classes: names of the classes of the whole network.
+    phi, theta: the decision rule; both None if the answer comes at a fixed time.
     read_out_ms: that time; None for the end of the window.
     heads: of a joint target; head: the one that answers, '' for all of them together.
-    plugins: that its components are from: names of modules, or paths of files.
+    plugins: the plugins with its components: names of modules, or paths of files.
     record: the design point, column -> value.
-    evidence: where the numbers come from.
+    evidence: the origin of the numbers.
     """
 
     fitted: Network | Parameters
@@ -52,7 +52,7 @@ class Bundle:
     classes: tuple[str, ...]
     phi: float | None
     theta: float | None
-    record: Mapping[str, Any]
+    record: Mapping[str, object]
     evidence: Mapping[str, Any]
     read_out_ms: float | None = None
     heads: tuple[Head, ...] = ()
@@ -61,7 +61,7 @@ class Bundle:
 
 
 def write(bundle: Bundle, folder: Path) -> None:
-    """Publish a bundle; a bundle that is there already is replaced.
+    """Publish a bundle; an existing bundle is replaced.
 
     Raises:
         BundleError: the folder holds something else.
@@ -144,7 +144,7 @@ def read(folder: str | Path) -> Bundle:
 
 
 def weights(fitted: Network | Parameters) -> dict[str, Array]:
-    """Return what was trained as arrays; of a network, beside each float matrix the 8-bit one of a chip.
+    """Return the trained parameters as arrays; a network has the 8-bit matrices of a chip in addition.
 
     An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.fixed_point.quantise).
     """
@@ -159,7 +159,7 @@ def weights(fitted: Network | Parameters) -> dict[str, Array]:
 
 
 def _copied(source: str, bundle: Path) -> str:
-    """Copy the file of a plugin into a bundle; return how the bundle names the plugin.
+    """Copy the file of a plugin into a bundle; return the name of the plugin in the bundle.
 
     Raises:
         StoreError: it cannot be read or written.
@@ -171,7 +171,7 @@ def _copied(source: str, bundle: Path) -> str:
         code = Path(source).read_bytes()
     folder.mkdir(exist_ok=True)
     name = Path(source).name
-    while (folder / name).exists():  # of another folder
+    while (folder / name).exists():  # a file of the same name, from another folder
         name = f"_{name}"
     (folder / name).write_bytes(code)
     return f"{_PLUGINS}/{name}"
@@ -220,7 +220,7 @@ def _rule(bundle: Bundle) -> str:
 
 
 def _described(bundle: Bundle) -> tuple[str, str]:
-    """Return what the classifier is, and what its arrays are."""
+    """Return a description of the classifier, and one of its arrays."""
     fitted = bundle.fitted
     if isinstance(fitted, Parameters):
         names = ", ".join(f"`own/{name}`" for name in fitted.arrays)

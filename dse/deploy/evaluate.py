@@ -6,7 +6,6 @@ import dataclasses
 import glob
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,10 +28,10 @@ from dse.records import Answers, Bools, Dataset, Floats, Ints, Response
 class Evaluation:
     """The answers of a bundle on new recordings.
 
-    label: (n,) answered class; time_ms: (n,) when; decided: (n,) whether theta was reached.
-    target: (n,) true class, -1 where the file has no label.
-    accuracy, accuracy_se, confusion: over the labelled recordings; None where there are none.
-    notes: which plugins the bundle loaded, and what had to be repaired in the recordings.
+    label: (n,) answered class; time_ms: (n,) time of the answer; decided: (n,) whether theta was reached.
+    target: (n,) true class, -1 without a label in the file.
+    accuracy, accuracy_se, confusion: over the labelled recordings; None if there are none.
+    notes: the plugins that the bundle loaded, and the repairs of the recordings.
     """
 
     classes: tuple[str, ...]
@@ -56,8 +55,8 @@ class Evaluation:
         return float(1 - self.decided.mean())
 
     @property
-    def answers(self) -> list[dict[str, Any]]:
-        """One row per recording, in the file's order; `true` is None where it has no label."""
+    def answers(self) -> list[dict[str, object]]:
+        """One row per recording, in the file's order; `true` is None without a label."""
         return [
             {
                 "recording": i,
@@ -72,7 +71,7 @@ class Evaluation:
         ]
 
     @property
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> dict[str, object]:
         """The numbers as one row, named as in the record of a trial."""
         return {
             "recordings": len(self.label),
@@ -85,7 +84,7 @@ class Evaluation:
 
 
 def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False) -> Evaluation:
-    """Answer on new recordings with a bundle's own preprocessing, network and decision rule.
+    """Classify new recordings with the preprocessing, network and decision rule of a bundle.
 
     Args:
         bundle: folder of a bundle.

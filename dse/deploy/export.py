@@ -23,9 +23,9 @@ from dse.study.results import Study
 
 @dataclass(frozen=True)
 class _Setting:
-    """What a design point was evaluated at; each None where it has none.
+    """The setting of a design point; each field is None if it does not apply.
 
-    head: of a joint net, the one that answers; '' for all of them together.
+    head: the answering head of a joint net; '' for all of them together.
     """
 
     phi: float | None
@@ -47,7 +47,7 @@ class _Setting:
             phi=_number(point.get("phi")),
             theta=_number(point.get("theta")),
             read_out_ms=_number(point.get("read_out_ms")),
-            # As trained where it states none, or more bits than are trained.
+            # The trained precision if it states none, or more bits than were trained.
             precision=(
                 BITS if bits is None else min(int(bits), BITS),
                 _number(point.get("pruned_after")) or 0.0,
@@ -57,12 +57,12 @@ class _Setting:
 
 
 def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle:
-    """Write the bundle of a design point; of several repeats, the one whose accuracy is nearest their mean.
+    """Write the bundle of a design point; of several repeats, the one with accuracy nearest their mean.
 
     Args:
-        study: where the point is from.
-        point: a row of `study.points()`, as a skyline or a pick returns it.
-        folder: where the bundle is published; a bundle that is there is replaced.
+        study: the study of the point.
+        point: a row of `study.points()`, e.g. from a skyline or a pick.
+        folder: folder to write; a bundle in it is replaced.
 
     Raises:
         ValueError: the point names no trial, or a phi, theta or precision that the study did not evaluate.
@@ -115,10 +115,10 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
 
 
 def _sections_of(study: Study, record: RunRecord) -> Sections:
-    """Return the sections that a run was recorded with.
+    """Return the sections in the record of a run.
 
     Raises:
-        BundleError: they name what is not there, such as a component of a plugin.
+        BundleError: they name an unknown component, e.g. of a plugin that is not loaded.
     """
     try:
         return Sections.from_plain(record.sections, f"{study.folder}: trial {record.trial}")
@@ -137,7 +137,7 @@ def _plugins(sections: Sections, fitted: Network | Parameters) -> tuple[str, ...
 
 
 def _number(value: Any) -> float | None:
-    """Return a value of a column as a number, None where it is missing."""
+    """Return a value of a column as a number, None if it is missing."""
     return None if _is_missing(value) else float(value)
 
 
@@ -145,7 +145,7 @@ def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
     """Return the validation accuracy of one run at a setting.
 
     Raises:
-        ValueError: the run failed, or it was not evaluated there.
+        ValueError: the run failed, or it was not evaluated at the setting.
     """
     where = f"{study.folder}: trial {record.trial}"
     if record.numbers is None:
