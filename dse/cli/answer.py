@@ -1,4 +1,4 @@
-"""What a command answers, and how it is printed: table, JSON document, CSV or Parquet."""
+"""The answer of a command, printed as a table, a JSON document, CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
-Row = Mapping[str, Any]
+if TYPE_CHECKING:
+    import pandas
+
+Row = Mapping[str, object]
 FORMATS = ("table", "json", "csv", "parquet")
 _MOST_ROWS = 24
 
@@ -21,7 +24,7 @@ class Answer:
 
     rows: one mapping per row, keyed by column name.
     notes: sentences about the rows.
-    columns: what a table on a terminal shows; all columns if empty. Other formats hold every column.
+    columns: the columns of a table on a terminal; all columns if empty. Other formats have every column.
     text: shown in place of a table.
     code: exit code.
     all_rows: whether a terminal shows every row, however many.
@@ -49,7 +52,7 @@ def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table
 
 
 def show(answer: Answer, command: str, form: str | None) -> None:
-    """Print an answer to stdout; notes follow a table, and go to stderr beside other formats."""
+    """Print an answer to stdout; notes follow a table, and go to stderr with other formats."""
     if form is None:
         form = "table" if answer.text or sys.stdout.isatty() else "csv"
     if form == "json":
@@ -82,7 +85,7 @@ def document(answer: Answer, command: str) -> str:
     return json.dumps(content, ensure_ascii=False, allow_nan=False)
 
 
-def _frame(answer: Answer) -> Any:
+def _frame(answer: Answer) -> pandas.DataFrame:
     import pandas
 
     return pandas.DataFrame(list(answer.rows))
@@ -113,8 +116,8 @@ def _print_table(answer: Answer) -> None:
         print(f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all")
 
 
-def cell(value: Any) -> str:
-    """Return a value as a table shows it: four significant digits, '-' for what is missing."""
+def cell(value: object) -> str:
+    """Return a value as text for a table: four significant digits, '-' for a missing value."""
     from dse.store import plain_cell
 
     value = plain_cell(value)

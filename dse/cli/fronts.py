@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer
 
@@ -37,7 +37,7 @@ def front(
     return Answer(records(rows), non_dominated.notes, columns(rows, objectives))
 
 
-def records(frame: pandas.DataFrame) -> list[dict[str, Any]]:
+def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
     """Return the rows of a table, each keyed by column name."""
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 

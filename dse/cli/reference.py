@@ -1,4 +1,4 @@
-"""What search spaces, pages and scenes may hold, as rows: read from the code, so it cannot be out of date."""
+"""The reference of search spaces, pages and scenes, as rows that are read from the code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from dse.registry import rule_of
 if TYPE_CHECKING:
     from dse.scene.presets import Preset
 
-Row = dict[str, Any]
+Row = Mapping[str, object]
+Texts = dict[str, str]
 _LISTS = {
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
@@ -41,8 +42,8 @@ _SCENE = {
 }
 
 
-def sections() -> list[Row]:
-    """Return the sections of a search space, those of a page, then those of a scene: name and meaning."""
+def sections() -> list[Texts]:
+    """Return name and meaning of the sections of a search space, then of a page, then of a scene."""
     docs = {
         "data": "The recordings; `kind` names a component.",
         "test": "A separate test file or folder: the keys of data that differ for it.",
@@ -65,17 +66,17 @@ def sections() -> list[Row]:
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 
-def names(section: str) -> list[Row]:
-    """Return the components of a section, or the names that a list may hold; empty where it has neither."""
+def names(section: str) -> list[Texts]:
+    """Return the components of a section, or the names that a list may hold; empty if it has neither."""
     if section == "objectives":
         return [
             {
                 "name": name,
-                "direction": found.direction,
-                "unit": found.unit,
-                "doc": f"{found.direction}: {found.doc}",
+                "direction": column.direction,
+                "unit": column.unit,
+                "doc": f"{column.direction}: {column.doc}",
             }
-            for name, found in registry.columns().items()
+            for name, column in registry.columns().items()
         ]
     if section == "hardware":
         from dse.hardware.profile import load
@@ -136,19 +137,19 @@ def _presets(section: str) -> Mapping[str, Preset]:
 
 
 def remarks(section: str, name: str | None) -> list[str]:
-    """Return sentences about a component that its keys do not say: of a hardware profile, what it is."""
+    """Return sentences about a component in addition to its keys: for a hardware profile, its description."""
     if section != "hardware" or name is None:
         return []
     from dse.hardware.profile import kinds, load
 
     profile = load(name)
     kind, cls = next((kind, cls) for kind, cls in kinds().items() if type(profile) is cls)
-    found = [f"{profile.name}: {profile.doc}", f"kind {kind}: {_doc(cls)}"]
-    return found + ["costs are given as intervals only"] * profile.interval_only
+    texts = [f"{profile.name}: {profile.doc}", f"kind {kind}: {_doc(cls)}"]
+    return texts + ["costs are given as intervals only"] * profile.interval_only
 
 
 def _figures(name: str) -> list[Row]:
-    """Return the numbers of a hardware profile, given by name or file, as they are written there."""
+    """Return the numbers of a hardware profile (name or file) as it states them."""
     from dse.hardware.profile import load
 
     profile = load(name)

@@ -1,1 +1,1 @@
-"""One module per command; `dse.cli` says what it must define."""
+"""One module per command; `dse.cli` lists the names that it must define."""

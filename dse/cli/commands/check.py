@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.options import add_space, load
@@ -38,7 +37,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer([row], text="\n".join(f"{name:<16}{_text(value)}" for name, value in row.items()))
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value)) or "none"
     if isinstance(value, dict):

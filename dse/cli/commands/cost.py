@@ -1,12 +1,12 @@
-"""`dse cost`: what an inference costs on hardware, from a workload file, without training."""
+"""`dse cost`: the costs of an inference on hardware, from a workload file, without training."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, add_format, cell
 from dse.cli.numbers import MOST_DRAWS, positive
@@ -14,7 +14,6 @@ from dse.config import ConfigError, Fault
 
 if TYPE_CHECKING:
     from dse.hardware.inference import Inference
-    from dse.hardware.interval import Interval
     from dse.hardware.profile import Profile
     from dse.hardware.table import CostRow, Duty
 
@@ -82,7 +81,7 @@ def _option_faults(arguments: argparse.Namespace) -> list[Fault]:
 
 
 def _read(path: str, names: list[str], faults: list[Fault]) -> tuple[Inference | None, tuple[Profile, ...]]:
-    """Return the workload and the profiles; what is wrong with them joins the faults."""
+    """Return the workload and the profiles; their faults are appended to `faults`."""
     from dse.hardware.profile import load_all
     from dse.hardware.workload import load_inference
 
@@ -110,7 +109,7 @@ def _row(profile: Profile, inference: Inference, duty: Duty | None, n_draws: int
 
 
 def _notes(row: CostRow) -> list[str]:
-    """Return sentences about what a row lacks."""
+    """Return sentences about the missing numbers of a row."""
     name = row.hardware
     if row.not_applicable:
         return [f"{name}: not applicable, {row.not_applicable}"]
@@ -129,7 +128,7 @@ def _notes(row: CostRow) -> list[str]:
 
 
 def _text(profile: Profile, row: CostRow) -> str:
-    """Return a row as a table: terms and totals with their intervals, what fits, and the evidence."""
+    """Return a row as a table: terms and totals with their intervals, misfits, and the evidence."""
     head = f"{profile.name}: {profile.doc}"
     if row.not_applicable:
         return f"{head}\n  not applicable"
@@ -152,7 +151,7 @@ def _text(profile: Profile, row: CostRow) -> str:
 def _lines(row: CostRow) -> Iterator[tuple[str, str, list[str]]]:
     """Yield label, unit, and value, low and high, of every line of a table."""
 
-    def cells(interval: Interval[Any] | None) -> list[str]:
+    def cells(interval: Iterable[object] | None) -> list[str]:
         return ["-"] * 3 if interval is None else [cell(x) for x in interval]
 
     for cause, term in row.terms_uj.items():
@@ -178,7 +177,7 @@ def _lines(row: CostRow) -> Iterator[tuple[str, str, list[str]]]:
 
 
 def _inference_text(inference: Inference) -> str:
-    """Return what is priced, in one line."""
+    """Return the workload in one line."""
     from dse.records import Workload
 
     load = inference.load

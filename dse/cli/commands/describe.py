@@ -49,8 +49,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     is_file = arguments.section == "hardware" and is_hardware_file(arguments.name)
     if known and not is_file:
         _expect(arguments.section, arguments.name, [row["name"] for row in known])
-    rows = keys(arguments.section, arguments.name)
-    return Answer(rows, remarks(arguments.section, arguments.name), all_rows=True)
+    remarks_of_section = remarks(arguments.section, arguments.name)
+    return Answer(keys(arguments.section, arguments.name), remarks_of_section, all_rows=True)
 
 
 def _expect(what: str, name: str, known: list[str]) -> None:

@@ -13,6 +13,8 @@ from dse.config import ConfigError, Fault, known_names
 if TYPE_CHECKING:
     import plotly.graph_objects
 
+    from dse.figures import Figure
+
 GROUP = "choose"
 HELP = "draw a figure of a study into a file (HTML or JSON); `dse describe figures` lists the figures"
 SUFFIXES = (".html", ".json")
@@ -73,8 +75,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer([{"figure": arguments.figure, "file": str(out)}])
 
 
-def _figure(name: str, settings: list[str]) -> Any:
-    """Return the figure of a name, with the keys of `--set`."""
+def _figure(name: str, settings: list[str]) -> Figure[Any]:
+    """Return the named figure with the keys of `--set`."""
     import yaml
 
     from dse import registry
@@ -93,7 +95,8 @@ def _figure(name: str, settings: list[str]) -> Any:
     keys, good = read_fields(figures[name], written, (name,), lambda _, text: faults.append(text))
     if not good:
         raise ConfigError([Fault("dse figure", 0, text) for text in faults])
-    return figures[name](**keys)
+    figure: Figure[Any] = figures[name](**keys)
+    return figure
 
 
 def _fault(text: str) -> ConfigError:

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Return the rows of every study that is named or lies in a named folder."""
+    """Return the rows of every named study, and of every study in a named folder."""
     from dse.report import report
     from dse.report.papers import papers
 
@@ -56,7 +56,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     code = 0 if rows else _NOTHING
     columns = [row.columns for row in rows]
     values = {name: {row[name] for row in columns} - {None, ""} for name in _SHOWN}
-    # On a terminal, what no row says takes no room, nor does the name of the only study.
+    # A terminal shows no empty columns, and no column for the name of the only study.
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     return Answer(columns, [*titles, *splits_of_rows, *gathered.notes], shown, "", code, True)
 
@@ -79,7 +79,7 @@ def _systems(text: str | None, known: list[str]) -> set[str] | None:
 
 
 def _chips(names: list[str] | None) -> list[str]:
-    """Return the profiles that are to be compared; none where nothing was said.
+    """Return the profiles to compare; an empty list without --hardware.
 
     Raises:
         ExpressionError: there is only one.

@@ -64,10 +64,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
 
 def _page(study: Study) -> str:
-    """Write the page of a study and return a note about it; a study is finished without a page too."""
+    """Write the page of a study and return a note about it; an error leaves the study finished."""
     try:
         return f"page: {write_page(study)}"
-    except Exception as error:  # a page gathers every table and figure; none of them may fail the run
+    except Exception as error:  # a page gathers every table and figure; no error of theirs may fail the run
         why = str(error) or type(error).__name__
         return (
             f"the page could not be written: {why}; try again with dse dashboard {study.folder} --html FILE"

@@ -1,4 +1,4 @@
-"""`dse simulate`: the trials of a scene as a file of events, and one of them as a page to look at."""
+"""`dse simulate`: the trials of a scene as a file of events, and one of them as a page."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, add_format
 from dse.cli.numbers import positive
@@ -119,7 +119,7 @@ def _choices(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
 
 
 def _place_faults(path: Path, suffix: str) -> Iterator[str]:
-    """Yield why a file cannot be written at a path, before hours are spent on its content."""
+    """Yield why a file cannot be written at a path, before its content takes hours."""
     if path.suffix != suffix:
         yield f"must end in {suffix}"
     elif path.is_dir():
@@ -131,7 +131,7 @@ def _place_faults(path: Path, suffix: str) -> Iterator[str]:
 
 
 def _span(text: str | None, n: int) -> range | None:
-    """Return the trials that FIRST:END names, either end left out or not; None if it names none."""
+    """Return the trials of FIRST:END, where either end may be absent; None if there are none."""
     first, colon, end = (text if text is not None else ":").partition(":")
     ends = (first.strip() or "0", end.strip() or str(n))
     if not colon or not all(part.isascii() and part.isdigit() for part in ends):
@@ -170,7 +170,7 @@ def _simulated(scene: Scene, k: int) -> tuple[Block, _Summary]:
     return block, _Summary(texture, len(block.t_us), time.thread_time() - began, flags)
 
 
-def _rows(scene: Scene, summaries: Sequence[_Summary]) -> list[dict[str, Any]]:
+def _rows(scene: Scene, summaries: Sequence[_Summary]) -> list[dict[str, object]]:
     """Return one row per texture that was touched, in the order of the scene."""
     rows = []
     for name in dict.fromkeys(summary.texture for summary in summaries):
@@ -224,7 +224,7 @@ def _data_section(scene: Scene, path: Path) -> str:
 
 
 def _draw(scene: Scene, k: int, path: Path) -> Path:
-    """Write the page of a trial and return where.
+    """Write the page of a trial and return the path.
 
     Raises:
         ConfigError: the disk refuses.
@@ -238,7 +238,7 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
         f"{scene.name}, trial {k}: {scene.textures[texture].name}, {scene.motions[motion].label}, "
         f"{scene.forces_n[force]:g} N, repetition {repetition}"
     )
-    # The physics' own step: a coarser one would put slips where the events have none.
+    # The step of the physics: at a coarser one, slips and events would not coincide.
     paths = simulate.pin_paths(scene, k, scene.method.friction_step_ms)
     view = gather_trial(simulate.events(scene, k), paths, scene.sensor.frame_px, name)
     try:
