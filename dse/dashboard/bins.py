@@ -53,7 +53,7 @@ def gather_bins(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[s
 
 
 def _edges(values: Array) -> Array | None:
-    """Return the edges of a column's bins; None where it has no two numbers."""
+    """Return the edges of a column's bins; None if it has fewer than two different numbers."""
     finite = values[np.isfinite(values)]
     if not len(finite) or finite.min() == finite.max():
         return None

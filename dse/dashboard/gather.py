@@ -184,7 +184,7 @@ def _plain(value: object, digits: int = 6) -> object:
 
 
 def _counts(frame: pandas.DataFrame) -> dict[str, int]:
-    """Return how many trials have each status; rows without a trial number count as one each."""
+    """Return the number of trials with each status; rows without a trial number count as one each."""
     if "status" not in frame.columns:
         return {"finished": int(frame["trial"].nunique()) if "trial" in frame.columns else len(frame)}
     status = frame["status"].fillna("finished").astype(str)

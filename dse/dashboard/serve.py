@@ -1,9 +1,9 @@
 """The page of a study while it runs: a small server that only reads.
 
-Five routes are all that there is: `/` is the page, `/data.json` and `/progress.json` are its data, each sent
-again when it changed (`ETag`), `/design.json` is what the page shows of one trial, `/bundle.zip` a design
-point to keep. No address names a file. Requests must be meant for this machine (`Host`), or carry the token
-that is made when other machines may connect.
+There are five routes: `/` is the page; `/data.json` and `/progress.json` are its data, each sent again after
+a change (`ETag`); `/design.json` is the details of one trial; `/bundle.zip` is a design point to download. No
+address names a file. A request must name this machine (`Host`), or, if other machines may connect, carry the
+token of the server.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _no_bundle(trial: int, point: int, hardware: str) -> Download:
 
 @dataclass(frozen=True)
 class Document:
-    """Part of a page as it is sent; equal parts have the same tag, whichever server made them."""
+    """A part of a page to send; equal parts have equal tags on every server."""
 
     part: Page
 
@@ -88,7 +88,7 @@ class Document:
 
     @functools.cached_property
     def tag(self) -> str:
-        """Its `ETag`; weak, because it names the packed answer too."""
+        """Its `ETag`; weak, because the packed answer has the same one."""
         return f'W/"{hashlib.sha256(self.text.encode()).hexdigest()[:32]}"'
 
     @functools.cached_property
@@ -98,7 +98,7 @@ class Document:
 
 @dataclass(frozen=True)
 class PageVersion:
-    """A version of the page: what changes with every trial that ends, and all that is read from tables."""
+    """A version of the page: the data from tables, and the progress, which changes with every trial."""
 
     data: Document
     progress: Document
@@ -110,7 +110,7 @@ class PageVersion:
 
 
 def _version(page: Page, last: PageVersion | None) -> PageVersion:
-    """Return the version of a page; parts whose values are the same objects as in the last are reused."""
+    """Return the version of a page; a part whose values are the last version's objects is reused."""
     progress = {key: page[key] for key in _OFTEN if key in page}
     data = {key: value for key, value in page.items() if key not in _OFTEN}
     if last is None:
@@ -124,7 +124,7 @@ def _renewed(document: Document, part: Page) -> Document:
 
 
 class Live:
-    """The page of files that change: as they were when they could last be read."""
+    """The page of files that change, in the last version that could be read."""
 
     def __init__(
         self,
@@ -133,15 +133,14 @@ class Live:
         optional: Sequence[Path],
         waiting: Callable[[], Page],
     ) -> None:
-        """Remember where to look.
+        """Store the files and the functions; nothing is read yet.
 
         Args:
-            read: gathers the page; whatever it raises means that the files cannot be read now. Parts that are
-                the same objects as last time are known to be unchanged.
-            required: files without which there is no page. All are looked at for every request, and read when
-                one of them has changed.
-            optional: files that need not be there.
-            waiting: gathers the page before they could be read for the first time.
+            read: gathers the page; any exception means that the files cannot be read now. A value that is the
+                same object as last time counts as unchanged.
+            required: files that a page needs. Every request checks all files; they are read after a change.
+            optional: files that may be absent.
+            waiting: gathers the page before the files can be read for the first time.
         """
         self._read = read
         self._required = required
@@ -154,7 +153,7 @@ class Live:
         self._reading = threading.Lock()
 
     def version(self) -> PageVersion:
-        """Return the page as the files are now; while another request reads a new one, the last."""
+        """Return the current page, or the last one while another request reads the files."""
         if not self._reading.acquire(blocking=self._version is None):
             assert self._version is not None
             return self._version
@@ -162,7 +161,7 @@ class Live:
             stamps = [stamp(path) for path in self._files]
             if self._version is None or stamps != self._stamps:
                 self._version = _version(self._page(), self._version)
-                self._stamps = stamps  # files that changed while they were read are read again next time
+                self._stamps = stamps  # files that change during the reading are read again next time
             return self._version
         finally:
             self._reading.release()
@@ -194,7 +193,7 @@ Stamp = tuple[int, int, int]
 
 
 def stamp(path: Path) -> Stamp | None:
-    """Return what changes when a file is written or replaced; None where there is none."""
+    """Return a stamp that changes when a file is written or replaced; None if there is no file."""
     try:
         status = path.stat()
     except OSError:
@@ -203,7 +202,7 @@ def stamp(path: Path) -> Stamp | None:
 
 
 class Server(ThreadingHTTPServer):
-    """Answers for a live page, each request in a thread of its own."""
+    """A server of a live page with one thread for each request."""
 
     request_queue_size = MOST_READERS
 
@@ -215,18 +214,18 @@ class Server(ThreadingHTTPServer):
         design: Callable[[int], Page] = _no_design,
         bundle: Callable[[int, int, str], Download] = _no_bundle,
     ) -> None:
-        """Take the port.
+        """Bind the port.
 
         Args:
-            live: what to show.
-            host: name or address to listen at. Any but this machine's own (loopback) makes a token needed.
-            port: 0 takes a free one.
-            design: number of a trial -> what the page shows of it; may raise Refused. Called once for each
-                version of the page's points.
-            bundle: trial, point and hardware -> a file; may raise Refused. Never called twice at a time.
+            live: the page.
+            host: name or address to listen on; any address but loopback requires a token.
+            port: 0 for any free port.
+            design: number of a trial -> its details; may raise Refused. Called once for each version of the
+                page's points.
+            bundle: trial, point and hardware -> a file; may raise Refused. Never called concurrently.
 
         Raises:
-            OSError: the host is not this machine's, or the port is taken; its text says so.
+            OSError: the host is not an address of this machine, or the port is in use; the text is for users.
         """
         self.live = live
         self._design, self._bundle = design, bundle
@@ -243,19 +242,19 @@ class Server(ThreadingHTTPServer):
             raise OSError(error.errno, why, f"{host}:{port}") from error
         bound = ipaddress.ip_address(str(self.server_address[0]))
         self.token = None if bound.is_loopback else secrets.token_urlsafe(24)
-        # A host that listens at every address is reached by its name.
+        # If the server listens on every address, readers use the name of the machine.
         name = socket.gethostname() if bound.is_unspecified else str(bound)
         self._name = f"[{name}]" if ":" in name else name
         self.hosts = {self._name, host.lower(), "localhost"}
 
     @property
     def url(self) -> str:
-        """Where a browser finds the page."""
+        """The address of the page for a browser."""
         query = f"?token={self.token}" if self.token else ""
         return f"http://{self._name}:{self.server_port}/{query}"
 
     def document(self, trial: int) -> str:
-        """Return what the page shows of a trial, as JSON.
+        """Return the details of a trial, as JSON.
 
         Raises:
             Refused: there is nothing to show.
@@ -287,19 +286,19 @@ class Server(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def process_request_thread(self, request: _Connection, client_address: object) -> None:
-        """Answer, and free the place."""
+        """Answer, and free the place of the connection."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._places.release()
 
     def handle_error(self, request: _Connection, client_address: object) -> None:
-        """Say nothing when a reader went away; anything else is a fault to be seen."""
+        """Ignore lost connections; print any other error."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
     def server_bind(self) -> None:
-        """Bind without asking a name server who this is, as HTTPServer does."""
+        """Bind without the query to a name server that HTTPServer makes."""
         super(ThreadingHTTPServer, self).server_bind()
 
 
@@ -330,7 +329,7 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def _send_design(self, path: str, query: str) -> None:
-        """Send what there is of one design, or say why it cannot be sent."""
+        """Send the details or the bundle of one design, or the reason of a refusal."""
         text, download = "", None
         try:
             if path == "/design.json":
@@ -377,7 +376,7 @@ class _Handler(BaseHTTPRequestHandler):
         return None if right else HTTPStatus.FORBIDDEN
 
     def _send_document(self, document: Document) -> None:
-        """Send a part of the page, or that it is as the reader has it."""
+        """Send a part of the page, or 304 if the reader has this version."""
         if self.headers.get("If-None-Match") == document.tag:
             self.send_response(HTTPStatus.NOT_MODIFIED)
             self._guard(_NOTHING)

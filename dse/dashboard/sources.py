@@ -1,4 +1,4 @@
-"""Where the pages' own sources lie: templates, scripts, styles and page definitions."""
+"""The folder of the pages' sources: templates, scripts, styles and page definitions."""
 
 from __future__ import annotations
 

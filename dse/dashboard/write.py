@@ -1,4 +1,4 @@
-"""Fill a page's template: one self-contained file that runs only its own scripts."""
+"""Fill a page's template: one self-contained file that runs no scripts but those in it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def write_page(
         objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
         notes: sentences to print above the figure, such as warnings of the run.
         results: what the commands that the page offers call the study: its folder.
-        hardware: profiles that they name, where the points are priced on others than those of the study.
+        hardware: profiles for these commands, if they are not the profiles of the study.
         definition: which parts the page has and what it opens with; None: `dashboards/study.yaml`.
         marks: published designs to draw beside, as `dse.report.gather_marks` returns them.
 

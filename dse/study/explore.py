@@ -35,12 +35,12 @@ _REFRESH_SHARE = 0.05
 def run(
     space: SearchSpace, results: str | Path = "results", *, jobs: int | None = None, progress: bool = True
 ) -> Study:
-    """Train the missing runs of a study and return it; an interrupted study continues where it stopped.
+    """Train the missing runs of a study and return it; this also resumes an interrupted study.
 
     Args:
         space: what to explore.
         results: the study's folder is made in here, named as the study.
-        jobs: worker processes; None: as the search space says.
+        jobs: number of worker processes; None: that of the search space.
         progress: show it on stderr.
 
     Raises:
@@ -180,7 +180,7 @@ def _n_trials(space: SearchSpace) -> int:
 
 
 def _values(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
-    """Return the objectives of a trial's full read-out, None where it failed or has no such number."""
+    """Return the objectives of a trial's full read-out, None if it failed or lacks one of them."""
     if any(record.failed for record in records):
         return None
     numbers = [record.measured for record in records]

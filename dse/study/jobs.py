@@ -58,7 +58,7 @@ class Run:
 
     sections: of the design.
     data: folder of the prepared data set, named as its key; base: folder that recordings are relative to.
-    folder: where the run is published.
+    folder: folder of the run.
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
     """
 

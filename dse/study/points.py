@@ -174,7 +174,7 @@ def _as_trained(run: Path, record: RunRecord) -> precision.Evaluation:
 
 
 def _of_runs(runs: Sequence[precision.Evaluation]) -> list[Answered]:
-    """Return, head by head, the full read-out, the surface where there is one, and earlier read-outs."""
+    """Return, head by head, the full read-out, the surface if there is one, and earlier read-outs."""
     heads: list[str | None] = [*runs[0].numbers.of_heads] or [None]
     return [piece for head in heads for piece in _of_head(runs, head)]
 

@@ -186,7 +186,7 @@ def draws(
     Args:
         paths: studies.
         frames: their points; a row is identified by its position in the concatenation of all frames.
-        hardware: as of `points`.
+        hardware: as in `points`.
         names: columns.
         n_draws: number of samples.
 
@@ -237,7 +237,7 @@ def drawn(
         NaN for points that the chip cannot run.
 
     Raises:
-        ConfigError, StoreError: as of `points`.
+        ConfigError, StoreError: as in `points`.
     """
     folder = Path(folder)
     samples: dict[str, Floats] = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}

@@ -1,4 +1,4 @@
-"""The record of a training run: what its record.json says, as typed objects."""
+"""The record of a training run: the content of its record.json as typed objects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dse.store import StoreError
 
 @dataclass(frozen=True)
 class Numbers:
-    """What a run measured: columns of the record, columns on each hardware profile, the same of each head."""
+    """The measured numbers of a run: columns of the record, of each hardware profile, and of each head."""
 
     columns: Mapping[str, Any]
     hardware: Mapping[str, Mapping[str, Any]]
@@ -53,10 +53,10 @@ class RunRecord:
     """A run that has ended.
 
     design: its axes. seed: of the study.
-    reason, details: why it failed, in a line and as a traceback; '' where it has not.
-    needs_bytes: memory that it lacked, where that is why it failed.
-    numbers: what it measured; None where it failed, and then it has none of what follows either.
-    sections: of its design, as plain data, with what was fitted to the recordings.
+    reason, details: why it failed, in a line and as a traceback; '' if it did not fail.
+    needs_bytes: necessary memory of a run that failed for lack of memory.
+    numbers: the measured numbers; None if it failed, and then the fields below are empty too.
+    sections: of its design, as plain data, with the values that were fitted to the recordings.
     classes, heads: of its answers.
     data: key of the data set. samples: number of samples in each part of it.
     leak: why evaluations on the data know the labels; '' if they do not.
@@ -81,12 +81,12 @@ class RunRecord:
 
     @property
     def failed(self) -> bool:
-        """Whether it measured nothing."""
+        """Whether the run failed."""
         return self.numbers is None
 
     @property
     def measured(self) -> Numbers:
-        """What a finished run measured.
+        """The numbers of a finished run.
 
         Raises:
             ValueError: it failed.
@@ -96,7 +96,7 @@ class RunRecord:
         return self.numbers
 
     def to_plain(self) -> dict[str, Any]:
-        """Return what record.json holds beside the schema and the checksums of files."""
+        """Return the content of record.json without the schema and the checksums of files."""
         about = {"trial": self.trial, "repeat": self.repeat, "design": dict(self.design), "seed": self.seed}
         if self.numbers is None:
             needs = {} if self.needs_bytes is None else {"needs_bytes": self.needs_bytes}
@@ -144,7 +144,7 @@ class RunRecord:
 
 
 def load_record(folder: Path) -> RunRecord | None:
-    """Return the record of the run in a folder, None where there is none.
+    """Return the record of the run in a folder, None if there is none.
 
     Raises:
         StoreError: the record or a file that it names is damaged, missing, or of a newer schema.
@@ -157,13 +157,13 @@ def load_records(folder: Path, trial: int) -> list[RunRecord]:
     """Return the records of a trial's runs in a study's folder, repeat 0 first.
 
     Raises:
-        StoreError: as of `plain_records`.
+        StoreError: as in `plain_records`.
     """
     return [RunRecord.from_plain(plain, folder) for plain in plain_records(folder, trial)]
 
 
 def plain_records(folder: Path, trial: int) -> list[dict[str, Any]]:
-    """Return what record.json holds of each of a trial's runs, repeat 0 first.
+    """Return the content of record.json of each run of a trial, repeat 0 first.
 
     Raises:
         StoreError: an artefact is damaged, or the study has no such trial.

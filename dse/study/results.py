@@ -91,7 +91,7 @@ class Study:
         """Return the names of the classes of a trial.
 
         Raises:
-            StoreError: as of `runs`.
+            StoreError: as in `runs`.
         """
         return load_records(self.folder, trial)[0].classes
 
@@ -99,7 +99,7 @@ class Study:
         """Return the arrays of a file of a trial's artefacts, such as read_out.npz, of each run that has it.
 
         Raises:
-            StoreError: as of `runs`, or the file is damaged.
+            StoreError: as in `runs`, or the file is damaged.
         """
         return [
             store.load_arrays(store.run_folder(self.folder, trial, record.repeat) / name)
@@ -111,7 +111,7 @@ class Study:
         """Return the data set of the first run of a trial, from the cache.
 
         Raises:
-            StoreError: as of `runs`, or the data set was evicted from the cache.
+            StoreError: as in `runs`, or the data set was evicted from the cache.
         """
         from dse import dataset
         from dse.dataset import cache

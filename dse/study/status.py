@@ -200,7 +200,7 @@ def _numbered(folder: Path | str, prefix: str) -> list[tuple[int, str]]:
 
 
 def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
-    """Return how trials ended: from the table, or from the records of trials newer than the table."""
+    """Return the outcomes of trials: from the table, or from the records of trials newer than the table."""
     outcomes = {}
     table = _table(folder / "trials.parquet", ("trial", "status", "reason", "repeats"))
     if len(table.columns) == 4:

@@ -1,4 +1,4 @@
-"""How long a study will still take, once enough of it has ended to tell."""
+"""The estimated time left of a study, available after enough runs have ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class TimeLeft:
 
     Args:
         n_workers: workers that train at a time.
-        began_s: when the study began, on any clock.
+        began_s: start of the study, on any clock.
     """
 
     def __init__(self, n_workers: int, began_s: float) -> None:
@@ -32,12 +32,12 @@ class TimeLeft:
 
     @property
     def n_ended(self) -> int:
-        """Runs that have ended."""
+        """Number of runs that have ended."""
         return len(self._ended_s)
 
     @property
     def n_expected(self) -> int:
-        """Runs that are expected in all."""
+        """Number of all expected runs, including ended ones."""
         return self._n_expected
 
     def expect(self, n_runs: int) -> None:
@@ -114,7 +114,7 @@ def seconds_left(
 
 
 def _bursts(ended_s: Floats, done: Floats, began_s: float) -> tuple[Floats, Floats]:
-    """Return when each burst but the newest ended, and the work done until then; the newest may go on."""
+    """Return the end of each burst but the newest, which may continue, and the work done until then."""
     gaps_s = np.diff(ended_s, prepend=began_s)
     begins = gaps_s[1:] > (ended_s[-1] - began_s) / len(ended_s) / 2
     last = np.flatnonzero(begins)
