@@ -25,6 +25,9 @@ Bools = NDArray[np.bool_]
 Arithmetic = Literal["integer", "float32", "ideal"]
 """integer: 8-bit weights and integer states, as deployed; float32; ideal: real numbers in float64."""
 
+FrontEnd = Literal["encoder", "preprocessing"]
+"""The section that turns recordings into spikes."""
+
 
 @dataclass(frozen=True)
 class Signals:
@@ -40,6 +43,7 @@ class Signals:
     offsets: Ints
     step_ms: float
     columns: Mapping[str, Array]
+    front_end: ClassVar[FrontEnd | None] = "encoder"
 
     @property
     def n_recordings(self) -> int:
@@ -48,6 +52,11 @@ class Signals:
     @property
     def n_channels(self) -> int:
         return int(self.values.shape[1])
+
+    @property
+    def lengths(self) -> Ints:
+        """Steps of every recording, (n,) int64."""
+        return np.diff(self.offsets)
 
     def notes(self) -> list[str]:
         """Return no repairs: only event files are repaired."""
@@ -83,6 +92,8 @@ class Events:
     width: int
     height: int
     columns: Mapping[str, Array]
+    front_end: ClassVar[FrontEnd | None] = "preprocessing"
+    simulated: ClassVar[bool] = False
 
     @property
     def n_recordings(self) -> int:
@@ -126,6 +137,7 @@ class Rasters:
 
     spikes: Spikes
     columns: Mapping[str, Array]
+    front_end: ClassVar[FrontEnd | None] = None
 
     @property
     def n_recordings(self) -> int:
@@ -134,6 +146,11 @@ class Rasters:
     @property
     def n_channels(self) -> int:
         return self.spikes.n_channels
+
+    @property
+    def lengths(self) -> Ints:
+        """Steps of every recording, (n,) int64: all have the same number."""
+        return np.full(self.spikes.n_samples, self.spikes.n_steps)
 
     def notes(self) -> list[str]:
         """Return no repairs: only event files are repaired."""

@@ -15,11 +15,11 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeGuard
 
 from dse.config.faults import known_names
-from dse.config.values import INVALID, Report, dotted, echo, is_list, number_type, plain
-from dse.config.yaml_lines import Path
+from dse.config.values import INVALID, Hint, Report, dotted, echo, is_list, number_type, plain
+from dse.config.yaml_lines import Path, Raw
 
 _KEYS = ("choice", "range", "step", "log")
 _MOST_VALUES = 100_000
@@ -42,7 +42,7 @@ class Axis:
     """
 
     name: str
-    values: tuple[Any, ...] | None
+    values: tuple[Raw, ...] | None
     low: float | None = None
     high: float | None = None
     step: float | None = None
@@ -51,18 +51,19 @@ class Axis:
     is_list: bool = False
     condition: tuple[str, str] | None = None
 
-    def contains(self, value: Any) -> bool:
+    def contains(self, value: Raw) -> bool:
         """Return whether the value is on this axis."""
         if self.values is not None:
             return any(type(value) is type(known) and value == known for known in self.values)
-        number = isinstance(value, int if self.is_int else int | float) and not isinstance(value, bool)
-        return number and self.low is not None and self.high is not None and self.low <= value <= self.high
+        if not _is_number(value) or (self.is_int and not isinstance(value, int)):
+            return False
+        return self.low is not None and self.high is not None and self.low <= value <= self.high
 
-    def extremes(self) -> tuple[Any, ...]:
+    def extremes(self) -> tuple[Raw, ...]:
         """Return the values that a component must accept for the whole axis to be legal."""
         return self.values if self.values is not None else (self.low, self.high)
 
-    def wrapped(self, value: Any) -> Any:
+    def wrapped(self, value: Raw) -> Raw:
         """Return the value as its key holds it: a list of one where it stands for that."""
         return (value,) if self.is_list and not isinstance(value, tuple) else value
 
@@ -72,11 +73,11 @@ class Axis:
         section, *_, key = self.name.split(".")
         return section, key
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Raw]:
         """Return the axis as it is written in YAML."""
         if self.low is None:
             return {"choice": list(self.values or ())}
-        plain: dict[str, Any] = {"range": [self.low, self.high]}
+        plain: dict[str, Raw] = {"range": [self.low, self.high]}
         if self.step is not None:
             plain["step"] = self.step
         return plain | ({"log": True} if self.log else {})
@@ -90,10 +91,10 @@ class Branching:
     """
 
     axis: Axis
-    below: dict[Any, list[Axis]]
+    below: dict[Raw, list[Axis]]
 
     @cached_property
-    def sizes(self) -> dict[Any, int]:
+    def sizes(self) -> dict[Raw, int]:
         """Value -> number of designs, for axes that all have values and a value that brings others along."""
         return {
             value: math.prod(len(inner.values or ()) for inner in self.below.get(value, ()))
@@ -126,7 +127,7 @@ def n_combinations(axes: Iterable[Axis]) -> int | None:
     return math.prod(branching.size for branching in branchings(known))
 
 
-def is_axis(value: Any) -> bool:
+def is_axis(value: Raw) -> bool:
     """Return whether a YAML value declares an axis."""
     return isinstance(value, dict) and ("choice" in value or "range" in value)
 
@@ -140,11 +141,11 @@ def stepped(low: float, high: float, step: float) -> tuple[float, ...]:
 
 
 def parse_axis(
-    raw: dict[str, Any],
-    hint: Any,
+    raw: dict[str, Raw],
+    hint: Hint,
     path: Path,
     report: Report,
-    read_value: Callable[[Any, Path], Any],
+    read_value: Callable[[Raw, Path], Any],
 ) -> Axis | Any:
     """Return the axis, or INVALID after reporting every mistake in it.
 
@@ -169,7 +170,7 @@ def parse_axis(
 
 
 def _choice(
-    raw: Any, listed: bool, path: Path, report: Report, read_value: Callable[[Any, Path], Any]
+    raw: Raw, listed: bool, path: Path, report: Report, read_value: Callable[[Raw, Path], Any]
 ) -> Axis | Any:
     where, name = (*path, "choice"), dotted(path)
     if not isinstance(raw, list | tuple) or not raw:
@@ -189,10 +190,10 @@ def _choice(
 
 
 def _range(
-    raw: dict[str, Any], hint: Any, path: Path, report: Report, read_value: Callable[[Any, Path], Any]
+    raw: dict[str, Raw], hint: Hint, path: Path, report: Report, read_value: Callable[[Raw, Path], Any]
 ) -> Axis | Any:
     where, name = (*path, "range"), dotted(path)
-    kind, anything, listed = number_type(hint), hint is Any, is_list(hint)
+    kind, anything, listed = number_type(hint), hint in (Any, object), is_list(hint)
     if kind is None and not anything:
         report(where, f"{name} is not a number and must be a choice, got a range")
         return INVALID
@@ -225,6 +226,7 @@ def _range(
         refuse("step", f"{name}.step must be {'an integer' if is_int else 'a number'} > 0, got {echo(step)}")
     if not good:
         return INVALID
+    assert isinstance(log, bool) and (step is None or _is_number(step))
     step = 1 if is_int and step is None and not log else step
     if step is None:
         return Axis(name, None, low, high, None, log, is_int, listed)
@@ -236,5 +238,5 @@ def _range(
     return Axis(name, stepped(low, high, step), low, high, step, False, is_int, listed)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Raw) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,4 +1,4 @@
-"""Protocols of the components of sections data, encoder and model: what the rest of `dse` may call.
+"""Protocols of the components of sections data, encoder, model and search, which the rest of `dse` calls.
 
 A component is a frozen dataclass, registered in its section (`dse.registry`); its fields are its YAML keys.
 """
@@ -7,7 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeGuard, TypeVar, runtime_checkable
+from typing import (
+    Any,
+    ClassVar,
+    Generic,
+    NamedTuple,
+    Protocol,
+    Self,
+    TypeGuard,
+    TypeVar,
+    runtime_checkable,
+)
 
 import numpy as np
 
@@ -17,6 +27,7 @@ from dse.records import (
     Array,
     Block,
     Dataset,
+    FrontEnd,
     Ints,
     Network,
     Outcome,
@@ -37,6 +48,12 @@ Generators = Callable[..., np.random.Generator]
 class EventSource(Protocol):
     """Event recordings that need not all be in memory; `records.Events` is one that is."""
 
+    front_end: ClassVar[FrontEnd | None] = "preprocessing"
+    """The section that turns the events into spikes."""
+
+    simulated: ClassVar[bool] = False
+    """Whether the recordings are trials of a simulator (`dse.recordings.Simulated`)."""
+
     @property
     def width(self) -> int:
         """Addresses x are below."""
@@ -54,7 +71,7 @@ class EventSource(Protocol):
         """Number n of recordings."""
 
     def blocks(self, i: int) -> Iterator[Block]:
-        """Yield recording i from its begin, block by block; time never falls. It may be asked for again.
+        """Yield recording i from its start, block by block; time never falls. It can be read again.
 
         Raises:
             ValueError: anything wrong with the recording.
@@ -199,6 +216,16 @@ class Family(Protocol):
         Raises:
             ValueError: the data set has other channels or another length than was trained on.
         """
+
+
+class SamplerSettings(Protocol):
+    """A component of section `search.samplers`; a sampler inherits from this class."""
+
+    conditional: ClassVar[bool] = True
+    """Whether the sampler searches axes that only some designs have (those of one component of a choice)."""
+
+    requires: ClassVar[str] = ""
+    """The package that the sampler imports, which the extra of the same name installs; '' for none."""
 
 
 def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:

@@ -1,4 +1,4 @@
-"""Whether a device that a search space names is there; asking for the CPU imports no library."""
+"""Whether the device that a search space names is available; a check of the CPU imports no library."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _CAPABILITY = (8, 0)
 
 
 def missing(device: str) -> str | None:
-    """Return what a device lacks here, as the end of a sentence about it; None where it can be used.
+    """Return what a device lacks here, as the end of a sentence; None if it can be used.
 
     Under Triton's interpreter (TRITON_INTERPRET=1) 'cuda' needs no CUDA device: for tests.
     """

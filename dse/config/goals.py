@@ -1,29 +1,29 @@
-"""What the study is for and how it is run: decision grid, precision, hardware, objectives, search."""
+"""Readers of the sections decision, precision, hardware, objectives, search and execution."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dse import registry
 from dse.config.axes import Axis, n_combinations
+from dse.config.contracts import SamplerSettings
 from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
 from dse.config.settings import Decision, ExecutionSettings, Precision, Search
 from dse.config.space import DecisionGrid, SearchSettings
-from dse.config.values import Report, echo, read_fields
+from dse.config.values import Report, echo, keys_of, read_fields
+from dse.config.yaml_lines import Raw
 
 _BATCH = 8
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
 
 
-def decision(raw: Any, report: Report) -> DecisionGrid | None:
+def decision(raw: Raw, report: Report) -> DecisionGrid | None:
     """Read the decision parameters, each a value, a list, a choice or a stepped range; None after a fault."""
     written = {**_DECISION, **raw} if isinstance(raw, dict) else raw or _DECISION
     if isinstance(written, dict):
@@ -45,8 +45,8 @@ def decision(raw: Any, report: Report) -> DecisionGrid | None:
     )
 
 
-def precision(raw: Any, report: Report) -> Precision | None:
-    """Read at which precisions trained networks are evaluated; None after a fault."""
+def precision(raw: Raw, report: Report) -> Precision | None:
+    """Read section `precision`: how trained networks are rounded and pruned; None after a fault."""
     values, good = read_fields(Precision, raw, ("precision",), report, read_fixed)
     for key in ("weight_bits", "pruned"):
         if values.get(key) == ():
@@ -58,7 +58,7 @@ def precision(raw: Any, report: Report) -> Precision | None:
     return Precision(**rising, within=values["within"])
 
 
-def hardware(raw: Any, report: Report, base: Path) -> tuple[str, ...]:
+def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
     """Read the names of hardware profiles, or their files; what files hold is checked where they are loaded.
 
     Args:
@@ -80,7 +80,7 @@ def hardware(raw: Any, report: Report, base: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
-def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple[str, str], ...]:
+def objectives(raw: Raw, profiles: Sequence[str], report: Report) -> tuple[tuple[str, str], ...]:
     """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares.
 
     Args:
@@ -117,7 +117,7 @@ def objectives(raw: Any, profiles: Sequence[str], report: Report) -> tuple[tuple
 
 
 def search(
-    raw: Any,
+    raw: Raw,
     axes: Mapping[str, Axis],
     report: Report,
     folds: int | None = None,
@@ -133,12 +133,12 @@ def search(
         folds: of a cross-validation, of which every repeat is one; None without.
         check_packages: whether the package that a sampler may need must be installed here.
     """
-    known = registry.known("search.samplers")
+    known: dict[str, type[SamplerSettings]] = registry.known("search.samplers")
     keys = raw if isinstance(raw, dict) else {}
     stepless = [axis for axis in axes.values() if axis.values is None]
     name = keys.get("sampler") or ("tpe" if stepless else "grid")
     cls = known.get(name) if isinstance(name, str) else None
-    own_keys = [field.name for field in fields(cls)] if cls else []
+    own_keys = list(keys_of(cls)) if cls else []
     values, good = read_fields(Search, raw, ("search",), report, read_fixed, also=own_keys)
     if cls is None:
         if isinstance(name, str):
@@ -151,11 +151,11 @@ def search(
             text = f"{axis.name} needs a step or a choice for the grid sampler, got {axis.to_plain()}"
             report((*axis.name.split("."), "range"), text)
     conditional = [axis.name for axis in axes.values() if axis.condition is not None]
-    if conditional and not _takes_conditions(cls):
-        others = ", ".join(other for other, other_cls in known.items() if _takes_conditions(other_cls))
+    if conditional and not cls.conditional:
+        others = ", ".join(other for other, other_cls in known.items() if other_cls.conditional)
         text = f"search.sampler '{name}' cannot search {conditional[0]}, an axis that only some designs have"
         report(("search", "sampler"), f"{text}; these can: {others}")
-    package = getattr(cls, "requires", None)  # the extra that brings a package has its name
+    package = cls.requires
     if check_packages and package and (lack := missing_package(package, package)):
         report(("search", "sampler"), f"search.sampler '{name}' {lack}")
         return None
@@ -172,18 +172,13 @@ def search(
     if name != "grid" and values["n_trials"] is None:
         report(("search",), f"search.n_trials is required for sampler '{name}'")
         return None
-    # A grid learns nothing from its results: asked for at once, its designs share most passes of the events.
+    # A grid learns nothing from its results: designs that are proposed at once share the most passes.
     size = n_combinations(axes.values()) or 1 if name == "grid" else _BATCH
     return SearchSettings(**values | {"sampler": name, "batch": values["batch"] or size}, options=options)
 
 
-def _takes_conditions(sampler: type[Any]) -> bool:
-    """Return whether a sampler searches axes that only some designs have; it says so where it does not."""
-    return bool(getattr(sampler, "conditional", True))
-
-
-def execution(raw: Any, report: Report, *, check_device: bool) -> ExecutionSettings | None:
-    """Read how the work is spread, and if asked whether the device is there; None after a fault."""
+def execution(raw: Raw, report: Report, *, check_device: bool) -> ExecutionSettings | None:
+    """Read section `execution`; `check_device`: the device must be available here. None after a fault."""
     values, good = read_fields(ExecutionSettings, raw, ("execution",), report, read_fixed)
     if good and check_device and (lack := missing(values["device"])):
         report(("execution", "device"), f"execution.device {values['device']} {lack}")
@@ -191,7 +186,7 @@ def execution(raw: Any, report: Report, *, check_device: bool) -> ExecutionSetti
     return ExecutionSettings(**values) if good else None
 
 
-def _names(section: str, raw: Any, report: Report) -> list[str]:
+def _names(section: str, raw: Raw, report: Report) -> list[str]:
     names = [raw] if isinstance(raw, str) else raw or []
     if isinstance(names, list) and all(isinstance(name, str) for name in names):
         return names

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from dse import registry
 from dse.config import goals, parts
@@ -16,7 +15,7 @@ from dse.config.parts import Part
 from dse.config.sections import FAMILIES, SECTIONS, front_end
 from dse.config.space import SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
-from dse.config.yaml_lines import Document, in_file_order, read_document
+from dse.config.yaml_lines import Document, Raw, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import Plugin, Rule
 
@@ -97,7 +96,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     )
 
 
-def _plugins(raw: Any, base: Path, report: Report) -> tuple[Plugin, ...]:
+def _plugins(raw: Raw, base: Path, report: Report) -> tuple[Plugin, ...]:
     """Load the plugins of a search space: modules, or .py files beside it.
 
     Args:
@@ -119,15 +118,15 @@ def _plugins(raw: Any, base: Path, report: Report) -> tuple[Plugin, ...]:
     return tuple(plugins)
 
 
-def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
+def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
     """Read the sections data .. training, in that order."""
     sections: dict[str, Part] = {}
     recordings, kind = None, ""
     if "data" in data:
         recordings = parts.component_class(("data",), data["data"], report)
     if recordings is not None:
-        kind = data["data"]["kind"]
         sections["data"] = parts.component(("data",), recordings, data["data"], report)
+        kind = sections["data"].kind
     if "task" in data:
         sections["task"] = parts.task(data["task"], report)
     sections["window"] = parts.settings("window", data.get("window"), report)
@@ -150,11 +149,12 @@ def _parts(data: Mapping[str, Any], report: Report) -> dict[str, Part]:
     return sections
 
 
-def _data_faults(sections: Mapping[str, Part], raw: Any, base: Path) -> list[tuple[str, str]]:
-    """Return (section, sentence) for what the headers of the data files show to be wrong."""
+def _data_faults(sections: Mapping[str, Part], raw: Raw, base: Path) -> list[tuple[str, str]]:
+    """Return (section, sentence) for every fault that the headers of the data files show."""
     data, test = sections["data"], sections.get("test")
     values = data.values
     if not data.good:
+        assert isinstance(raw, dict)  # it names a component
         # Files can be checked without their numbers: a number at fault must not hide a wrong array name.
         numbers = {
             f.name: 1 for f in dataclasses.fields(data.cls) if f.type == "float" and f.name not in values
@@ -173,7 +173,7 @@ def _data_faults(sections: Mapping[str, Part], raw: Any, base: Path) -> list[tup
     return faults
 
 
-def _named_in(message: str, raw: Any, above: Keys = ()) -> Keys:
+def _named_in(message: str, raw: Raw, above: Keys = ()) -> Keys:
     """Return the keys to the array name that a sentence about a data file quotes; else the file."""
     for key, value in raw.items() if isinstance(raw, dict) else ():
         if isinstance(value, dict) and (inner := _named_in(message, value, (*above, key))) != ("file",):
@@ -183,7 +183,7 @@ def _named_in(message: str, raw: Any, above: Keys = ()) -> Keys:
     return ("file",)
 
 
-def _study(raw: Any, report: Report) -> str:
+def _study(raw: Raw, report: Report) -> str:
     name = read(raw, str, Rule(doc=""), ("study",), report)
     if name is INVALID:
         return ""
@@ -192,6 +192,6 @@ def _study(raw: Any, report: Report) -> str:
     return str(name)
 
 
-def _seed(raw: Any, report: Report) -> int:
+def _seed(raw: Raw, report: Report) -> int:
     seed = read(raw, int, Rule(doc="", low=0), ("seed",), report)
     return 0 if seed is INVALID else int(seed)

@@ -14,7 +14,9 @@ from dse.config.faults import known_names
 from dse.config.sections import WITH_AXES, components, settings_class
 from dse.config.values import (
     INVALID,
+    Hint,
     Report,
+    Values,
     blamed,
     construct,
     dotted,
@@ -25,7 +27,7 @@ from dse.config.values import (
     read_fields,
     read_written,
 )
-from dse.config.yaml_lines import Path
+from dse.config.yaml_lines import Path, Raw
 from dse.registry import Rule
 
 # Cross-field rules are tried on at most this many combinations of a section's own axes.
@@ -43,12 +45,12 @@ class Part:
 
     cls: type
     kind: str
-    values: dict[str, Any]
+    values: Values
     axes: dict[str, Axis]
     good: bool
     entries: dict[str, Part] = field(default_factory=dict)
 
-    def built(self, varied: Mapping[str, Any]) -> Any:
+    def built(self, varied: Values) -> Any:
         """Return the object of the section, given the values of the keys that vary.
 
         Raises:
@@ -61,21 +63,21 @@ class Part:
         """The object of a section in which no key varies."""
         return construct(self.cls, self.values)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Raw]:
         """Return the section as it is written in YAML, with every default."""
         kind = {"kind": self.kind} if self.kind else {}
         axes = {axis.place[1]: axis.to_plain() for axis in self.axes.values()}
         return kind | {key: plain(value) for key, value in self.values.items()} | axes
 
 
-def settings(section: str, raw: Any, report: Report) -> Part:
+def settings(section: str, raw: Raw, report: Report) -> Part:
     """Read a section that is one dataclass."""
     cls = settings_class(section)
     one = read_or_axis if section in WITH_AXES else read_fixed
     return _apart((section,), cls, "", *read_fields(cls, raw, (section,), report, one), report)
 
 
-def component_class(path: Path, raw: Any, report: Report) -> type | None:
+def component_class(path: Path, raw: Raw, report: Report) -> type | None:
     """Return the class that `kind` of a section names; None after a fault.
 
     Args:
@@ -97,7 +99,7 @@ def component_class(path: Path, raw: Any, report: Report) -> type | None:
     return None
 
 
-def component(path: Path, cls: type, raw: dict[str, Any], report: Report) -> Part:
+def component(path: Path, cls: type, raw: Raw, report: Report) -> Part:
     """Read a component whose class is known.
 
     Args:
@@ -106,12 +108,13 @@ def component(path: Path, cls: type, raw: dict[str, Any], report: Report) -> Par
         raw: its keys and `kind`, as written.
         report: called with (path, sentence) for every mistake.
     """
+    assert isinstance(raw, dict)  # it names the class
     keys = {key: value for key, value in raw.items() if key != "kind"}
     one = read_or_axis if path[0] in WITH_AXES else read_fixed
     return _apart(path, cls, raw["kind"], *read_fields(cls, keys, path, report, one), report)
 
 
-def family(section: str, raw: Any, report: Report) -> Part | None:
+def family(section: str, raw: Raw, report: Report) -> Part | None:
     """Read a section that holds one component or a choice of several; None where no kind is known.
 
     A name alone is the component with its defaults, and a choice of one is that one. The names of several are
@@ -148,8 +151,8 @@ def family(section: str, raw: Any, report: Report) -> Part | None:
     return Part(object, "", {}, {kinds.name: kinds} | axes, good, parts)
 
 
-def _entry(section: str, raw: Any, place: Path, of_several: bool, report: Report) -> Part | None:
-    """Read an entry of a choice, which stands at a place of its own; None where its kind is unknown."""
+def _entry(section: str, raw: Raw, place: Path, of_several: bool, report: Report) -> Part | None:
+    """Read an entry of a choice; None if its kind is unknown."""
     kind = raw.get("kind") if isinstance(raw, dict) else raw
     if not isinstance(raw, str | dict):
         text = f"{dotted(place)} must be the name of a component, or a mapping with a kind, got {echo(raw)}"
@@ -159,14 +162,14 @@ def _entry(section: str, raw: Any, place: Path, of_several: bool, report: Report
     return _one(path, raw, lambda below, text: report((*place, *below[len(path) :]), text))
 
 
-def _one(path: Path, raw: Any, report: Report) -> Part | None:
+def _one(path: Path, raw: Raw, report: Report) -> Part | None:
     """Read a component, or its name alone, whose keys are called after a path; None without a known kind."""
     keys = {"kind": raw} if isinstance(raw, str) else raw
     cls = component_class(path, keys, report)
     return None if cls is None else component(path, cls, keys, report)
 
 
-def test_file(cls: type, kind: str, raw: Any, report: Report) -> Part:
+def test_file(cls: type, kind: str, raw: Raw, report: Report) -> Part:
     """Read `test`: keys that differ from those of `data`."""
     if isinstance(raw, dict) and "kind" in raw:
         if raw["kind"] != kind:
@@ -176,7 +179,7 @@ def test_file(cls: type, kind: str, raw: Any, report: Report) -> Part:
     return Part(cls, "", values, {}, good)
 
 
-def task(raw: Any, report: Report) -> Part:
+def task(raw: Raw, report: Report) -> Part:
     """Read `task`; without a name it is called after the columns of its target."""
     part = settings("task", raw, report)
     if not part.good or part.values["name"]:
@@ -188,8 +191,8 @@ def task(raw: Any, report: Report) -> Part:
     return dataclasses.replace(part, values=part.values | {"name": name})
 
 
-def target_name(target: Any, *, joint: bool) -> str:
-    """Return what a target is called: its columns, joined by + where each is reported too, else by |."""
+def target_name(target: Raw, *, joint: bool) -> str:
+    """Return the name of a target: its columns, joined by + if each is reported too, else by |."""
     parts = target if isinstance(target, tuple | list) else (target,)
     columns = (
         part["column"] if isinstance(part, Mapping) else getattr(part, "column", part) for part in parts
@@ -197,7 +200,7 @@ def target_name(target: Any, *, joint: bool) -> str:
     return ("+" if joint else "|").join(map(str, columns))
 
 
-def read_fixed(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def read_fixed(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     """Read a value where no axis may stand."""
     if is_axis(value) and rule.component:
         report(path, f"{dotted(path)} cannot be an axis: every component has keys of its own; name one")
@@ -208,15 +211,16 @@ def read_fixed(value: Any, hint: Any, rule: Rule, path: Path, report: Report) ->
     return read(value, hint, rule, path, report)
 
 
-def read_or_axis(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def read_or_axis(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     """Read a value, or an axis of such values unless the key's rule forbids it."""
     if not is_axis(value) or not rule.axis:
         return read_fixed(value, hint, rule, path, report)
+    assert isinstance(value, dict)  # so it is an axis
     return parse_axis(value, hint, path, report, lambda inner, where: read(inner, hint, rule, where, report))
 
 
-def _apart(path: Path, cls: type, kind: str, values: dict[str, Any], good: bool, report: Report) -> Part:
-    """Return values and axes apart, after asking the class whether it accepts them together."""
+def _apart(path: Path, cls: type, kind: str, values: Values, good: bool, report: Report) -> Part:
+    """Return a part with its axes apart from its values; the class must accept them together."""
     varied = {key: value for key, value in values.items() if isinstance(value, Axis)}
     fixed = {key: value for key, value in values.items() if key not in varied}
     messages = _refusals(cls, fixed, varied) if good else []
@@ -225,8 +229,8 @@ def _apart(path: Path, cls: type, kind: str, values: dict[str, Any], good: bool,
     return Part(cls, kind, fixed, {axis.name: axis for axis in varied.values()}, good and not messages)
 
 
-def _refusals(cls: type, fixed: dict[str, Any], varied: dict[str, Axis]) -> list[str]:
-    """Return what the class says against its values, tried at every corner of the section's axes."""
+def _refusals(cls: type, fixed: Values, varied: dict[str, Axis]) -> list[str]:
+    """Return the objections of a class to its values, tried at every corner of the section's axes."""
     extremes = [[axis.wrapped(value) for value in axis.extremes()] for axis in varied.values()]
     messages: dict[str, None] = {}
     for combination in itertools.islice(itertools.product(*extremes), _MOST_COMBINATIONS):

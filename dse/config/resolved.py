@@ -1,19 +1,20 @@
-"""A design with everything that it follows from, as typed objects: the sections data .. training."""
+"""A resolved design as typed objects: the sections data .. training."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, cast
+from typing import Self
 
 from dse.config import parts
 from dse.config.contracts import PLACES, Encoder, Family, Source
 from dse.config.faults import ConfigError, Fault
 from dse.config.sections import SECTIONS, SETTINGS
 from dse.config.settings import Preprocessing, Split, Task, Training, Window
-from dse.config.values import dotted, plain, read_object
+from dse.config.values import Report, Values, dotted, plain, read_object
 from dse.config.yaml_lines import Path as Keys
+from dse.config.yaml_lines import Raw
 
 _COMPONENTS = ("data", "encoder", "model")
 _FITTED = ("preprocessing", "encoder")
@@ -46,9 +47,9 @@ class Sections:
             return ""
         return f"encoder {self.kinds['encoder']} reads the labels of the recordings that it encodes"
 
-    def to_plain(self) -> dict[str, dict[str, Any]]:
+    def to_plain(self) -> dict[str, dict[str, Raw]]:
         """Return the sections as plain data, as they are recorded; `from_plain` is the way back."""
-        sections: dict[str, dict[str, Any]] = {}
+        sections: dict[str, dict[str, Raw]] = {}
         for name in (name for name in SECTIONS if getattr(self, name, None) is not None):
             kind = {"kind": self.kinds[name]} if name in self.kinds else {}
             sections[name] = kind | plain(getattr(self, name))
@@ -62,7 +63,7 @@ class Sections:
         return sections
 
     @classmethod
-    def from_plain(cls, sections: Mapping[str, Any], where: str) -> Self:
+    def from_plain(cls, sections: Mapping[str, Raw], where: str) -> Self:
         """Return the sections of plain data.
 
         Args:
@@ -99,7 +100,7 @@ class Sections:
         k_fold = dataclasses.replace(self.split.k_fold, fold=fold)
         return dataclasses.replace(self, split=dataclasses.replace(self.split, k_fold=k_fold))
 
-    def with_fitted(self, fitted: Mapping[str, Mapping[str, Any]]) -> Self:
+    def with_fitted(self, fitted: Mapping[str, Mapping[str, Raw]]) -> Self:
         """Return the design with keys of `preprocessing` and `encoder` that were fitted to recordings.
 
         Args:
@@ -108,15 +109,15 @@ class Sections:
         Raises:
             ValueError: there is no such section, or its class refuses a value.
         """
-        changed = {}
+        changed: Values = {}
         for name, keys in fitted.items():
             section = getattr(self, name) if name in _FITTED else None
             if section is None:
                 raise ValueError(f"a design without section '{name}' has nothing fitted in it")
             changed[name] = read_object(type(section), plain(section) | dict(keys), (name,), _refuse)
-        return dataclasses.replace(self, **cast(Any, changed))
+        return dataclasses.replace(self, **changed)
 
-    def fitted_since(self, before: Sections) -> dict[str, dict[str, Any]]:
+    def fitted_since(self, before: Sections) -> dict[str, dict[str, Raw]]:
         """Return section -> key -> plain value of what has been fitted to recordings since."""
         fitted = {}
         for name in _FITTED:
@@ -126,7 +127,7 @@ class Sections:
         return fitted
 
 
-def _read(name: str, raw: Any, report: Any) -> parts.Part | None:
+def _read(name: str, raw: Raw, report: Report) -> parts.Part | None:
     if name in _COMPONENTS:
         component_cls = parts.component_class((name,), raw, report)
         return None if component_cls is None else parts.component((name,), component_cls, raw, report)

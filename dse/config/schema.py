@@ -22,11 +22,17 @@ from dse.config.sections import (
     settings_class,
 )
 from dse.config.settings import Search
-from dse.config.values import is_list, keys_of
+from dse.config.values import Hint, is_list, keys_of
 from dse.registry import Rule
 
 Schema = dict[str, Any]
-_SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
+_SCALARS: dict[object, str] = {
+    bool: "boolean",
+    int: "integer",
+    float: "number",
+    str: "string",
+    type(None): "null",
+}
 
 
 def json_schema() -> Schema:
@@ -124,7 +130,7 @@ def _axes(schema: Schema) -> list[Schema]:
     ]
 
 
-def _value(hint: Any, rule: Rule) -> Schema:
+def _value(hint: Hint, rule: Rule) -> Schema:
     origin, args = get_origin(hint) or hint, get_args(hint)
     if hint is Any or hint is object:
         return {}

@@ -1,16 +1,16 @@
-"""Which class says what each section of a search space may hold.
+"""The class of each section of a search space; its fields are the keys of the section.
 
 `data`, `encoder` and `model` hold one component of a package, named by `kind`; the other sections
-are one dataclass each (`dse.config.settings`). Components are imported when they are asked for.
+are one dataclass each (`dse.config.settings`). Components are imported on request.
 """
 
 from __future__ import annotations
 
 import typing
 from collections.abc import Mapping
-from typing import Any
 
 from dse import registry
+from dse.config.contracts import Source
 from dse.config.settings import (
     Decision,
     ExecutionSettings,
@@ -22,6 +22,7 @@ from dse.config.settings import (
     Training,
     Window,
 )
+from dse.records import FrontEnd
 
 # Sections whose component may be an axis.
 FAMILIES = ("encoder", "model")
@@ -55,21 +56,17 @@ def components(section: str) -> dict[str, type]:
     return registry.known(COMPONENTS[section])
 
 
-def front_end(recordings: type[Any]) -> str | None:
-    """Return the section that what a recordings component reads cannot do without; None for spikes.
+def front_end(source: type[Source]) -> FrontEnd | None:
+    """Return the section that the recordings of a source require; None for spikes.
 
-    Signals need an encoder and events preprocessing; spikes, and events once they are counted, may have an
-    encoder as well.
+    Signals require an encoder, and events preprocessing. Spikes, and events once they are counted, may have
+    an encoder as well.
+
+    Raises:
+        TypeError: the annotation of `read` names recordings of several kinds.
     """
-    hint = typing.get_type_hints(recordings.read)["return"]
-    found = {_front_end(kind) for kind in typing.get_args(hint) or (hint,)}
-    if len(found) > 1:
-        raise TypeError(f"{recordings.__name__}.read must return recordings of one kind, got {hint}")
-    return found.pop()
-
-
-def _front_end(kind: type[Any]) -> str | None:
-    """Return the section for one kind of recordings; what yields `blocks` is a source of events."""
-    if hasattr(kind, "blocks"):
-        return "preprocessing"
-    return "encoder" if kind.__name__ == "Signals" else None
+    hint = typing.get_type_hints(source.read)["return"]
+    sections: set[FrontEnd | None] = {kind.front_end for kind in typing.get_args(hint) or (hint,)}
+    if len(sections) > 1:
+        raise TypeError(f"{source.__name__}.read must return recordings of one kind, got {hint}")
+    return sections.pop()

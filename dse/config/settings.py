@@ -1,15 +1,16 @@
-"""What the sections of a search space say that name no component: one frozen dataclass each.
+"""The sections of a search space that name no component: one frozen dataclass each.
 
-What the settings mean is done elsewhere: windows and splits in `dse.recordings`, training in `dse.models`.
+Other packages apply the settings: windows and splits in `dse.recordings`, training in `dse.models`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from dse.config.device import DEVICES
+from dse.config.yaml_lines import Raw
 from dse.registry import param
 
 POLARITIES = ("split", "merge", "ignore_off", "ignore_on")
@@ -81,7 +82,7 @@ class Window:
     )
 
     def __post_init__(self) -> None:
-        """Check what one key alone cannot say."""
+        """Check the rules across keys."""
         if self.cut_steps is None and self.every_steps is not None:
             raise ValueError("window.every_steps needs window.cut_steps")
         if self.cut_steps is not None and self.n_steps is not None and self.n_steps > self.cut_steps:
@@ -115,7 +116,7 @@ class KFold:
 
     k: int = param(10, doc="number of folds", low=2, axis=False)
     group: str | None = param(None, doc="label column; recordings of one value are in one part", axis=False)
-    test: float | Mapping[str, Any] | None = param(
+    test: float | Mapping[str, Raw] | None = param(
         None,
         doc="fraction of every class, or column -> value or values, of a separate test set",
         low=0,
@@ -133,7 +134,7 @@ class KFold:
     )
 
     def __post_init__(self) -> None:
-        """Check what one key alone cannot say."""
+        """Check the rules across keys."""
         if self.fold >= self.k:
             raise ValueError(f"split.k_fold.fold must be below k = {self.k}, got {self.fold}")
 
@@ -143,20 +144,20 @@ class LeaveOut:
     """One group validates, the rest trains."""
 
     column: str = param(doc="label column that defines the groups", axis=False)
-    value: Any = param(doc="value of the group that is left out", axis=False)  # noqa: RUF009
+    value: Raw = param(doc="value of the group that is left out", axis=False)  # noqa: RUF009
 
 
 @dataclass(frozen=True)
 class Split:
     """How recordings are split: by label values (`train`, `validation`, `test`) or by another key."""
 
-    train: Mapping[str, Any] | None = param(
+    train: Mapping[str, Raw] | None = param(
         None, doc="training set: mapping from label column to value or list of values", axis=False
     )
-    validation: Mapping[str, Any] | None = param(
+    validation: Mapping[str, Raw] | None = param(
         None, doc="validation set: mapping from label column to value or list of values", axis=False
     )
-    test: Mapping[str, Any] | None = param(
+    test: Mapping[str, Raw] | None = param(
         None, doc="test set: mapping from label column to value or list of values", axis=False
     )
     stratified: Stratified | None = param(  # noqa: RUF009
@@ -174,7 +175,7 @@ class Split:
     )
 
     def __post_init__(self) -> None:
-        """Check that there is one rule, and a whole one."""
+        """Check that there is one rule, and that it is complete."""
         by_column = self.train is not None or self.validation is not None or self.test is not None
         others = (self.stratified, self.k_fold, self.leave_out)
         if by_column + sum(rule is not None for rule in others) != 1:
@@ -245,7 +246,7 @@ class Preprocessing:
     )
 
     def __post_init__(self) -> None:
-        """Check what one key's bounds cannot say."""
+        """Check the rules across keys."""
         pool, padding = pair(self.pool), pair(self.padding)
         if any(edge >= side for edge, side in zip(padding, pool, strict=True)):
             raise ValueError(

@@ -16,11 +16,11 @@ from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
 from dse.config.sections import SECTIONS
 from dse.config.settings import ExecutionSettings, Precision, Split
-from dse.config.values import echo, plain
-from dse.config.yaml_lines import dump
+from dse.config.values import Values, echo, plain
+from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
 
-Design = dict[str, Any]
+Design = dict[str, Raw]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class SearchSettings:
     batch: int
     repeats: int
     repeats_on_front: int
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Raw] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,18 +103,18 @@ class SearchSpace:
         """Section -> names of its components, for the sections that are a choice of several."""
         return {name: tuple(part.entries) for name, part in self.parts.items() if part.entries}
 
-    def kind(self, section: str, design: Mapping[str, Any]) -> str:
+    def kind(self, section: str, design: Mapping[str, Raw]) -> str:
         """Return the name of the component that a section has in a design."""
         return self.parts[section].kind or str(design[f"{section}.kind"])
 
-    def task_name(self, design: Mapping[str, Any]) -> str:
+    def task_name(self, design: Mapping[str, Raw]) -> str:
         """Return what a design predicts: the task's name, or the columns of a target that is an axis."""
         values = self.parts["task"].values
         if "task.target" not in self.axes:
             return str(values["name"])
         return target_name(design["task.target"], joint=values["joint"])
 
-    def active(self, design: Mapping[str, Any]) -> dict[str, Axis]:
+    def active(self, design: Mapping[str, Raw]) -> dict[str, Axis]:
         """Return the axes that a design has, which follow from its values on the axes of kinds."""
         return {
             name: axis
@@ -122,7 +122,7 @@ class SearchSpace:
             if axis.condition is None or design.get(axis.condition[0]) == axis.condition[1]
         }
 
-    def resolve(self, design: Mapping[str, Any]) -> Sections:
+    def resolve(self, design: Mapping[str, Raw]) -> Sections:
         """Return the sections of a design.
 
         Args:
@@ -136,7 +136,7 @@ class SearchSpace:
         axes = self.active(design)
         if set(design) != set(axes):
             raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")
-        varied: dict[str, dict[str, Any]] = {}
+        varied: dict[str, Values] = {}
         for name, axis in axes.items():
             value = _as_tuple(design[name])
             if not axis.contains(value):
@@ -144,7 +144,7 @@ class SearchSpace:
                 raise ValueError(f"design: {name} {text}")
             section, key = axis.place
             varied.setdefault(section, {})[key] = axis.wrapped(value)
-        objects: dict[str, Any] = {}
+        objects: Values = {}
         kinds: dict[str, str] = {}
         for name, part in self.parts.items():
             values = varied.get(name, {})
@@ -157,9 +157,9 @@ class SearchSpace:
                 kinds[name] = one.kind
         return Sections(kinds=kinds, **objects)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Raw]:
         """Return the whole search space as plain data, as a file with every default written would hold it."""
-        sections: dict[str, Any] = {}
+        sections: dict[str, Raw] = {}
         for name, part in self.parts.items():
             entries = [entry.to_plain() for entry in part.entries.values()]
             sections[name] = {"choice": entries} if entries else part.to_plain()
@@ -172,7 +172,7 @@ class SearchSpace:
         sections["search"] = search | dict(self.search.options)
         sections["execution"] = plain(self.execution)
         ordered = {name: sections[name] for name in SECTIONS if name in sections}
-        about: dict[str, Any] = {"study": self.study, "seed": self.seed}
+        about: dict[str, Raw] = {"study": self.study, "seed": self.seed}
         if self.plugins:
             about["plugins"] = [plugin.source for plugin in self.plugins]
         return about | ordered
@@ -182,6 +182,6 @@ class SearchSpace:
         return dump(self.to_plain())
 
 
-def _as_tuple(value: Any) -> Any:
+def _as_tuple(value: Raw) -> Any:
     """Return lists as tuples: a design that went through JSON is the same design."""
     return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value

@@ -20,14 +20,24 @@ import numpy as np
 
 from dse import registry
 from dse.config.faults import known_names
-from dse.config.yaml_lines import Path
+from dse.config.yaml_lines import Path, Raw
 from dse.registry import Rule, rule_of
 
 T = TypeVar("T")
+Values = dict[str, Any]
+"""Key -> value, checked against the annotation of its field, which is known only when the program runs."""
+Hint = object
+"""The annotation of a field of a dataclass: a type, or a form such as `tuple[int, ...]`."""
 Report = Callable[[Path, str], None]
-ReadOne = Callable[[Any, Any, Rule, Path, Report], Any]
+ReadOne = Callable[[Raw, Hint, Rule, Path, Report], Any]
 INVALID: Any = object()
-_SCALARS = {bool: "true or false", int: "an integer", float: "a number", str: "text", type(None): "null"}
+_SCALARS: dict[object, str] = {
+    bool: "true or false",
+    int: "an integer",
+    float: "a number",
+    str: "text",
+    type(None): "null",
+}
 _LISTS = (tuple, list, Sequence)
 _LONGEST_ECHO = 60
 
@@ -40,7 +50,7 @@ def dotted(path: Path) -> str:
     return text
 
 
-def echo(value: Any) -> str:
+def echo(value: Raw) -> str:
     """Return a value as the user wrote it, shortened."""
     if value is None or isinstance(value, bool):
         return str(value).lower().replace("none", "null")
@@ -48,7 +58,7 @@ def echo(value: Any) -> str:
     return text if len(text) <= _LONGEST_ECHO else f"{text[: _LONGEST_ECHO - 3]}..."
 
 
-def is_list(hint: Any) -> bool:
+def is_list(hint: Hint) -> bool:
     """Return whether a field of this type can hold nothing but lists (or null)."""
     origin = get_origin(hint) or hint
     if origin in (Union, types.UnionType):
@@ -56,7 +66,7 @@ def is_list(hint: Any) -> bool:
     return isinstance(origin, type) and origin in _LISTS
 
 
-def number_type(hint: Any) -> type | None:
+def number_type(hint: Hint) -> type | None:
     """Return float or int if a field (or the elements of its list) can hold such a number, else None."""
     if hint in (int, float):
         return cast(type, hint)
@@ -64,7 +74,7 @@ def number_type(hint: Any) -> type | None:
     return float if float in numbers else int if int in numbers else None
 
 
-def expected(hint: Any) -> str:
+def expected(hint: Hint) -> str:
     """Return what a value must be, in words: 'an integer', 'a list of numbers'."""
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin is Literal:
@@ -73,7 +83,7 @@ def expected(hint: Any) -> str:
         return " or ".join(dict.fromkeys(expected(option) for option in args))
     if is_list(hint):
         inner = [a for a in args if a is not Ellipsis]
-        if not inner or inner[0] is Any:
+        if not inner or inner[0] in (Any, object):
             return "a list"
         plural = {bool: "of true or false", int: "of integers", float: "of numbers", str: "of texts"}
         return f"a list {plural.get(inner[0], f'({expected(inner[0])})')}"
@@ -94,7 +104,7 @@ def bounds(rule: Rule) -> str:
     return ""
 
 
-def read(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def read(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     """Return the value in its field's type, or INVALID after reporting every mistake in it.
 
     Integers become floats in float fields, lists become tuples, and one scalar where a list is
@@ -125,12 +135,12 @@ class Key:
     default: makes the value where the key is absent; None where it is required.
     """
 
-    hint: Any
+    hint: Hint
     rule: Rule
     default: Callable[[], Any] | None
 
 
-def keys_of(cls: type, written: Mapping[str, Any] | None = None) -> dict[str, Key]:
+def keys_of(cls: type, written: Mapping[str, Raw] | None = None) -> dict[str, Key]:
     """Return the keys of a dataclass in the order of its fields.
 
     A field that holds a component (`Rule.component`) is a key that names the component, followed by the
@@ -158,7 +168,7 @@ def keys_of(cls: type, written: Mapping[str, Any] | None = None) -> dict[str, Ke
 
 def read_object(
     cls: type[T],
-    value: Any,
+    value: Raw,
     path: Path,
     report: Report,
     read_one: ReadOne = read,
@@ -185,7 +195,7 @@ def read_object(
     return _constructed(cls, values, path, report) if good else None
 
 
-def _constructed(cls: type[T], values: Mapping[str, Any], path: Path, report: Report) -> T | None:
+def _constructed(cls: type[T], values: Values, path: Path, report: Report) -> T | None:
     try:
         return construct(cls, values)
     except ValueError as error:
@@ -193,13 +203,13 @@ def _constructed(cls: type[T], values: Mapping[str, Any], path: Path, report: Re
         return None
 
 
-def construct(cls: type[T], values: Mapping[str, Any]) -> T:
+def construct(cls: type[T], values: Values) -> T:
     """Return the dataclass of the values of `read_fields`; lists and mappings of an axis are read here.
 
     Raises:
         ValueError: the class refuses the values.
     """
-    fields: dict[str, Any] = {}
+    fields: Values = {}
     described: type = cls
     for name, field in _fields(described).items():
         if name not in values:
@@ -216,7 +226,7 @@ def construct(cls: type[T], values: Mapping[str, Any]) -> T:
 
 
 def blamed(message: str, values: Collection[str], path: Path) -> tuple[Path, str]:
-    """Return the place and the text of what a class says against its values.
+    """Return the path and the text of an error that a class raises about its values.
 
     Args:
         message: a sentence that begins with the key that it is about, alone or after the section's name.
@@ -236,13 +246,13 @@ def blamed(message: str, values: Collection[str], path: Path) -> tuple[Path, str
 
 def read_fields(
     cls: type,
-    value: Any,
+    value: Raw,
     path: Path,
     report: Report,
     read_one: ReadOne = read,
     *,
     also: Collection[str] = (),
-) -> tuple[dict[str, Any], bool]:
+) -> tuple[Values, bool]:
     """Return the keys of a dataclass with their values, and whether all of it is right.
 
     Keys with a mistake are left out; absent ones have their default. `construct` makes the dataclass of them
@@ -266,13 +276,13 @@ def read_fields(
 
 def read_written(
     cls: type,
-    value: Any,
+    value: Raw,
     path: Path,
     report: Report,
     read_one: ReadOne = read,
     *,
     also: Collection[str] = (),
-) -> tuple[dict[str, Any], bool]:
+) -> tuple[Values, bool]:
     """Return those keys of a dataclass that are written, and whether all are right (see `read_fields`)."""
     if value is None:
         value = {}
@@ -285,7 +295,7 @@ def read_written(
     except ValueError as error:
         report(*blamed(str(error), _fields(cls), path))
         return {}, False
-    result: dict[str, Any] = {}
+    result: Values = {}
     good = True
     for name, raw in value.items():
         if name in keys:
@@ -300,13 +310,13 @@ def read_written(
     return result, good
 
 
-def plain(value: Any) -> Any:
+def plain(value: Raw) -> Any:
     """Return a value as plain data: dataclasses as mappings, lists as tuples, numbers of numpy as Python's.
 
     A component in a field is its name, with its own keys beside it, as it is written in YAML.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        keys: dict[str, Any] = {}
+        keys: dict[str, Raw] = {}
         for name, field in _fields(type(value)).items():
             inner, section = getattr(value, name), rule_of(field).component
             keys |= (
@@ -326,7 +336,7 @@ def _fields(cls: type) -> dict[str, dataclasses.Field[Any]]:
 
 
 @functools.cache
-def _hints(cls: type) -> dict[str, Any]:
+def _hints(cls: type) -> dict[str, Hint]:
     return typing.get_type_hints(cls)
 
 
@@ -336,12 +346,12 @@ def _default(field: dataclasses.Field[Any]) -> Callable[[], Any] | None:
     return None if field.default_factory is dataclasses.MISSING else field.default_factory
 
 
-def _as_tuple(value: Any) -> Any:
+def _as_tuple(value: Raw) -> Any:
     """Return a list as a tuple, as `read` does."""
     return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value
 
 
-def _holds_dataclass(hint: Any) -> bool:
+def _holds_dataclass(hint: Hint) -> bool:
     return dataclasses.is_dataclass(hint) or any(map(_holds_dataclass, get_args(hint)))
 
 
@@ -349,11 +359,11 @@ def _refuse(path: Path, text: str) -> None:
     raise ValueError(text)
 
 
-def _scalar(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def _scalar(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     name = dotted(path)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is float and is_number:
-        value = float(value)
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
+    if hint is float and number is not None:
+        value = number = float(number)
     if type(value) is not hint:
         report(path, f"{name} must be {expected(hint)}, got {echo(value)}")
         return INVALID
@@ -362,7 +372,7 @@ def _scalar(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> An
         return INVALID
     if rule.choices:
         return _chosen(value, rule.choices, path, report)
-    if is_number and not _within(value, rule):
+    if number is not None and not _within(number, rule):
         report(path, f"{name} must be {bounds(rule)}, got {echo(value)}")
         return INVALID
     return value
@@ -374,14 +384,14 @@ def _within(value: float, rule: Rule) -> bool:
     return not (rule.high is not None and (value > rule.high or (rule.high_open and value == rule.high)))
 
 
-def _chosen(value: Any, choices: Sequence[Any], path: Path, report: Report) -> Any:
+def _chosen(value: Raw, choices: Sequence[Any], path: Path, report: Report) -> Any:
     if any(type(value) is type(choice) and value == choice for choice in choices):
         return value
     report(path, f"unknown {dotted(path)} {echo(value)}; {known_names(str(value), map(str, choices))}")
     return INVALID
 
 
-def _union(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def _union(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     options = get_args(hint)
     if value is None and type(None) in options:
         return None
@@ -405,7 +415,7 @@ def _union(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any
     return INVALID
 
 
-def _same_shape(value: Any, hint: Any) -> bool:
+def _same_shape(value: Raw, hint: Hint) -> bool:
     if isinstance(value, list | tuple):
         return is_list(hint)
     if isinstance(value, dict):
@@ -415,7 +425,7 @@ def _same_shape(value: Any, hint: Any) -> bool:
     return hint is type(value)
 
 
-def _list(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def _list(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     args = [argument for argument in get_args(hint) if argument is not Ellipsis]
     if isinstance(value, str | bool | int | float):
         value = [value]  # `hidden: 200` is short for `hidden: [200]`
@@ -433,7 +443,7 @@ def _list(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
     return INVALID if any(element is INVALID for element in elements) else tuple(elements)
 
 
-def _mapping(value: Any, hint: Any, rule: Rule, path: Path, report: Report) -> Any:
+def _mapping(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     if value is None:
         value = {}
     if not isinstance(value, dict):

@@ -18,7 +18,10 @@ from dse.config.faults import ConfigError, Fault
 
 Path = tuple[str | int, ...]
 
-_CONSTANTS: dict[str, Any] = {
+Raw = object
+"""A value as YAML or JSON holds it; a reader checks its type before it uses the value."""
+
+_CONSTANTS: dict[str, Raw] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
@@ -38,7 +41,7 @@ class Document:
     places: path -> (file or `--set key`, line).
     """
 
-    data: Any
+    data: Raw
     places: dict[Path, tuple[str, int]]
     faults: list[Fault] = field(default_factory=list)
 
@@ -50,7 +53,7 @@ class Document:
         return Fault(*self.places[path], message)
 
 
-def located(data: Any, path: Path) -> Path:
+def located(data: Raw, path: Path) -> Path:
     """Return where a key stands: `model.elm.hidden` in the entry of kind elm where `model` is a choice."""
     section = data.get(path[0]) if path and isinstance(data, dict) else None
     entries = section.get("choice") if isinstance(section, dict) else None
@@ -147,11 +150,12 @@ def override(document: Document, values: Mapping[str, str]) -> Document:
     return Document(data, places, faults)
 
 
-def _replaced(data: Any, path: Path, value: Any, depth: int = 0) -> Any:
+def _replaced(data: Raw, path: Path, value: Raw, depth: int = 0) -> Any:
     if not path:
         return value
     key, rest = path[0], path[1:]
     if isinstance(key, int):  # an entry of the choice of a section
+        assert isinstance(data, list)  # so `located` has found
         return [*data[:key], _replaced(data[key], rest, value, 1), *data[key + 1 :]]
     inner = data if isinstance(data, dict) else {"kind": data} if depth == 1 and isinstance(data, str) else {}
     return {**inner, key: _replaced(inner.get(key), rest, value, depth + 1)}
@@ -170,7 +174,7 @@ def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:
         for index, child in enumerate(node.value):
             document.places[(*path, index)] = (name, child.start_mark.line + 1)
         return [_value(child, (*path, index), document, name) for index, child in enumerate(node.value)]
-    data: dict[str, Any] = {}
+    data: dict[str, Raw] = {}
     for key_node, child in node.value:
         key_line = key_node.start_mark.line + 1
         if not isinstance(key_node, yaml.ScalarNode):
@@ -190,7 +194,7 @@ def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:
 class _Dumper(yaml.SafeDumper):
     """Writes text so that `scalar` reads it back as text, and never writes aliases."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: Raw) -> bool:
         return True
 
 
@@ -203,7 +207,7 @@ _Dumper.add_representer(str, _represent_text)
 _Dumper.add_representer(tuple, lambda dumper, value: dumper.represent_list(list(value)))
 
 
-def dump(data: Mapping[str, Any]) -> str:
+def dump(data: Mapping[str, Raw]) -> str:
     """Write plain data as YAML that `parse` reads back to the same data (tuples become lists)."""
     return yaml.dump(
         dict(data), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True

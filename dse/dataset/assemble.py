@@ -41,7 +41,7 @@ class _Read:
 
 @dataclasses.dataclass(frozen=True)
 class _Labels:
-    """What an encoder may learn from: codes (n,) of the data's recordings, training indices into them."""
+    """Labels that an encoder may learn from: codes (n,) of the data's recordings, and training indices."""
 
     codes: Ints
     n_classes: int
@@ -49,7 +49,7 @@ class _Labels:
 
 
 def prepare(design: Sections, base: Path, root: Path, threads: int = 1, progress: Progress = silent) -> Path:
-    """Return the folder of the data set of a design in a cache, which is made if it is not there.
+    """Return the folder of a design's data set in a cache; the data set is made if it is absent.
 
     Sample i is recording i of the data; recordings of a `test` file follow. Recordings in no part of the
     split have no spikes. The classes are those of the recordings in use; the target of others is -1.
@@ -72,7 +72,7 @@ def prepare(design: Sections, base: Path, root: Path, threads: int = 1, progress
 
 @dataclasses.dataclass(frozen=True)
 class _Making:
-    """How data sets are made; see `prepare`."""
+    """The arguments of `prepare` that are the same for every design."""
 
     base: Path
     root: Path
@@ -174,7 +174,7 @@ def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, labels
 
 
 def find(root: Path, key: str) -> Dataset | None:
-    """Return a data set of a cache, or None where it has to be prepared; a damaged one is removed.
+    """Return a data set of a cache, or None if it must be prepared; a damaged one is removed.
 
     Raises:
         OSError: the cache cannot be written.
@@ -195,7 +195,7 @@ def find(root: Path, key: str) -> Dataset | None:
 
 
 def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1) -> Dataset:
-    """Return a prepared data set; one that was evicted or damaged since is prepared again.
+    """Return a prepared data set; it is prepared again if it was evicted or damaged.
 
     Args:
         design: as for `prepare`.
@@ -222,24 +222,24 @@ def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1
 
 
 def warnings(folder: Path) -> list[str]:
-    """Return what is suspicious about the recordings of a prepared data set."""
+    """Return the warnings about the recordings of a prepared data set."""
     return list(read_meta(folder)["warnings"])
 
 
 def transductive(folder: Path) -> str:
-    """Return why what is evaluated on a prepared data set has seen its own answers; '' where it has not."""
+    """Return why an evaluation on a prepared data set has seen its own answers; '' if it has not."""
     return str(read_meta(folder)["transductive"])
 
 
 def as_prepared(design: Sections, folder: Path) -> Sections:
-    """Return a design with what its prepared data set has fitted to the recordings in place of how."""
+    """Return a design with the values that its prepared data set has fitted to the recordings."""
     return design.with_fitted(read_meta(folder)["fitted"])
 
 
 def build(
     design: Sections, base: Path, threads: int = 1, progress: Progress = silent
 ) -> tuple[Dataset, list[str]]:
-    """Return the data set of a design, kept nowhere, and what is suspicious about its recordings.
+    """Return the data set of a design and the warnings about its recordings; nothing is stored.
 
     Raises:
         RecordingError: as for `prepare`.
@@ -250,7 +250,7 @@ def build(
 
 
 def build_for(design: Sections, base: Path, classes: Sequence[str]) -> tuple[Dataset, list[str]]:
-    """Return a data set of new recordings, all of them in `test`, and what had to be repaired in them.
+    """Return a data set of new recordings, all of them in `test`, and notes of what was repaired.
 
     They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
 
@@ -270,7 +270,7 @@ def build_for(design: Sections, base: Path, classes: Sequence[str]) -> tuple[Dat
         codes = _codes_of(recordings, task_target, tuple(classes), "the new recordings")
     every = np.ones(n, dtype=bool)
     stored = _stored_temporarily(placed(recordings, design, every, positions=positions))
-    if design.encoder is not None and not isinstance(recordings, Signals):
+    if design.encoder is not None and recordings.front_end != "encoder":
         stored = _stored_temporarily(encoding.encoded(stored, design.encoder, every))
     none = np.zeros(0, dtype=np.int64)
     return joined(stored, tuple(classes), codes, none, none, np.arange(n)), stored.notes
@@ -284,7 +284,7 @@ def _stored_temporarily(part: Part) -> Stored:
 
 
 def _read(source: Source, base: Path, window: Window) -> tuple[Recordings, Ints | None]:
-    """Return recordings, cut into pieces where that is asked for, and where their channels lie."""
+    """Return recordings, cut into windows if the settings say so, and the positions of their channels."""
     recordings = cut(source.read(base), window.cut_steps, window.every_steps)
     return recordings, source.channel_positions(base)
 

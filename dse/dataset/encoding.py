@@ -28,7 +28,7 @@ def learnt(
     n_classes: int,
     train: Ints,
 ) -> Encoder:
-    """Return an encoder with what it learns from training recordings; as it is if nothing.
+    """Return an encoder fitted to training recordings; unchanged if it learns nothing.
 
     Labels of other recordings are shown to an encoder that says it is transductive, and to no other.
 
@@ -57,7 +57,7 @@ def learnt(
 def learnt_from_spikes(
     encoder: Encoder, stored: Stored, used: Bools, codes: Ints, n_classes: int, train: Ints
 ) -> Encoder:
-    """Return an encoder as `learnt` does, for recordings that are spikes.
+    """Return what `learnt` returns, for recordings that are spikes.
 
     Args:
         encoder: of section `encoder`.
@@ -135,7 +135,7 @@ def _lengths(stored: Stored, used: Bools) -> Ints:
 
 
 def _chunks(n_bytes: Ints, most: float) -> Iterator[Ints]:
-    """Yield the numbers of all recordings in order, as many at a time as stay below some bytes, or one."""
+    """Yield the numbers of all recordings in order, in chunks below some bytes, at least one at a time."""
     begin, filled = 0, 0
     for i, size in enumerate(n_bytes.tolist()):
         if filled and filled + size > most:

@@ -14,11 +14,13 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, cast
 
 import numpy as np
 from numpy.lib import format as npy
+from numpy.typing import DTypeLike
 
+from dse.config.yaml_lines import Raw
 from dse.dataset.parts import Part, Progress, silent
 from dse.recordings import RecordingError
 from dse.records import Array, Dataset, Head, Spikes
@@ -27,8 +29,18 @@ from dse.store import heads_document, heads_of
 _META = "meta.json"
 _OF_SPIKES = ("row_offsets", "channel")
 _OF_WINDOWS = ("start", "low", "high")
-_OF_META = ("spikes", "classes", "fitted", "warnings", "heads", "transductive")
 _OF_DATASET = ("target", "train", "validation", "test")
+
+
+class Meta(TypedDict):
+    """What `meta.json` of a data set holds; the meaning of each key is that of `write_dataset`."""
+
+    spikes: str
+    classes: list[str]
+    fitted: dict[str, dict[str, Raw]]
+    warnings: list[str]
+    heads: list[dict[str, object]]
+    transductive: str
 
 
 def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress: Progress = silent) -> None:
@@ -99,7 +111,7 @@ class Stored:
 
 
 def read_spikes(folder: Path) -> Stored:
-    """Return spikes from their folder, memory-mapped and read-only.
+    """Return the spikes of a folder, memory-mapped and read-only.
 
     Raises:
         RecordingError: the folder holds none, or damaged ones.
@@ -119,12 +131,12 @@ def write_dataset(
     target: Array,
     classes: Sequence[str],
     split: tuple[Array, Array, Array],
-    fitted: Mapping[str, Mapping[str, Any]],
+    fitted: Mapping[str, Mapping[str, Raw]],
     warnings: Sequence[str],
     heads: Sequence[Head] = (),
     transductive: str = "",
 ) -> None:
-    """Write what a data set has beside its spikes.
+    """Write everything of a data set but its spikes.
 
     Args:
         folder: empty.
@@ -153,7 +165,7 @@ def write_dataset(
     )
 
 
-def read_meta(folder: Path) -> dict[str, Any]:
+def read_meta(folder: Path) -> Meta:
     """Return what a data set's `meta.json` holds, as `write_dataset` was given it.
 
     Raises:
@@ -161,7 +173,7 @@ def read_meta(folder: Path) -> dict[str, Any]:
     """
     with _readable(folder, "data set"):
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
-        return {name: meta[name] for name in _OF_META}
+        return cast(Meta, {name: meta[name] for name in Meta.__annotations__})
 
 
 def load(folder: Path) -> Dataset:
@@ -198,8 +210,8 @@ def joined(
 
 
 @contextlib.contextmanager
-def _growing(path: Path, dtype: Any) -> Iterator[Callable[[Array], None]]:
-    """Yield what appends to a one-dimensional .npy; its header says the length once the block has ended."""
+def _growing(path: Path, dtype: DTypeLike) -> Iterator[Callable[[Array], None]]:
+    """Yield a function that appends to a one-dimensional .npy; the header gets its length at the end."""
     header = {"descr": npy.dtype_to_descr(np.dtype(dtype)), "fortran_order": False}
     with path.open("wb") as file:
         npy.write_array_header_1_0(file, {**header, "shape": (0,)})  # numpy leaves room for any length
@@ -216,7 +228,7 @@ def _growing(path: Path, dtype: Any) -> Iterator[Callable[[Array], None]]:
         assert file.tell() == begin
 
 
-def _write_meta(folder: Path, meta: Mapping[str, Any]) -> None:
+def _write_meta(folder: Path, meta: Mapping[str, Raw]) -> None:
     (folder / _META).write_text(json.dumps(meta, indent=1), encoding="utf-8")
 
 

@@ -6,10 +6,10 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from dse.config.contracts import PLACES
 from dse.config.resolved import Sections
+from dse.config.yaml_lines import Raw
 from dse.records import Bools
 
 # Raised when the same sections and recordings give another data set than before.
@@ -57,10 +57,10 @@ def same_spikes(design: Sections) -> str:
     return json.dumps([sections.get(name) for name in ("data", "test", *names)], sort_keys=True, default=str)
 
 
-def sources(design: Sections, base: Path) -> dict[str, dict[str, Any]]:
+def sources(design: Sections, base: Path) -> dict[str, dict[str, Raw]]:
     """Return the keys of `data` and `test`, with a hash of what they name in place of where it is."""
     sections = design.to_plain()
-    keys: dict[str, dict[str, Any]] = {"data": {}, "test": {}}
+    keys: dict[str, dict[str, Raw]] = {"data": {}, "test": {}}
     for name, source in (("data", design.data), ("test", design.test)):
         if source is not None:
             settings = {key: value for key, value in sections[name].items() if key not in PLACES}
@@ -68,5 +68,5 @@ def sources(design: Sections, base: Path) -> dict[str, dict[str, Any]]:
     return keys
 
 
-def _hash(parts: Any) -> str:
+def _hash(parts: Raw) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()

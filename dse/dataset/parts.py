@@ -1,4 +1,4 @@
-"""Recordings of one source -> where windows lie in them, and their spikes, one recording after the other."""
+"""Recordings of one source -> the places of windows, and the spikes, one recording after the other."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dse.config.contracts import Encoder
 from dse.config.resolved import Sections
 from dse.config.settings import Preprocessing, Window
 from dse.preprocessing import Pooling
-from dse.recordings import EventSource, RecordingError, Recordings, Simulated
+from dse.recordings import EventSource, RecordingError, Recordings, trials_of
 from dse.recordings.pooling import pooling
 from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
 from dse.records import Array, Bools, Floats, Ints, Rasters, Signals, Spikes
@@ -33,12 +33,12 @@ _AHEAD = 2
 
 
 def silent(sentence: str) -> None:
-    """Take in progress and show nothing."""
+    """Ignore a sentence of progress."""
 
 
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
-    """Turn what an encoder refuses into a fault of the recordings."""
+    """Turn an encoder's `ValueError` into a `RecordingError`."""
     try:
         yield
     except RecordingError:
@@ -102,27 +102,28 @@ def placed(
     """
     window = design.window
     _check_sections(recordings, design)
-    if window.remove_mean and not isinstance(recordings, Signals):
+    if window.remove_mean and recordings.front_end != "encoder":
         raise RecordingError("window.remove_mean must be false for events and spikes, got true")
-    if isinstance(recordings, Signals | Rasters):
-        if positions is None:
-            raise ValueError("placed needs the positions of the channels of signals and rasters, got None")
-        if isinstance(recordings, Rasters):
-            return _of_rasters(recordings.spikes, window, used, positions)
-        assert design.encoder is not None  # signals are refused without one
-        return _of_signals(recordings, window, design.encoder, used, positions)
-    assert design.preprocessing is not None  # so are events
-    pools = pooling_of(recordings, design.preprocessing)
-    return _of_events(recordings, window, pools, used, threads, progress)
+    if not isinstance(recordings, Signals | Rasters):
+        assert design.preprocessing is not None  # events are refused without it
+        pools = pooling_of(recordings, design.preprocessing)
+        return _of_events(recordings, window, pools, used, threads, progress)
+    if positions is None:
+        raise ValueError("placed needs the positions of the channels of signals and rasters, got None")
+    if isinstance(recordings, Rasters):
+        return _of_rasters(recordings, window, used, positions)
+    assert design.encoder is not None  # so are signals without an encoder
+    return _of_signals(recordings, window, design.encoder, used, positions)
 
 
 def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
-    """Return what section `preprocessing` means on a source's frame.
+    """Return the pools that section `preprocessing` describes on a source's frame.
 
     Raises:
         RecordingError: the frame cannot give what is asked of it.
     """
-    pins = source.pins() if isinstance(source, Simulated) else None
+    trials = trials_of(source)
+    pins = None if trials is None else trials.pins()
     return pooling(settings, source.width, source.height, pins)
 
 
@@ -138,8 +139,8 @@ def cropped(source: Recordings, design: Sections, train: Ints, progress: Progres
     settings = design.preprocessing
     if settings is None or settings.crop != "pins" or isinstance(source, Rasters | Signals):
         return design
-    if isinstance(source, Simulated):
-        crop = source.pins()
+    if (trials := trials_of(source)) is not None:
+        crop = trials.pins()
     else:
         columns, rows = np.zeros(source.width, np.int64), np.zeros(source.height, np.int64)
         for done, i in enumerate(train, 1):
@@ -152,15 +153,15 @@ def cropped(source: Recordings, design: Sections, train: Ints, progress: Progres
 
 def _check_sections(recordings: Recordings, design: Sections) -> None:
     kind = design.kinds["data"]
-    needed = {Signals: "encoder", Rasters: None}.get(type(recordings), "preprocessing")
+    needed = recordings.front_end
     if needed is not None and getattr(design, needed) is None:
         raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
     if needed != "preprocessing" and design.preprocessing is not None:
         raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
 
 
-def _of_rasters(spikes: Spikes, window: Window, used: Array, positions: Array) -> Part:
-    lengths = np.full(spikes.n_samples, spikes.n_steps)
+def _of_rasters(rasters: Rasters, window: Window, used: Bools, positions: Ints) -> Part:
+    spikes, lengths = rasters.spikes, rasters.lengths
     onset = None
     if window.at == "contact_onset":
         enough = np.diff(spikes.row_offsets).reshape(lengths.size, -1) >= window.onset_threshold
@@ -177,7 +178,7 @@ def place_signals(
 ) -> tuple[tuple[Array, Array, Array, int], Array]:
     """Return what `place` finds for sampled recordings, and the mean (n, channel) of each over its window."""
     onset = signal_onset(signals, window.onset_threshold) if window.at == "contact_onset" else None
-    placement = place(window, np.diff(signals.offsets), used, onset)
+    placement = place(window, signals.lengths, used, onset)
     return placement, mean_levels(signals, placement[0], placement[3])
 
 
@@ -198,7 +199,7 @@ def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools,
         places = encoder.positions(positions)
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
-        places, signals.step_ms, np.diff(signals.offsets), levels, rows,
+        places, signals.step_ms, signals.lengths, levels, rows,
     )  # fmt: skip
 
 
@@ -217,7 +218,7 @@ def _of_events(
     threads: int,
     progress: Progress,
 ) -> Part:
-    simulated = source if isinstance(source, Simulated) else None
+    simulated = trials_of(source)
     t0_us, lengths, onset = np.zeros((3, source.n_recordings), dtype=np.int64)
     if simulated is not None:
         lengths[:] = pooling.n_bins(simulated.duration_us)
@@ -238,7 +239,7 @@ def _of_events(
                 t0_us[i], lengths[i] = surveyed.first_us, surveyed.n_bins
     start, low, high, n_steps = place(window, lengths, used, onset)
     n_kept = np.where(used, high - low + n_steps, 0)
-    # The rate floor looks at the bins that are kept, of which a simulated raster is not told.
+    # The rate floor needs the bins that are kept; a simulated raster does not know which they are.
     plain = dataclasses.replace(pooling, rate_floor_hz=0.0)
 
     def recording(i: int) -> Rows:
@@ -269,7 +270,7 @@ def _of_pools(pooling: Pooling) -> Array:
 def in_order(
     function: Callable[[int], Result], numbers: range | list[int], threads: int
 ) -> Generator[Result, None, None]:
-    """Yield a function's result for every number, in order, whatever finishes first.
+    """Yield a function's result for every number, in the order of the numbers.
 
     Args:
         function: with several threads, it must leave the interpreter to the others for most of its time.

@@ -141,7 +141,7 @@ def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
 
 
 def _fronts(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
-    """Return which rows no other of the same task and chip beats, of those that a skyline compares."""
+    """Return which rows are on the front of their task and chip, among those that a skyline compares."""
     by = [name for name in ("task", "hardware") if name in frame.columns]
     return front_mask(frame, objectives.items(), group_numbers(frame, by), admissible(frame))
 

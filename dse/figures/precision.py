@@ -61,7 +61,7 @@ class PrecisionFigure:
 
 
 def gather_precision(points: pandas.DataFrame) -> Precision:
-    """Gather what one design reaches at the end of the window, at every precision.
+    """Gather the accuracy and cost of one design at the end of the window, at every precision.
 
     Args:
         points: rows of one trial, task and hardware profile; earlier answers among them are left out.

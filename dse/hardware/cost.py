@@ -209,7 +209,7 @@ def _time_us(plan: Plan, counts: Floats) -> Floats:
 
 
 def _waiting_us(load: Workload | Operations, time_us: Floats) -> Floats:
-    """Return how long hardware waits for the sensor to deliver the input, (D, ...)."""
+    """Return the time that the hardware waits for the sensor's input, (D, ...)."""
     return np.maximum(np.asarray(load.input_ms, np.float64) * 1e3 - time_us, 0.0)
 
 

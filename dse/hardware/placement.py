@@ -61,7 +61,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Architecture:
-    """What of a network decides where it goes (fields of `dse.records.Workload`).
+    """The fields of `dse.records.Workload` that decide the placement of a network.
 
     stored: per layer after the input, weights into it that alone take memory; None: all.
     """
@@ -94,14 +94,14 @@ class _Broken(NamedTuple):
 
 
 def architecture(load: Workload, rules: Rules) -> Architecture:
-    """Return what of a load decides where it goes on a chip."""
+    """Return the fields of a load that decide its placement on a chip."""
     stored = load.stored if rules.skips_zero_weights else None
     return Architecture(load.sizes, load.recurrent, load.weight_bits, load.delay_bits, stored, load.cores)
 
 
 @functools.lru_cache(maxsize=1 << 14)
 def place(net: Architecture, rules: Rules) -> Placement:
-    """Return the cores of every layer, what is broken and what would mend it."""
+    """Return the cores of every layer, the broken limits and the changes that mend them."""
     cores, broken = _placed(net, rules)
     low, high = _practice(net, rules, cores)
     misfits = tuple(Misfit(x.rule, x.text, _change(net, rules, x, broken)) for x in broken)
@@ -153,7 +153,7 @@ def _most_neurons(net: Architecture, rules: Rules, layer: int) -> int:
 
 
 def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Broken, ...]]:
-    """Return the cores of every layer and what is broken; what cannot fit is placed as if a core went on."""
+    """Return the cores of every layer and the broken limits; what cannot fit is placed on larger cores."""
     broken: list[_Broken] = []
     for rule, bits, most in (
         ("weight_bits", net.weight_bits, rules.weight_bits_most),

@@ -19,7 +19,7 @@ from dse import registry, seeds
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import hardware_names, names_a_file, shipped_profiles
 from dse.config.values import Report, echo, read_fields, read_object
-from dse.config.yaml_lines import Document, in_file_order, parse
+from dse.config.yaml_lines import Document, Raw, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
 from dse.hardware.plan import NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
@@ -278,7 +278,7 @@ def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | No
     return cls(name=about.name, doc=about.doc, interval_only=about.interval_only, text=text, **numbers)
 
 
-def _kind(data: Mapping[str, Any], report: Report) -> type[Profile] | None:
+def _kind(data: Mapping[str, Raw], report: Report) -> type[Profile] | None:
     """Return the kind of hardware that a profile names."""
     known = kinds()
     kind = data.get("kind")
@@ -291,7 +291,7 @@ def _kind(data: Mapping[str, Any], report: Report) -> type[Profile] | None:
     return None
 
 
-def _number(name: str, figure: Figure, data: Mapping[str, Any], report: Report) -> Number | None:
+def _number(name: str, figure: Figure, data: Mapping[str, Raw], report: Report) -> Number | None:
     """Return a number of a profile, or None after reporting everything that is wrong with it."""
     if name not in data:
         report((), f"{name} is required: {figure.doc}")

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.values import INVALID, Report, dotted, echo, read, read_object
-from dse.config.yaml_lines import Document, in_file_order, parse
+from dse.config.values import INVALID, Hint, Report, dotted, echo, read, read_object
+from dse.config.yaml_lines import Document, Raw, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
 from dse.hardware.inference import Inference, PerStep, of_network
 from dse.records import Operations, Workload
@@ -75,7 +75,7 @@ _COUNTS = ("spikes", "mean_rate")
 _OF_NEURONS = ("updates", "recurrent", "mapping", "stored")  # the input has none of these
 _IN_INPUT = ("neurons", *_COUNTS)
 _IN_LAYER = (*_IN_INPUT, "updates", "recurrent", "cores", "stored")
-_Entry = dict[str, tuple[Any, Keys]]  # key -> what is written, and where
+_Entry = dict[str, tuple[Raw, Keys]]  # key -> what is written, and where
 
 
 def load_inference(path: str | Path) -> Inference:
@@ -130,7 +130,7 @@ def _inference(document: Document, faults: list[Fault]) -> Inference | None:
     return None
 
 
-def _network(data: Mapping[str, Any], report: Report) -> Inference | None:
+def _network(data: Mapping[str, Raw], report: Report) -> Inference | None:
     keys = read_object(_Network, data, (), report, also=("layers", *_COUNTS, *_OF_NEURONS))
     entries = _entries(data, report)
     if entries is None:
@@ -174,7 +174,7 @@ def _for_all(key: str, entries: Sequence[_Entry], report: Report) -> bool:
     return False
 
 
-def _entries(data: Mapping[str, Any], report: Report) -> list[_Entry] | None:
+def _entries(data: Mapping[str, Raw], report: Report) -> list[_Entry] | None:
     """Return what is written of each layer, or None after a fault that leaves nothing to read."""
     layers = data["layers"]
     if not isinstance(layers, list) or len(layers) < 2:
@@ -208,7 +208,7 @@ def _entries(data: Mapping[str, Any], report: Report) -> list[_Entry] | None:
     return entries
 
 
-def _flat(data: Mapping[str, Any], layers: list[Any], report: Report) -> list[_Entry]:
+def _flat(data: Mapping[str, Raw], layers: list[Raw], report: Report) -> list[_Entry]:
     entries: list[_Entry] = [{"neurons": (size, ("layers", index))} for index, size in enumerate(layers)]
     if all(key in data for key in _COUNTS):
         report(("mean_rate",), "a workload must have either spikes or mean_rate, got both")
@@ -256,7 +256,7 @@ def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> _L
         report: called with (path, sentence) for every mistake.
     """
 
-    def value(key: str, hint: Any, default: Any, **rule: Any) -> Any:
+    def value(key: str, hint: Hint, default: Any, **rule: Any) -> Any:
         return (
             read(entry[key][0], hint, Rule(doc="", **rule), entry[key][1], report)
             if key in entry

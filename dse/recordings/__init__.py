@@ -6,7 +6,7 @@ format, add one file here that registers such a class. Nothing downstream knows 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, cast
 
 from dse.config.contracts import PLACES, EventSource, Recordings, Source
 from dse.records import Ints
@@ -21,6 +21,7 @@ __all__ = [
     "Recordings",
     "Simulated",
     "Source",
+    "trials_of",
 ]
 
 
@@ -28,9 +29,10 @@ class RecordingError(ValueError):
     """What is wrong with recordings, in one line: where, what must be, what was found."""
 
 
-@runtime_checkable
 class Simulated(EventSource, Protocol):
     """Trials of a scene: their time counts from the start of the record, and all last equally long."""
+
+    simulated: ClassVar[bool] = True
 
     @property
     def duration_us(self) -> int:
@@ -42,5 +44,10 @@ class Simulated(EventSource, Protocol):
     def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
         """Return what `preprocessing.pool` makes of trial i from bin 0, without an event list in between.
 
-        Several threads may ask for trials at once.
+        Several threads may call it at once, for different trials.
         """
+
+
+def trials_of(source: EventSource) -> Simulated | None:
+    """Return a source as trials of a simulator; None if its events were recorded."""
+    return cast(Simulated, source) if source.simulated else None

@@ -1,4 +1,4 @@
-"""Long recordings -> windows that are recordings of their own."""
+"""Long recordings -> windows, each a recording itself."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None =
 
 
 def _of_signals(signals: Signals, cut_steps: int, every: int) -> Signals:
-    original, number = _windows(np.diff(signals.offsets), cut_steps, every)
+    original, number = _windows(signals.lengths, cut_steps, every)
     first = signals.offsets[original] + number * every
     return dataclasses.replace(
         signals,
@@ -58,7 +58,7 @@ def _of_signals(signals: Signals, cut_steps: int, every: int) -> Signals:
 
 def _of_rasters(rasters: Rasters, cut_steps: int, every: int) -> Rasters:
     spikes = rasters.spikes
-    original, number = _windows(np.full(spikes.n_samples, spikes.n_steps), cut_steps, every)
+    original, number = _windows(rasters.lengths, cut_steps, every)
     row = original * spikes.n_steps + number * every
     counts = np.diff(spikes.row_offsets)[_ranges(row, np.full(len(row), cut_steps))]
     first, last = spikes.row_offsets[row], spikes.row_offsets[row + cut_steps]

@@ -61,7 +61,8 @@ class EventFile:
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
-        return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+        columns, class_names = npz.columns_found(self.file, base, self.columns, self.class_names)
+        return dataclasses.replace(self, columns=columns, class_names=class_names)
 
     def content(self, base: Path) -> str:
         """Return the hash of the file."""

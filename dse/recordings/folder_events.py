@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from dse.recordings import RecordingError
 from dse.recordings.folders import by_path
 from dse.recordings.formats import Format, Repairs
 from dse.recordings.formats.checked import checked
-from dse.records import Array, Block
+from dse.records import Array, Block, FrontEnd
 
 LEFT_OUT = "--repair skips the file"
 
@@ -36,6 +37,8 @@ class FolderEvents:
     formats: tuple[Format, ...]
     repair: bool
     left_out: tuple[str, ...] = ()
+    front_end: ClassVar[FrontEnd | None] = "preprocessing"
+    simulated: ClassVar[bool] = False
     _repaired: dict[int, list[str]] = field(default_factory=dict, init=False, compare=False)
 
     @property

@@ -76,7 +76,7 @@ def faults(
     class_names: Mapping[str, str],
     count: Callable[[Shapes], int | None],
 ) -> list[str]:
-    """Return what an .npz file's headers show to be wrong: file or arrays missing, labels of wrong length.
+    """Return the faults that an .npz file's headers show: missing file or arrays, labels of wrong length.
 
     Args:
         file: as the YAML names it.
@@ -98,14 +98,11 @@ def faults(
 
 def columns_found(
     file: str, base: Path, columns: Mapping[str, str], class_names: Mapping[str, str]
-) -> dict[str, Any]:
+) -> tuple[dict[str, str], dict[str, str]]:
     """Return `columns` and `class_names` without the columns that the file does not hold."""
     shapes = headers(locate(file, base))
     present = {column: source for column, source in columns.items() if source in shapes}
-    return {
-        "columns": present,
-        "class_names": {c: source for c, source in class_names.items() if c in present},
-    }
+    return present, {c: source for c, source in class_names.items() if c in present}
 
 
 def missing(path: Path, name: str, known: Mapping[str, object]) -> str:

@@ -1,4 +1,4 @@
-"""What section `preprocessing` means on the frame of a source: which pools hold a pixel."""
+"""Section `preprocessing` on the frame of a source: which pools hold a pixel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dse.records import Ints
 def pooling(
     settings: Preprocessing, width: int, height: int, pins: tuple[int, int, int, int] | None = None
 ) -> Pooling:
-    """Return what the settings mean on a frame.
+    """Return the pools of the settings on a frame.
 
     Along each axis, with u = x - crop_x and the kernel k cut to size + 2 padding,
 

@@ -85,7 +85,7 @@ class RasterFile:
         return taxel, plane
 
     def check(self, base: Path) -> list[str]:
-        """Return what the file's headers show to be wrong."""
+        """Return the faults that the file's headers show."""
         faults = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
         if self.positions is None or faults:
             return faults
@@ -94,7 +94,8 @@ class RasterFile:
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
-        return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+        columns, class_names = npz.columns_found(self.file, base, self.columns, self.class_names)
+        return dataclasses.replace(self, columns=columns, class_names=class_names)
 
     def content(self, base: Path) -> str:
         """Return the hash of the file."""

@@ -1,4 +1,4 @@
-"""Trials of a simulated scene: no file is read, every record is made when it is asked for."""
+"""Trials of a simulated scene: no file is read; every record is simulated on request."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from dse.config.faults import ConfigError, known_names
 from dse.recordings import RecordingError
-from dse.records import Array, Block, Ints
+from dse.records import Array, Block, FrontEnd, Ints
 from dse.registry import param, register
 from dse.scene.checks import half_width_px
 from dse.scene.load import find_scene, load_scene
@@ -37,6 +37,8 @@ class Trials:
     """
 
     scene: Scene
+    front_end: ClassVar[FrontEnd | None] = "preprocessing"
+    simulated: ClassVar[bool] = True
 
     @property
     def width(self) -> int:
@@ -130,7 +132,7 @@ class SceneTrials:
         return {name: name for name in COLUMNS}
 
     def check(self, base: Path) -> list[str]:
-        """Return what is wrong with the scene's file, and with what is asked of it; nothing is simulated."""
+        """Return the faults of the scene's file and of the component's keys; nothing is simulated."""
         try:
             scene = _scene(self.scene, base)
         except ConfigError as error:
@@ -154,7 +156,7 @@ class SceneTrials:
         return self
 
     def resolved(self, base: Path) -> Scene:
-        """Return the scene with the numbers that are given here.
+        """Return the scene with the numbers of the component's keys.
 
         Raises:
             RecordingError: anything wrong with the scene's file, or with what is asked of it.

@@ -1,16 +1,16 @@
-"""Which recordings train, select, and test: by column, by draw, fold by fold, or one group left out."""
+"""The split into training, validation and test recordings: by column, by draw, by fold, or by group."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from dse import seeds
 from dse.config.faults import known_names
 from dse.config.settings import KFold, Split, Stratified, Window
+from dse.config.yaml_lines import Raw
 from dse.recordings import RecordingError
 from dse.records import Array, Bools, Ints
 
@@ -65,7 +65,7 @@ def _masks(
             yield _chosen(columns, getattr(settings, name), name)
 
 
-def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Any] | None, name: str) -> Bools:
+def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Raw] | None, name: str) -> Bools:
     n = len(next(iter(columns.values()), ()))
     mask = np.full(n, bool(conditions))
     for column, values in (conditions or {}).items():
@@ -87,7 +87,7 @@ def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Any] | None, 
     return mask
 
 
-def _some(values: list[Any]) -> str:
+def _some(values: list[object]) -> str:
     return ", ".join(map(str, values[:10])) + (", ..." if len(values) > 10 else "")
 
 

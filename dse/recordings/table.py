@@ -68,7 +68,7 @@ class Table:
                 )
 
     def check(self, base: Path) -> list[str]:
-        """Return what the heads of the tables show to be wrong."""
+        """Return the faults that the heads of the tables show."""
         faults = []
         needed = (self.recording, *([] if self.time_ms is None else [self.time_ms]), *self.channels)
         for file, names in ((self.file, needed), (self.labels, (self.recording, *self.columns.values()))):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -66,7 +65,7 @@ def heads(columns: Mapping[str, Array], task_target: Target, codes: Ints) -> tup
 
 
 def target_columns(task_target: Target) -> tuple[str, ...]:
-    """Return the columns that a target is made of."""
+    """Return the columns of a target."""
     return tuple(x.column if isinstance(x, Column) else x for x in _parts(task_target))
 
 
@@ -91,5 +90,5 @@ def _values(columns: Mapping[str, Array], part: str | Column) -> Array:
     return values
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return str(value).removesuffix(".0") if isinstance(value, np.floating) else str(value)

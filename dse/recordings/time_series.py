@@ -58,7 +58,7 @@ class TimeSeries:
         return shape[-1] if len(shape) == (3 if self.offsets is None else 2) else None
 
     def check(self, base: Path) -> list[str]:
-        """Return what the file's headers show to be wrong."""
+        """Return the faults that the file's headers show."""
         faults = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
         if self.positions is None or faults:
             return faults
@@ -66,7 +66,8 @@ class TimeSeries:
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file holds."""
-        return dataclasses.replace(self, **npz.columns_found(self.file, base, self.columns, self.class_names))
+        columns, class_names = npz.columns_found(self.file, base, self.columns, self.class_names)
+        return dataclasses.replace(self, columns=columns, class_names=class_names)
 
     def content(self, base: Path) -> str:
         """Return the hash of the file."""

@@ -84,5 +84,5 @@ def mean_levels(signals: Signals, start: Ints, n_steps: int) -> Floats:
 
 def without_mean(signals: Signals, levels: Floats) -> Signals:
     """Return the recordings with `levels` (n, channel) subtracted."""
-    shift = np.repeat(levels, np.diff(signals.offsets), axis=0)
+    shift = np.repeat(levels, signals.lengths, axis=0)
     return dataclasses.replace(signals, values=(signals.values - shift).astype(np.float32))

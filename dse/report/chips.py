@@ -1,4 +1,4 @@
-"""Designs on a chip: which fit, what they take in every draw of the chip's figures, and which is cheapest."""
+"""Designs on a chip: which ones fit, their energy in every draw of the chip's figures, and the cheapest."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FLAT_OUT, AT_PERIOD = "energy_uj", "energy_throttled_uj"
 
 
 class Ratio(NamedTuple):
-    """How many times one energy another is, over draws of chips' figures.
+    """The ratio of two energies over draws of the chips' figures.
 
     median, low, high: with the 5 % and the 95 % quantile.
     share: of the draws in which it is above 1.
@@ -38,7 +38,7 @@ class Ratio(NamedTuple):
 
     @property
     def is_beyond(self) -> bool:
-        """Whether one is the dearer beyond the uncertainty: both quantiles are on one side of 1."""
+        """Whether the energies differ beyond the uncertainty: both quantiles are on one side of 1."""
         return self.low > 1 or self.high < 1
 
 
@@ -50,7 +50,7 @@ class Level(NamedTuple):
 
     @property
     def least(self) -> float:
-        """The lowest accuracy that is as good."""
+        """The lowest accuracy that counts as equal."""
         return self.accuracy - self.error
 
 
@@ -80,11 +80,11 @@ class Chip:
 
     @property
     def has_values(self) -> bool:
-        """Whether energies have a value; of some chips only intervals are known."""
+        """Whether energies have a value; for some chips only intervals are known."""
         return bool(np.isfinite(self.designs[FLAT_OUT].astype(float)).any())
 
     def front(self) -> set[int]:
-        """Return the trials that no other one that fits beats in both accuracy and median energy."""
+        """Return the trials on the front of accuracy and median energy, among the designs that fit."""
         import pandas
 
         goals = {"accuracy": "max", FLAT_OUT: "min"}
@@ -93,7 +93,7 @@ class Chip:
         return set(self.designs["trial"].to_numpy()[on_front].tolist())
 
     def ranked(self, least: float, column: str = FLAT_OUT) -> list[int]:
-        """Return the designs that fit and reach an accuracy, that of least median energy first.
+        """Return the designs that fit and reach an accuracy, sorted by median energy.
 
         Energies that agree in three digits are a tie, which goes to fewer weights, then to the more accurate,
         then to the earlier trial: medians of dependent energies that hardly differ are in no certain order.
@@ -160,13 +160,13 @@ def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = (
 
 
 def reached(part: StudyTask, chip: Chip) -> Level | None:
-    """Return the accuracy of the best design that fits, with its error; None where none fits."""
+    """Return the accuracy of the best design that fits, with its error; None if no design fits."""
     top = best(chip.designs[chip.fits])
     return None if top is None else Level(float(top["accuracy"]), accuracy_error(part, top))
 
 
 def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
-    """Return the larger of the error over runs and that of so many recordings; 0 where neither is known.
+    """Return the larger of the error over runs and the error of the sample size; 0 if neither is known.
 
     Runs of a design answer the same recordings, so that more runs do not make up for few recordings.
     """
@@ -175,7 +175,7 @@ def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
 
 
 def common_level(levels: Sequence[Level]) -> Level:
-    """Return the highest accuracy that is reached everywhere; of equals, that of the larger error."""
+    """Return the highest accuracy that every chip reaches; among equals, the one with the larger error."""
     return min(levels, key=lambda level: (level.accuracy, level.least))
 
 
@@ -186,7 +186,7 @@ def cheapest(chips: Sequence[Chip], least: float, column: str = FLAT_OUT) -> lis
 
 
 def ratio(energies_uj: Floats, other: Floats) -> Ratio:
-    """Return how many times one energy another is, in each draw of both, broadcast together, uJ.
+    """Return the ratio of two energies in uJ, draw by draw, broadcast together.
 
     Two energies of 0 are equal.
     """
@@ -197,7 +197,7 @@ def ratio(energies_uj: Floats, other: Floats) -> Ratio:
 
 
 def ratio_apart(energies_uj: Floats, other: Floats) -> Ratio:
-    """Return how many times one energy another is, (draw,) each, where figures are drawn independently.
+    """Return the ratio of two energies, (draw,) each, whose figures are drawn independently.
 
     Every draw of one chip meets every draw of the other.
     """

@@ -116,7 +116,7 @@ def tasks_of(study: Study) -> list[StudyTask]:
 
 
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
-    """Return the points that answer at the end of the window, at the precision that was trained.
+    """Return the points that answer at the end of the window, at the precision of the training.
 
     `transductive` is a claim of every row, False where nothing is said.
     """
@@ -176,7 +176,7 @@ def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
 def best_of(
     several: Sequence[tuple[StudyTask, pandas.DataFrame]],
 ) -> tuple[StudyTask, pandas.Series[Any]] | None:
-    """Return the best design of several studies, and where it is from."""
+    """Return the best design of several studies, with its study."""
     import pandas
 
     tables = [rows.assign(place=place) for place, (_, rows) in enumerate(several) if not rows.empty]
@@ -207,17 +207,17 @@ def _is_there(value: Any) -> bool:
     return bool(pandas.notna(value))
 
 
-def _plain(value: Any) -> str:
+def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _data(source: Source) -> str:
-    """Return where recordings lie."""
+    """Return the path of the recordings."""
     return str(next((place for name in PLACES if (place := getattr(source, name, None))), ""))
 
 
 def _split(sections: Sections, counts: Mapping[str, int]) -> str:
-    """Return how the recordings of a run were divided, such as `train: repetition 0 (322); ...`."""
+    """Return the split of the recordings of a run, such as `train: repetition 0 (322); ...`."""
     keys = plain(sections.split)
     parts = ("train", "validation", "test")
     sizes = ", ".join(f"{part} {counts[part]}" for part in parts if counts.get(part))
@@ -231,17 +231,18 @@ def _split(sections: Sections, counts: Mapping[str, int]) -> str:
     return f"{rule.replace('_', '-')}: {words}{beside} ({sizes})"
 
 
-def _chosen(columns: Mapping[str, Any]) -> str:
+def _chosen(columns: Mapping[str, object]) -> str:
     return " and ".join(f"{name} {_values(x)}" for name, x in columns.items())
 
 
-def _values(values: Any) -> str:
-    """Return the values of a split as people say them: `0 to 13`, `0 1 4`, `repetition 1`."""
+def _values(values: object) -> str:
+    """Return the values of a split in short form: `0 to 13`, `0 1 4`, `repetition 1`."""
     if isinstance(values, Mapping):
         return _chosen(values)
     several = list(values) if isinstance(values, list | tuple) else [values]
     if len(several) > _LONGEST_LIST:
-        whole = all(isinstance(x, int | float) and x == several[0] + k for k, x in enumerate(several))
+        numbers = [x for x in several if isinstance(x, int | float)]
+        whole = len(numbers) == len(several) and all(x == numbers[0] + k for k, x in enumerate(numbers))
         return (
             f"{several[0]} to {several[-1]}"
             if whole

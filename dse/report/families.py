@@ -1,4 +1,4 @@
-"""Our families against each other: what accuracy costs, spiking or not, and who wins."""
+"""Spiking against other families: what accuracy costs in each, and which side wins."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Side:
         )
 
     def least(self, column: str, accuracy: float) -> Chosen | None:
-        """Return the design of at least some accuracy that costs least."""
+        """Return the cheapest design of at least some accuracy."""
         picked = []
         for part, rows in self.designs:
             if column in rows:
@@ -52,7 +52,7 @@ class _Side:
 
 
 def compared(parts: Sequence[StudyTask]) -> tuple[list[Row], list[str]]:
-    """Return what accuracy costs on each side for one task on the same recordings, and who wins.
+    """Return what accuracy costs on each side for one task on the same recordings, and the winner.
 
     Designs meet where their recordings are divided alike. With designs of one side only there is nothing to
     set against each other; a sentence says so where both sides exist, under different splits.
@@ -74,7 +74,7 @@ def compared(parts: Sequence[StudyTask]) -> tuple[list[Row], list[str]]:
 
 
 def _against(parts: Sequence[StudyTask]) -> tuple[list[Row], str] | None:
-    """Return the rows of a comparison and who wins; None where a side has no design."""
+    """Return the rows of a comparison and the winner; None if a side has no design."""
     sides = [_side(parts, is_spiking=True), _side(parts, is_spiking=False)]
     tops = [top for side in sides if (top := side.best()) is not None]
     if len(tops) < 2:
@@ -129,7 +129,7 @@ def _verdict(
     *,
     lower: bool,
 ) -> str:
-    """Return who wins, such as `accuracy: not spiking wins (knn 0.91 against snn 0.89)`.
+    """Return the winner in words, such as `accuracy: not spiking wins (knn 0.91 against snn 0.89)`.
 
     A difference of no more than its standard error is a draw.
     """

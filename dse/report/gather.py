@@ -1,4 +1,4 @@
-"""Studies -> the report: every system's rows, our families, chips, and what must be said."""
+"""Studies -> the report: rows of every system, of our families and of chips, and notes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pkgutil
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from types import ModuleType
 
 from dse.report.designs import StudyTask, record, tasks_of
 from dse.report.families import WITHIN, compared
@@ -36,7 +36,7 @@ class Report:
 
 
 def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
-    """Return what some studies found beside what is published, system by system.
+    """Return the results of studies beside the published ones, system by system.
 
     Args:
         studies: what was found.
@@ -88,7 +88,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     return Report(rows, list(dict.fromkeys(notes)))
 
 
-def gather_marks(study: Study) -> list[dict[str, Any]]:
+def gather_marks(study: Study) -> list[dict[str, object]]:
     """Return the published designs that the report sets beside a study, as plain values (fields of `Mark`).
 
     Raises:
@@ -104,7 +104,7 @@ def gather_marks(study: Study) -> list[dict[str, Any]]:
 
 
 def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
-    """Return what is of one task on the same recordings together, in the order of the first of each."""
+    """Group the designs by task and recordings; groups are in the order of their first member."""
     groups: dict[tuple[str, str], list[StudyTask]] = {}
     for part in parts:
         groups.setdefault((part.data, part.task), []).append(part)
@@ -114,7 +114,7 @@ def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
 def _of_hardware(
     study: Study, parts: Sequence[StudyTask], hardware: Sequence[str]
 ) -> tuple[list[Row], list[str]]:
-    """Return what wins on which chip, task by task; nothing where there are fewer than two."""
+    """Return the winner on each chip, task by task; nothing for fewer than two chips."""
     points = study.points()
     names = hardware or (list(dict.fromkeys(points["hardware"])) if "hardware" in points else [])
     if len(names) < 2:
@@ -141,7 +141,7 @@ def _leaks(part: StudyTask) -> list[str]:
 
 
 def _warnings(study: Study) -> list[str]:
-    """Return the warnings of a study's data sets; of those that differ in numbers only, the first."""
+    """Return the warnings of a study's data sets; of warnings that differ only in numbers, the first."""
     kinds: dict[str, list[str]] = {}
     for text in study.warnings:
         kinds.setdefault(re.sub(r"\d+", "", text), []).append(text)
@@ -162,7 +162,8 @@ def _failures(study: Study) -> list[str]:
     ]
 
 
-def _systems() -> Iterator[Any]:
+def _systems() -> Iterator[ModuleType]:
+    """Yield the module of each published system, with its functions `rows` and `marks`."""
     package = importlib.import_module("dse.report.systems")
     for module in pkgutil.iter_modules(package.__path__):
         yield importlib.import_module(f"dse.report.systems.{module.name}")

@@ -59,7 +59,7 @@ _MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
 def on_chips(
     part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()
 ) -> tuple[list[Row], list[str]]:
-    """Return what wins on each chip, which chip is cheapest, whether fronts differ; the same in sentences.
+    """Return the winner on each chip, the cheapest chip and how fronts differ, as rows and as sentences.
 
     Args:
         part: a study's designs of one task.
@@ -89,7 +89,7 @@ def on_chips(
 def _winner(
     part: StudyTask, chip: Chip, level: Level, ranks: Mapping[str, Sequence[int]]
 ) -> tuple[list[Row], str]:
-    """Return what wins on a chip, and by how much.
+    """Return the winner on a chip and its margins.
 
     Args:
         part: a study's designs of one task.
@@ -114,7 +114,7 @@ def _winner(
 
 
 def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[str]]:
-    """Return the designs that a chip's winner is set against, and what each is.
+    """Return the designs that a chip's winner is compared with, and the role of each.
 
     The winner itself is there with the names of the other chips on which it wins.
     """
@@ -134,7 +134,7 @@ def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[st
 
 
 def _over_winner(part: StudyTask, winner: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
-    """Return how many times the winner's energy a rival takes; nothing where it does not fit."""
+    """Return the ratio of a rival's energy to the winner's; nothing if the rival does not fit."""
     if not rival.fits:
         return []
     over_winner = ratio(winner.drawn_uj(), rival.drawn_uj())
@@ -143,7 +143,7 @@ def _over_winner(part: StudyTask, winner: Choice, rival: Choice, titles: Sequenc
 
 
 def _verdict(part: StudyTask, level: Level, winner: Choice, rival: Choice) -> str:
-    """Return what a rival is to a chip's winner there, in words."""
+    """Compare a rival with a chip's winner, in words."""
     if not np.isfinite(rival.drawn_uj()).all():
         return "cannot run on this chip"
     if not rival.fits:
@@ -162,7 +162,7 @@ def _verdict(part: StudyTask, level: Level, winner: Choice, rival: Choice) -> st
 def _at_equal_accuracy(
     part: StudyTask, held: Sequence[Chip], levels: Sequence[Level]
 ) -> tuple[list[Row], list[str]]:
-    """Return the cheapest designs of an accuracy that all chips reach, flat out and at the sensor's period.
+    """Return the cheapest designs at an accuracy that all chips reach, flat out and at the sensor's period.
 
     Args:
         part: a study's designs of one task.
@@ -189,14 +189,14 @@ def _at_equal_accuracy(
 
 
 def _between(part: StudyTask, one: Choice, other: Choice, column: str) -> Row:
-    """Return how many times the energy on one chip is that on another."""
+    """Return the ratio of the energies on two chips."""
     figure = f"equal accuracy: {column} over that on {other.chip.name}"
     factor = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
     return _ratio_row(part, one, figure, factor, one.chip.has_values and other.chip.has_values)
 
 
 def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
-    """Return the energies on some chips, cheapest first, and each over the one before it and the first."""
+    """Return the energies on some chips, cheapest first, with ratios to the one before and the first."""
     sentences = [f"{one.chip.name} {_energy(one, column)}, {_name(one)}" for one in choices]
     for before, one in enumerate(choices[1:]):
         for other in (choices[place] for place in dict.fromkeys((before, 0))):
@@ -207,7 +207,7 @@ def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
 
 
 def _fronts(part: StudyTask, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
-    """Return how many designs are on each chip's front, how many on two, and how alike energies rank."""
+    """Return the sizes of the fronts and of their overlaps, and the rank correlation of energies."""
     fronts = [chip.front() for chip in of_chips]
     base = Row(HARDWARE, "", part.task, split=part.split, study=part.name)
     rows = []
@@ -231,7 +231,7 @@ def _fronts(part: StudyTask, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
 
 
 def _figures(part: StudyTask, choice: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
-    """Return the energy of a design on a chip with its interval; flat out, what else it is beside."""
+    """Return a design's energy on a chip with its interval; flat out, also accuracy, weights and latency."""
     row = choice.row
     names = ("accuracy", "n_weights", FLAT_OUT, "latency_ms") if column == FLAT_OUT else (column,)
     return [
@@ -277,7 +277,7 @@ def _times(factor: Ratio, has_value: bool) -> str:
 
 
 def _compared(factor: Ratio, has_value: bool) -> str:
-    """Return how many times an energy, and whether that is beyond the uncertainty."""
+    """Return a ratio of energies in words, and whether it exceeds the uncertainty."""
     how = "beyond" if factor.is_beyond else "within"
     return f"{_times(factor, has_value)}, more in {factor.share:.0%} of draws, {how} the uncertainty"
 

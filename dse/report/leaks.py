@@ -1,4 +1,4 @@
-"""Rows of a system whose published evaluation saw its own answers: as printed, honest, size of the leak."""
+"""Rows of a system whose published evaluation leaks labels: as printed, without the leak, the difference."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Chosen = tuple[StudyTask, "pandas.Series[Any]"]
 def chosen(
     parts: Sequence[StudyTask], families: Sequence[str], *, transductive: bool, encoders: bool = True
 ) -> Chosen | None:
-    """Return the best design of some families in several studies, and where it is from.
+    """Return the best design of some families in several studies, with its study.
 
     Args:
         parts: studies of one task.
@@ -75,7 +75,7 @@ def rows_of_leak(system: str, printed: float, leaky: Chosen | None, honest: Chos
 def mark_of_leak(
     system: str, printed: float, leaky: Chosen | None, honest: Chosen | None, more: str = ""
 ) -> Iterator[Mark]:
-    """Yield the accuracy as printed, which has no honest one beside it, where we have either."""
+    """Yield the printed accuracy if our studies hold a design of that system, honest or not."""
     beside = leaky or honest
     if beside is not None:
         note = "; ".join(filter(None, ["transductive: it has seen the labels", more]))

@@ -1,4 +1,4 @@
-"""Published designs as reference marks: what their papers print of them, by our columns."""
+"""Published designs as reference marks: the figures that their papers print, under our columns."""
 
 from __future__ import annotations
 

@@ -1,15 +1,16 @@
-"""What the papers print, system by system: `published.yaml`, each section in the record of its system."""
+"""The figures that papers print: `published.yaml`, one record per system."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from dse.config.faults import ConfigError, Fault
 from dse.config.values import read_object
-from dse.config.yaml_lines import Document, Path, parse
+from dse.config.yaml_lines import Document, Path, Raw, parse
 from dse.registry import param
 
 _FILE = "published.yaml"
@@ -35,7 +36,7 @@ P = TypeVar("P", bound=Paper)
 @cache
 def papers() -> dict[str, Paper]:
     """Return every published system by its letter, without its figures."""
-    return {system: _read(Paper, system, tuple(_document().data[system])) for system in _document().data}
+    return {system: _read(Paper, system, tuple(keys)) for system, keys in _systems(_document()).items()}
 
 
 def paper(system: str, cls: type[P]) -> P:
@@ -57,6 +58,11 @@ def _document() -> Document:
     return parse(text, _FILE)
 
 
+def _systems(document: Document) -> Mapping[str, Mapping[str, Raw]]:
+    """Return the keys of each system, as written."""
+    return cast(Mapping[str, Mapping[str, Raw]], document.data)
+
+
 def _read(cls: type[P], system: str, also: tuple[str, ...]) -> P:
     document = _document()
     faults: list[Fault] = list(document.faults)
@@ -64,7 +70,7 @@ def _read(cls: type[P], system: str, also: tuple[str, ...]) -> P:
     def report(path: Path, message: str) -> None:
         faults.append(document.fault(path, message))
 
-    record = read_object(cls, document.data[system], (system,), report, also=also)
+    record = read_object(cls, _systems(document)[system], (system,), report, also=also)
     if faults or record is None:
         raise ConfigError(faults)
     return record

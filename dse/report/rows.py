@@ -1,10 +1,10 @@
-"""Rows of the report: one figure of one published system each, ours beside the printed one."""
+"""Rows of the report: each holds one figure of one published system beside ours."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 from dse.measure.objectives.accuracy import wilson_se
 from dse.report.designs import StudyTask, described
@@ -47,7 +47,7 @@ class Row:
     high: float | None = None
 
     @property
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> dict[str, object]:
         """The row as columns."""
         return dict(vars(self))
 
@@ -82,15 +82,17 @@ def measured(
 
 
 def standard_error(part: StudyTask, row: pandas.Series[Any]) -> float | None:
-    """Return the error of a design's accuracy; where all runs agree, that of so many recordings."""
+    """Return the standard error of a design's accuracy; if all runs agree, that of the sample size."""
     error = number(row.get("accuracy_se"))
     if error == 0 and part.n_validation:
         error = float(wilson_se(round(row["accuracy"] * part.n_validation), part.n_validation))
     return error
 
 
-def number(value: Any) -> float | None:
+def number(value: SupportsFloat | None) -> float | None:
     """Return a finite number, or None."""
+    if value is None:
+        return None
     try:
         plain = float(value)
     except (TypeError, ValueError):

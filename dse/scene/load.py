@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from dse import registry
 from dse.config.axes import Axis
@@ -115,7 +115,7 @@ def _scene(document: Document, faults: list[Fault]) -> Scene | None:
     textures = _textures(keys.get("textures", ()), report)
     motions = _motions(keys.get("motions", ()), report)
     forces = keys.get("forces_n", ())
-    forces = forces.values or () if isinstance(forces, Axis) else forces
+    forces = cast("tuple[float, ...]", forces.values or ()) if isinstance(forces, Axis) else forces
     _no_twins([(f"{force:g} N", ("forces_n", i)) for i, force in enumerate(forces)], report)
     if variation is not None:
         _report_all(checks.variation_faults(variation), ("variation",), report)

@@ -90,7 +90,7 @@ def plan(
 
 
 def makespan(costs: Iterable[float], n_workers: int) -> float:
-    """Return when the last worker ends, the most expensive piece of work going first to whoever is free."""
+    """Return when the last worker ends, if the next free worker takes the most expensive work left."""
     ends = [0.0] * n_workers
     for cost in sorted(costs, reverse=True):
         heapq.heapreplace(ends, ends[0] + cost)

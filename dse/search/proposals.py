@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
 from dse import seeds
 from dse.config.axes import Axis
 from dse.config.space import Design, SearchSpace
+from dse.config.yaml_lines import Raw
 from dse.search.space import design_at, index_of, n_designs, position
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Sampler(Protocol):
         """Return up to n designs that were never asked or told before; fewer when no more are left."""
 
     def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
-        """Take in the objectives of designs, in the order of the space's objectives; None for a failed one.
+        """Add the objectives of designs, in the order of the space's objectives; None for a failed design.
 
         Designs that this sampler did not ask for are taken in as well: so a stopped study resumes.
         """
@@ -132,7 +133,7 @@ class OptunaSampler:
         study.sampler = self._make(seed)
         return study
 
-    def _parameters(self, design: Design) -> dict[str, Any]:
+    def _parameters(self, design: Design) -> dict[str, Raw]:
         """Return a design as Optuna knows it.
 
         On an axis that the design does not have, a sampler that crosses designs sees a value drawn for the
@@ -165,7 +166,7 @@ class OptunaSampler:
         }
         return trial, design
 
-    def _suggested(self, trial: optuna.Trial, name: str) -> Any:
+    def _suggested(self, trial: optuna.Trial, name: str) -> float:
         """Return what the sampler proposes on one more axis of a trial."""
         from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
@@ -175,10 +176,10 @@ class OptunaSampler:
         if isinstance(one, IntDistribution):
             return trial.suggest_int(name, one.low, one.high, log=one.log)
         assert isinstance(one, CategoricalDistribution)  # there are no others
-        return trial.suggest_categorical(name, one.choices)
+        return cast(int, trial.suggest_categorical(name, one.choices))
 
     def _new(self, study: optuna.Study) -> Design | None:
-        """Return a design that was never asked before, or None if the sampler finds none."""
+        """Return a design that was never proposed before, or None if the sampler finds none."""
         import optuna
 
         for _ in range(_TRIES):
@@ -189,7 +190,7 @@ class OptunaSampler:
         return None
 
     def _untried(self, rng: np.random.Generator) -> Design | None:
-        """Return a design not asked before; None where there is none.
+        """Return a design that was not proposed before; None if there is none.
 
         On a grid it is the first one from a random place on, else one drawn at random.
         """
@@ -215,7 +216,7 @@ class OptunaSampler:
         }
 
 
-def _drawn(axis: Axis, rng: np.random.Generator) -> Any:
+def _drawn(axis: Axis, rng: np.random.Generator) -> Raw:
     """Return a value drawn uniformly from an axis, on a logarithmic scale where it has one."""
     if axis.values is not None:
         return axis.values[int(rng.integers(len(axis.values)))]
@@ -231,8 +232,8 @@ def _drawn(axis: Axis, rng: np.random.Generator) -> Any:
 
 def _is_ordered(axis: Axis) -> bool:
     values = axis.values or ()
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-    return numbers and list(values) == sorted(values)
+    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
+    return len(numbers) == len(values) and numbers == sorted(numbers)
 
 
 def distribution(axis: Axis, values: Sequence[str | float | None]) -> optuna.distributions.BaseDistribution:
@@ -262,9 +263,9 @@ def _distribution(axis: Axis) -> optuna.distributions.BaseDistribution:
     return distribution(axis, range(n_values))
 
 
-def _to_optuna(axis: Axis, value: Any) -> Any:
+def _to_optuna(axis: Axis, value: Raw) -> Raw:
     return value if axis.values is None else position(axis, value)
 
 
-def _to_value(axis: Axis, parameter: Any) -> Any:
-    return parameter if axis.values is None else axis.values[parameter]
+def _to_value(axis: Axis, parameter: float) -> Raw:
+    return parameter if axis.values is None else axis.values[int(parameter)]

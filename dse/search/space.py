@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator
-from typing import Any
+from collections.abc import Collection, Iterator, Mapping
 
 from dse.config.axes import Axis, n_combinations
 from dse.config.space import Design, SearchSpace
+from dse.config.yaml_lines import Raw
 
 
 def n_designs(space: SearchSpace) -> int | None:
@@ -57,8 +57,8 @@ def design_at(space: SearchSpace, index: int) -> Design:
     return {name: design[name] for name in space.axes if name in design}
 
 
-def _branch(sizes: dict[Any, int], place: int) -> tuple[Any, int]:
-    """Return the value that has a place among the designs of all values, and the place among its own."""
+def _branch(sizes: Mapping[Raw, int], place: int) -> tuple[Raw, int]:
+    """Return the value whose designs hold a place of the grid, and the place among them."""
     for value, size in sizes.items():
         if place < size:
             return value, place

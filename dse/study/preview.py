@@ -57,7 +57,7 @@ def _loaded(plugin: Plugin) -> str:
 def _from_data(space: SearchSpace) -> dict[str, object]:
     """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
     from dse.dataset.parts import pooling_of
-    from dse.recordings import RecordingError, Simulated
+    from dse.recordings import RecordingError
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
     from dse.recordings.targets import heads, target
@@ -85,7 +85,7 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
         settings, encoder, model = sections.preprocessing, sections.encoder, sections.model
         if isinstance(recordings, Signals | Rasters):
             n_channels = recordings.n_channels
-        elif settings is not None and (settings.crop != "pins" or isinstance(recordings, Simulated)):
+        elif settings is not None and (settings.crop != "pins" or recordings.simulated):
             n_channels = pooling_of(recordings, settings).n_channels
         else:  # the crop depends on the events, which a preview does not read
             return row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -70,11 +70,10 @@ def _played(name: str, component: Any) -> list[Design]:
 
 def _values(designs: Sequence[Design]) -> list[tuple[float, float] | None]:
     """Return two objectives that pull apart; a few designs fail."""
+    numbers = [(cast(int, x["model.hidden"]), cast(int, x["training.epochs"])) for x in designs]
     return [
-        None
-        if design["model.hidden"] == 12 and design["training.epochs"] == 3
-        else (design["model.hidden"] / 20 + design["training.epochs"] / 100, float(design["model.hidden"]))
-        for design in designs
+        None if hidden == 12 and epochs == 3 else (hidden / 20 + epochs / 100, float(hidden))
+        for hidden, epochs in numbers
     ]
 
 

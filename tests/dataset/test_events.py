@@ -48,6 +48,8 @@ class Recorded:
     read: list[int] = dataclasses.field(default_factory=list)
     width: int = SIZE
     height: int = SIZE
+    front_end: ClassVar[str] = "preprocessing"
+    simulated: ClassVar[bool] = False
 
     @property
     def columns(self) -> Mapping[str, Array]:
@@ -73,6 +75,8 @@ class Scene:
     width: int = SIZE
     height: int = SIZE
     duration_us: int = 20_000
+    front_end: ClassVar[str] = "preprocessing"
+    simulated: ClassVar[bool] = True
 
     columns = Recorded.columns
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dse.config import ConfigError, load_space
-from dse.recordings import RecordingError, Simulated
+from dse.recordings import RecordingError, Simulated, trials_of
 from dse.recordings import scene as scene_module
 from dse.recordings.scene import COLUMNS, SceneTrials, Trials
 from dse.scene import simulate
@@ -93,7 +93,8 @@ def test_columns_in_the_order_of_trials(base: Path) -> None:
 
 def test_it_is_what_a_data_set_asks_of_a_scene(base: Path) -> None:
     trials = read(base)
-    assert isinstance(trials, Simulated)
+    simulated: Simulated = trials
+    assert trials_of(trials) is simulated
     assert (trials.width, trials.height, trials.duration_us) == (64, 48, 120_000)
 
 

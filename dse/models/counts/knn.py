@@ -38,7 +38,7 @@ class KNN(RateClassifier):
         return Learnt({"counts": counts, "target": target})
 
     def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:
-        """Return what the neighbours say, (n, k) int64; distances grow with the input, window by window."""
+        """Return the neighbours' vote, (n, k) int64; distances grow with the input, window by window."""
         stored, target = arrays["counts"], arrays["target"]
         label = np.empty((len(counts), len(lengths)), np.int64)
         for first in range(0, len(counts), _BATCH):

@@ -72,7 +72,7 @@ def rows(parts: Sequence[StudyTask]) -> list[Row]:
 
 
 def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
-    """Yield the published networks of the lengths that stand beside ours, at their peak accuracy."""
+    """Yield the published networks of the lengths that match ours, at their peak accuracy."""
     printed = _paper()
     for part, designs in _shown(parts):
         for chosen, _, at in _by_length(designs):
@@ -87,7 +87,7 @@ def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
 
 
 def _shown(parts: Sequence[StudyTask]) -> Iterator[tuple[StudyTask, pandas.DataFrame]]:
-    """Yield the tasks that this system stands beside, and their designs; D and E show the others."""
+    """Yield the tasks that are compared with this system, and their designs; D and E show the others."""
     for part in parts:
         designs = part.of(_paper().families)
         if not (designs.empty or part.of_movement or part.joint):
@@ -116,7 +116,7 @@ def printed() -> Iterator[Row]:
 
 
 def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
-    """Yield the figures of one trained length beside those at a place among the printed ones."""
+    """Yield the figures of one trained length beside those of one printed length."""
     printed = _paper()
     where = f"{length:g} ms (printed: {printed.length_ms[at]} ms)"
     yield measured(part, "A", f"accuracy, {where}", printed.accuracy[at], chosen)
@@ -147,7 +147,7 @@ def _last(part: StudyTask, chosen: pandas.Series[Any]) -> Mapping[str, float | N
 
 
 def _early(part: StudyTask, row: pandas.Series[Any], lengths: Sequence[float]) -> Iterator[Row]:
-    """Yield what one network answers when it is read out after shorter lengths than it was trained on."""
+    """Yield the accuracy of one network that is read out after shorter lengths than it was trained on."""
     if not lengths:
         return
     runs = part.arrays(int(row["trial"]), "read_out")

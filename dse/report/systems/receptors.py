@@ -53,7 +53,7 @@ def rows(parts: Sequence[StudyTask]) -> list[Row]:
 
 
 def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
-    """Yield the published accuracy, of windows of one run on both sides of the split."""
+    """Yield the published accuracy; its split put windows of one run on both sides."""
     yield from mark_of_leak("G", paper("G", Receptors).accuracy, *_both(parts))
 
 

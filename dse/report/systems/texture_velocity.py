@@ -1,4 +1,4 @@
-"""D, E: networks for texture and for velocity profile: ends of the front, and what goes with accuracy."""
+"""D, E: networks for texture and for velocity profile: ends of the front, and correlates of accuracy."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
 
 
 def _kind(part: StudyTask, family: str) -> str:
-    """Return what marks rows of networks that are not of one task."""
+    """Return the prefix of rows of cascades and of joint networks; '' for networks of one task."""
     return f"{family}: " if family == "cascade" else "joint net: " if part.joint else ""
 
 

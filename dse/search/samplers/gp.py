@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
 from dse.registry import param, register
 from dse.search.proposals import OptunaSampler, Sampler
@@ -13,7 +14,7 @@ from dse.search.proposals import OptunaSampler, Sampler
 
 @register("search.samplers", "gp")
 @dataclass(frozen=True)
-class Gp:
+class Gp(SamplerSettings):
     """Gaussian process; for few, expensive designs on smooth axes, at about a second per design."""
 
     # Its kernel compares designs on all axes, so a design that lacks one has no place.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dse.config.contracts import SamplerSettings
 from dse.config.space import Design, SearchSpace
 from dse.registry import register
 from dse.search.proposals import Sampler, Values
@@ -13,7 +14,7 @@ from dse.search.space import design_at, index_of, n_designs
 
 @register("search.samplers", "grid")
 @dataclass(frozen=True)
-class Grid:
+class Grid(SamplerSettings):
     """Every combination of the axes' values, in order; ranges need a step."""
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
 from dse.registry import param, register
 from dse.search.proposals import OptunaSampler, Sampler
@@ -12,7 +13,7 @@ from dse.search.proposals import OptunaSampler, Sampler
 
 @register("search.samplers", "nsga2")
 @dataclass(frozen=True)
-class Nsga2:
+class Nsga2(SamplerSettings):
     """Non-dominated sorting genetic algorithm II; cheap, for hundreds of designs."""
 
     population: int = param(20, doc="designs per generation", low=2, axis=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
 from dse.registry import register
 from dse.search.proposals import OptunaSampler, Sampler
@@ -12,7 +13,7 @@ from dse.search.proposals import OptunaSampler, Sampler
 
 @register("search.samplers", "random")
 @dataclass(frozen=True)
-class Random:
+class Random(SamplerSettings):
     """Independent uniform draws from every axis."""
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
 from dse.registry import param, register
 from dse.search.proposals import OptunaSampler, Sampler
@@ -12,7 +13,7 @@ from dse.search.proposals import OptunaSampler, Sampler
 
 @register("search.samplers", "tpe")
 @dataclass(frozen=True)
-class Tpe:
+class Tpe(SamplerSettings):
     """Tree-structured Parzen estimator; the robust choice for 25 designs and more."""
 
     startup: int = param(10, doc="number of random designs before the model is used", low=1, axis=False)
