@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from typing import Any
 
+from dse import registry
 from dse.config.schema import json_schema
 from dse.config.sections import COMPONENTS, FAMILIES, SECTIONS, WITH_AXES, components, settings_class
+from dse.registry import Rule, rule_of
 
 
 def test_it_is_json_and_has_every_section() -> None:
@@ -20,6 +23,11 @@ def one_of(section: str) -> list[dict[str, Any]]:
     return schema["$defs" if section in FAMILIES else "properties"][section]["anyOf"]  # type: ignore[no-any-return]
 
 
+def components_of(rule: Rule) -> dict[str, type]:
+    """Return the components that a key may name, whose keys stand beside it."""
+    return registry.known(rule.component) if rule.component else {}
+
+
 def test_it_has_every_key_of_every_component() -> None:
     properties = json_schema()["properties"]
     for section in COMPONENTS:
@@ -27,7 +35,9 @@ def test_it_has_every_key_of_every_component() -> None:
         by_kind = {option["properties"]["kind"]["const"]: option for option in options}
         assert by_kind.keys() == components(section).keys()
         for kind, option in by_kind.items():
-            names = {field.name for field in dataclasses.fields(components(section)[kind])}
+            fields = dataclasses.fields(components(section)[kind])
+            inner = [cls for field in fields for cls in components_of(rule_of(field)).values()]
+            names = {field.name for field in (*fields, *itertools.chain(*map(dataclasses.fields, inner)))}
             assert set(option["properties"]) == {"kind", *names}
             assert "kind" in option["required"]
     for section in ("task", "window", "training", "execution"):

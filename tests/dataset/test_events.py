@@ -231,7 +231,7 @@ def test_keys_that_exclude_each_other_are_a_fault_of_the_recordings():
 def test_what_a_frame_cannot_give_is_a_fault_of_the_recordings():
     Kind.there["scene"] = Scene()
     design = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [0, 0, 13, 2]}}
-    with pytest.raises(RecordingError, match="crop must lie in the frame of 12 x 12 pixels"):
+    with pytest.raises(RecordingError, match="crop must lie within the frame of 12 x 12 pixels"):
         build(design, Path())
 
 
