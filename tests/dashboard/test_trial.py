@@ -114,7 +114,7 @@ def test_the_page_moves_as_the_figure_in_python_would(opened):
                     np.array(shown[axis], float), np.array(drawn[axis], float), atol=0.05, equal_nan=True
                 )
     assert tab.inner_text("#now") == "0.050 s"
-    assert "10 × larger than it is" in tab.inner_text("#caption")
+    assert "drawn 10 × larger;" in tab.inner_text("#caption")
     cursor = tab.evaluate("document.getElementById('course').layout.shapes[0].x0")
     assert cursor == pytest.approx(0.05)
 
