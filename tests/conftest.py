@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from dse import registry
 from tests.waiting import PATIENCE_MS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -51,6 +52,16 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setenv("DSE_CACHE", str(folder))
         patch.delenv("DSE_CACHE_GIB", raising=False)
         yield folder
+
+
+@pytest.fixture(autouse=True, scope="module")
+def registered() -> Iterator[None]:
+    """Plugins that a file's tests load are gone after it: a worker would look for their files."""
+    components, plugins = registry._outside(), dict(registry._plugins)
+    yield
+    registry._replace(components)
+    registry._plugins.clear()
+    registry._plugins.update(plugins)
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from dse.figures.front import draw_front, gather_front
 from dse.skyline import front
 from dse.study import explore
 from dse.study import trials as tables
+from dse.study.record import RunRecord
 from dse.study.results import Study
 from tests import tiny_study
 
@@ -99,10 +100,8 @@ def test_a_missing_cell_has_the_type_of_its_axis(space: SearchSpace) -> None:
 
 
 def test_a_table_of_one_kind_alone_can_be_written(space: SearchSpace, tmp_path: Path) -> None:
-    record = {
-        **{"trial": 0, "repeat": 0, "status": "failed", "reason": "no memory"},
-        "design": {"model.kind": "together", "model.together.true_rate": 0.8},
-    }
+    design = {"model.kind": "together", "model.together.true_rate": 0.8}
+    record = RunRecord(trial=0, repeat=0, design=design, seed=0, reason="no memory")
     frame = tables.trials_table(space, {0: [record]})
     frame.to_parquet(tmp_path / "x.parquet")
     assert pd.read_parquet(tmp_path / "x.parquet")["model.fake.mood"].isna().all()

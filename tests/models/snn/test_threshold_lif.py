@@ -23,6 +23,7 @@ from dse.recordings.raster import sparse
 from dse.recordings.time_series import TimeSeries
 from dse.records import Dataset, Network, Response
 from tests.joint_data import joint
+from tests.spaces import RASTER, sections
 
 
 def dataset(raster, target, n_classes, train, validation, test=(), *, n_steps=None, start=None, step_ms=10.0):
@@ -194,8 +195,11 @@ def test_it_is_exported_like_any_network(tmp_path):
     raster, target = random(4)
     data = dataset(raster, target, 3, range(15), range(15, 30))
     for weights in ("structural", "learnt"):
-        outcome = fit(ThresholdLIF(weights, 40.0, 3.0), data)
-        made = bundle.Bundle(outcome.network, {}, data.classes, None, None, {}, {})
+        model = ThresholdLIF(weights, 40.0, 3.0)
+        outcome = fit(model, data)
+        keys = {"kind": "threshold_lif", "weights": weights, "tau_m_ms": 40.0, "threshold": 3.0}
+        design = sections({**RASTER, "model": keys})
+        made = bundle.Bundle(outcome.network, design, data.classes, None, None, {}, {})
         bundle.write(made, tmp_path / weights)
         network = bundle.read(tmp_path / weights).fitted
         again = ThresholdLIF().respond(network, data, data.validation)
