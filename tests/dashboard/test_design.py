@@ -264,7 +264,7 @@ def test_a_server_gives_the_bundle_of_any_point(opened):
     assert not page.tab.is_visible("#design .head a")
     page.tab.evaluate("""async () => {
       Details.of = async () => null; // there is no server to ask
-      dispatchEvent(new CustomEvent("live", { detail: { ...await Data.read(), version: "one" } }));
+      dispatchEvent(new CustomEvent("live", { detail: { ...await Data.read(), tags: {} } }));
     }""")
     page.tab.wait_for_selector("#design .head a", state="visible")
     link = page.tab.get_attribute("#design .head a", "href")
@@ -344,7 +344,7 @@ def test_details_that_a_lost_connection_kept_come_when_it_is_back(opened):
     page = opened({})
     page.tab.evaluate(
         """async () => {
-          const page = {...await Data.read(), version: "1"};
+          const page = {...await Data.read(), tags: {}};
           window.fetch = () => Promise.reject(new TypeError("lost"));
           window.arrive = () => dispatchEvent(new CustomEvent("live", {detail: page}));
           window.arrive();
