@@ -119,9 +119,9 @@ def test_a_page_from_before_the_first_trial_to_the_last(
             assert counts[-1] == 3
             assert ask(url, "/trials.parquet") == (404, None)
             page = ask(url, "/data.json")[1] | ask(url, "/progress.json")[1]
+            tab.close()  # it would ask a server that is gone
             process.send_signal(signal.SIGINT)
             rest, errors = process.communicate(timeout=PATIENCE_S)
-            tab.close()
     assert (process.returncode, rest, errors) == (0, "stopped\n", "")
     assert faults == []
     written = held(write_page(results.open(folder), tmp_path / "page.html"))
