@@ -90,7 +90,7 @@ def seconds_left(
         work: of each of these runs, in any unit.
         missing: work of the runs that have not ended, in the same unit.
         n_workers: workers that train at a time.
-        began_s: when the study, or this session of it, began.
+        began_s: start of the study, or of its latest run after an interruption.
         now_s: the present, on the same clock.
     """
     if not len(ended_s) or missing <= 0:
