@@ -13,7 +13,7 @@ from dse.report.designs import StudyTask, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
 from dse.report.marks import Mark
-from dse.report.papers import papers
+from dse.report.papers import systems
 from dse.report.rows import FAMILIES, Row
 from dse.study import pricing
 from dse.study.results import Study
@@ -23,7 +23,7 @@ _HOW = (
     "within the standard errors; `test` is the same design on the test set",
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
-    "the recordings of the papers are not public: `published` is shown for comparison, not reproduced",
+    "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced",
 )
 
 
@@ -51,7 +51,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     for module in _systems():
         for group in alike(parts):
             rows += module.rows(group)
-    order = {system: place for place, system in enumerate(papers())}
+    order = {system: place for place, system in enumerate(systems())}
     shown = {row.system for row in rows}
     for module in _systems():
         rows += [row for row in getattr(module, "printed", list)() if row.system in shown]
@@ -81,9 +81,9 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     for study in studies:
         notes += _failures(study)
         notes += _warnings(study)
-    silent = [name for name in papers() if name not in shown]
+    silent = [name for name in systems() if name not in shown]
     if silent:
-        missing = (f"{name} ({' or '.join(papers()[name].families)})" for name in silent)
+        missing = (f"{name} ({' or '.join(systems()[name].families)})" for name in silent)
         notes.append(f"no designs for these systems: {', '.join(missing)}")
     return Report(rows, list(dict.fromkeys(notes)))
 

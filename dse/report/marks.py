@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dse.report.designs import StudyTask
-from dse.report.papers import papers
+from dse.report.papers import publication, systems
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,12 @@ def mark(system: str, part: StudyTask, which: str, values: Mapping[str, float], 
         values: printed figures by column.
         more: what else must be known of it.
     """
-    paper = papers()[system]
-    title = f"{paper.title}{f', {which}' if which else ''}"
+    of = systems()[system]
+    paper = publication(of.paper)
+    title = f"{of.title}{f', {which}' if which else ''}"
     other = "for textures, not for movements" if part.of_movement and system != "E" else ""
-    about = "; ".join(filter(None, ["on recordings that are not public; not reproduced here", other, more]))
+    about = "; ".join(
+        filter(None, [f"on recordings that {paper.recordings}; not reproduced here", other, more])
+    )
     says = f"{title}: published ({paper.source}), {about}"
     return Mark(f"{system}, {which}" if which else system, part.task, values, paper.source, says)

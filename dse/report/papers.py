@@ -1,55 +1,162 @@
-"""The figures that papers print: `published.yaml`, one record per system."""
+"""The numbers that papers print, and the systems that they publish: `published.yaml`, read once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from typing import TypeVar, cast
+from typing import Any, Literal, TypeVar
 
 from dse.config.faults import ConfigError, Fault
 from dse.config.values import read_object
-from dse.config.yaml_lines import Document, Path, Raw, parse
+from dse.config.yaml_lines import Document, Path, parse
 from dse.registry import param
 
 _FILE = "published.yaml"
+T = TypeVar("T")
+
+Kind = Literal["result", "setup", "cited"]
+Value = float | str | tuple[float, ...]
+"""A number, a number with its uncertainty as text, or several: the ends of a range, the sides of a frame."""
 
 
 @dataclass(frozen=True)
-class Paper:
-    """A published system. A system's own record has its figures as further fields.
+class Entry:
+    """One quantity of a paper: a number, or numbers by conditions, a level of mappings per key of `by`."""
 
-    title: what it is.
-    source: the paper, as in REFERENCES.md.
-    families: ours that stand beside it.
+    quantity: str = param(doc="what it is, in words")
+    where: str = param(doc="where it is printed")
+    value: Any = param(doc="a number, a range, or a mapping from a condition to these")  # noqa: RUF009
+    unit: str = param("", doc="unit")
+    by: Mapping[str, str] = field(default_factory=dict)
+    reads: str = param("", doc="the fact of a study that stands beside it")
+    scale: bool = param(False, doc="whether it says how large the study is")
+
+
+@dataclass(frozen=True)
+class Holds:
+    """What a study must hold to stand beside a paper."""
+
+    families: tuple[str, ...] = param(doc="kinds of models, any of them")
+    tasks: Mapping[str, int | None] = param(doc="tasks, any of them, with their number of classes")
+    events: bool | None = param(None, doc="whether recordings are events; null: either")
+
+
+@dataclass(frozen=True)
+class Number:
+    """One printed number.
+
+    kind: whether the paper measured it, set it, or quotes it. key: its entry. condition: name -> value.
+    about: the condition in words.
+    """
+
+    kind: Kind
+    key: str
+    entry: Entry
+    condition: Mapping[str, str]
+    value: Value
+
+    @property
+    def about(self) -> str:
+        """The condition in words."""
+        return ", ".join(self.entry.by[name].format(value) for name, value in self.condition.items())
+
+
+@dataclass(frozen=True)
+class Publication:
+    """A paper and every number that it prints.
+
+    name: a readable key. source: the paper, as in REFERENCES.md. recordings: whether they are public, the end
+    of a sentence.
+    """
+
+    name: str = param(doc="readable key")
+    title: str = param(doc="what the paper is about")
+    source: str = param(doc="the paper, as in REFERENCES.md")
+    recordings: str = param(doc="whether its recordings are public")
+    holds: Holds = param(doc="what a study must hold to stand beside it")  # noqa: RUF009
+    results: Mapping[str, Entry] = field(default_factory=dict)
+    setup: Mapping[str, Entry] = field(default_factory=dict)
+    cited: Mapping[str, Entry] = field(default_factory=dict)
+
+    def numbers(self) -> Iterator[Number]:
+        """Yield every printed number: results, then the set-up, then what the paper quotes."""
+        sections: tuple[tuple[Kind, Mapping[str, Entry]], ...] = (
+            ("result", self.results),
+            ("setup", self.setup),
+            ("cited", self.cited),
+        )
+        for kind, entries in sections:
+            for key, entry in entries.items():
+                for condition, value in _flat(entry.value, tuple(entry.by), {}):
+                    yield Number(kind, key, entry, condition, value)
+
+    def table(self, key: str, *conditions: str) -> dict[str, float]:
+        """Return the numbers of a result under some conditions, by the values of the next one."""
+        value = self.results[key].value
+        for condition in conditions:
+            value = value[condition]
+        return dict(value)
+
+    def number(self, key: str, *conditions: str) -> float:
+        """Return one number of a result, or of the set-up."""
+        value = (self.results.get(key) or self.setup[key]).value
+        for condition in conditions:
+            value = value[condition]
+        return float(value)
+
+
+@dataclass(frozen=True)
+class System:
+    """A published system: a row of the report.
+
+    title: what it is. paper: the publication. families: ours that stand beside it.
     """
 
     title: str = param(doc="what the system is")
-    source: str = param(doc="the paper, as in REFERENCES.md")
+    paper: str = param(doc="the publication")
     families: tuple[str, ...] = param(doc="model families that stand beside it")
 
-
-P = TypeVar("P", bound=Paper)
+    @property
+    def source(self) -> str:
+        """The paper, as in REFERENCES.md."""
+        return publication(self.paper).source
 
 
 @cache
-def papers() -> dict[str, Paper]:
-    """Return every published system by its letter, without its figures."""
-    return {system: _read(Paper, system, tuple(keys)) for system, keys in _systems(_document()).items()}
+def systems() -> dict[str, System]:
+    """Return every published system by its letter."""
+    written = _document().data["systems"]  # type: ignore[index]
+    return {letter: _read(System, ("systems", letter)) for letter in written}
 
 
-def paper(system: str, cls: type[P]) -> P:
-    """Return a published system with its figures.
+@cache
+def publications() -> dict[str, Publication]:
+    """Return every paper by its number, such as '002'."""
+    written: Any = _document().data
+    return {key: publication(key) for key in written if key != "systems"}
 
-    Args:
-        system: its letter.
-        cls: record of its figures.
+
+@cache
+def publication(key: str) -> Publication:
+    """Return a paper by its number.
 
     Raises:
-        ConfigError: a figure is missing or is none of the record.
+        ConfigError: a key is missing or unknown.
     """
-    return _read(cls, system, ())
+    return _read(Publication, (key,))
+
+
+def _flat(
+    value: Any, names: tuple[str, ...], above: Mapping[str, str]
+) -> Iterator[tuple[dict[str, str], Value]]:
+    """Yield the conditions and the value of every number of an entry."""
+    if not names:
+        yield dict(above), value
+        return
+    for name, inner in value.items():
+        yield from _flat(inner, names[1:], {**above, names[0]: name})
 
 
 @cache
@@ -58,19 +165,17 @@ def _document() -> Document:
     return parse(text, _FILE)
 
 
-def _systems(document: Document) -> Mapping[str, Mapping[str, Raw]]:
-    """Return the keys of each system, as written."""
-    return cast(Mapping[str, Mapping[str, Raw]], document.data)
-
-
-def _read(cls: type[P], system: str, also: tuple[str, ...]) -> P:
+def _read(cls: type[T], path: tuple[str, ...]) -> T:
     document = _document()
     faults: list[Fault] = list(document.faults)
 
-    def report(path: Path, message: str) -> None:
-        faults.append(document.fault(path, message))
+    def report(at: Path, message: str) -> None:
+        faults.append(document.fault(at, message))
 
-    record = read_object(cls, _systems(document)[system], (system,), report, also=also)
+    written: Any = document.data
+    for key in path:
+        written = written[key]
+    record = read_object(cls, written, path, report)
     if faults or record is None:
         raise ConfigError(faults)
     return record

@@ -59,6 +59,7 @@ def write(
             "spikes_per_inference": 50.0,
             "spikes_per_inference_no_input": 20.0,
             "spikes_total": 5000,
+            "spikes_total_no_input": 200,
             "macs": 0.0,
             "decision_latency_ms": 1000.0,
             "transductive": False,

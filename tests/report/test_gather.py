@@ -12,8 +12,7 @@ import pytest
 from dse import store
 from dse.measure.objectives.accuracy import wilson_se
 from dse.report import FAMILIES, Report, Row, report
-from dse.report.papers import paper, papers
-from dse.report.systems.decision_maker import Lengths
+from dse.report.papers import publication, publications, systems
 from tests.report.made import write
 
 
@@ -33,14 +32,14 @@ def test_every_printed_system_has_a_title_a_source_and_families() -> None:
     from dse import registry
 
     references = (Path(__file__).resolve().parents[2] / "REFERENCES.md").read_text(encoding="utf-8")
-    assert list(papers()) == list("ABCDEFG")
-    for name, system in papers().items():
+    assert list(systems()) == list("ABCDEFG")
+    for name, system in systems().items():
         assert f"**{system.source}**" in references, name
         assert set(system.families) <= set(registry.known("models")), name
-    lengths = paper("A", Lengths)
-    settings = map(lengths.settings, ("t_p_ms", "t_h_ms", "phi_p", "theta_h"))
-    table = [lengths.length_ms, lengths.accuracy, *settings]
-    assert {len(column) for column in table} == {11}
+        assert set(system.families) <= set(publications()[system.paper].holds.families), name
+    lengths = publication("000")
+    settings = ("accuracy", "t_p_ms", "theta_p", "phi_p", "t_h_ms", "theta_h", "phi_h")
+    assert {tuple(lengths.table(name)) for name in settings} == {tuple(lengths.table("accuracy"))}
 
 
 def test_the_mean_of_several_runs_goes_before_a_lucky_one(tmp_path: Path) -> None:
@@ -122,21 +121,21 @@ def test_hots_by_its_layers(tmp_path: Path) -> None:
 
 def test_ends_of_the_front_and_rank_correlations(tmp_path: Path) -> None:
     designs = [
-        {"accuracy": 0.5, "n_weights": 10, "spikes_total": 300, "model.hidden": 4, "model": {"hidden": [4]}},
-        {"accuracy": 0.6, "n_weights": 20, "spikes_total": 100, "model.hidden": 8, "model": {"hidden": [8]}},
         {
-            "accuracy": 0.9,
-            "n_weights": 30,
-            "spikes_total": 900,
-            "model.hidden": 12,
-            "model": {"hidden": [12]},
-        },
+            "accuracy": accuracy,
+            "n_weights": 10 * n,
+            "spikes_per_inference_no_input": spikes / 10,
+            "spikes_total_no_input": spikes,
+            "model.hidden": 4 * n,
+            "model": {"hidden": [4 * n]},
+        }
+        for n, accuracy, spikes in ((1, 0.5, 300), (2, 0.6, 100), (3, 0.9, 900))
     ]
     rows = rows_of(report([write(tmp_path / "grid", designs)]), "D")
     assert (rows["best accuracy: accuracy"].published, rows["best accuracy: accuracy"].ours) == (0.95, 0.9)
     assert (rows["least spikes: accuracy"].published, rows["least spikes: accuracy"].trial) == (0.68, 1)
     assert (rows["least weights: n_weights"].published, rows["least weights: n_weights"].ours) == (0.15e6, 10)
-    assert rows["least spikes: spikes_total (printed S)"].ours == 100
+    assert rows["least spikes: spikes_total_no_input (printed S)"].ours == 100
     assert (rows["best accuracy: hidden"].published, rows["best accuracy: hidden"].ours) == (425, 12)
     assert rows["best accuracy: accuracy"].design == "hidden 12"
     weights = rows["Spearman of accuracy and n_weights, 3 designs"]

@@ -41,14 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the rows of every named study, and of every study in a named folder."""
     from dse.report import report
-    from dse.report.papers import papers
+    from dse.report.papers import systems
 
-    known = papers()
-    systems = _systems(arguments.system, list(known))
+    known = systems()
+    letters = _systems(arguments.system, list(known))
     chips = _chips(arguments.hardware)
     studies = {study.folder.resolve(): study for text in arguments.results for study in _studies(Path(text))}
     gathered = report(list(studies.values()), chips)
-    rows = [row for row in gathered.rows if systems is None or row.system in systems]
+    rows = [row for row in gathered.rows if letters is None or row.system in letters]
     used = {row.system for row in rows}
     titles = [f"{name}: {known[name].title} ({known[name].source})" for name in known if name in used]
     splits = dict.fromkeys((row.study, row.task, row.split) for row in rows if row.split)

@@ -6,16 +6,15 @@ Shown for textures and objects; networks for movements and joint ones are under 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dse.measure.objectives.accuracy import seeds_se
-from dse.registry import param
 from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
-from dse.report.papers import Paper, paper
+from dse.report.papers import publication, systems
 from dse.report.rows import Row, measured, number
 from dse.store import StoreError
 
@@ -24,36 +23,18 @@ if TYPE_CHECKING:
 
 _TIMES = {"t_p_ms": ("phi_p", "theta_p"), "t_h_ms": ("phi_h", "theta_h")}
 
-
-@dataclass(frozen=True)
-class Lengths(Paper):
-    """Networks trained on samples of several lengths; an entry per length."""
-
-    length_ms: tuple[int, ...] = param(doc="length of the samples", unit="ms")
-    accuracy: tuple[float, ...] = param(doc="peak accuracy")
-    t_p_ms: tuple[int, ...] = param(doc="time of the peak accuracy", unit="ms")
-    theta_p: tuple[float, ...] = param(doc="confidence of the peak accuracy")
-    phi_p: tuple[int, ...] = param(doc="spike offset of the peak accuracy")
-    t_h_ms: tuple[int, ...] = param(doc="time to the human baseline", unit="ms")
-    theta_h: tuple[float, ...] = param(doc="confidence at the human baseline")
-    phi_h: tuple[int, ...] = param(doc="spike offset at the human baseline")
-    human: float = param(doc="accuracy of people")
-    hidden: int = param(doc="hidden neurons")
-    power_w: Mapping[str, tuple[float, ...]] = param(doc="idle, beyond idle, in all, by platform", unit="W")
-    n_cores: int = param(doc="cores in use")
-    n_cores_of: int = param(doc="cores of the chip")
-
-    def settings(self, name: str) -> tuple[float, ...]:
-        """Return a time or one of its settings (`_TIMES`), per length."""
-        columns: dict[str, tuple[float, ...]] = {
-            "t_p_ms": self.t_p_ms, "phi_p": self.phi_p, "theta_p": self.theta_p,
-            "t_h_ms": self.t_h_ms, "phi_h": self.phi_h, "theta_h": self.theta_h,
-        }  # fmt: skip
-        return columns[name]
+_PAPER = "000"
+_PLATFORM = "Loihi 2"
 
 
-def _paper() -> Lengths:
-    return paper("A", Lengths)
+def _lengths_ms() -> np.ndarray:
+    """Return the printed sample lengths."""
+    return np.array([int(length) for length in publication(_PAPER).table("accuracy")])
+
+
+def _printed(figure: str, at: int) -> float:
+    """Return the figure of the printed length at a place."""
+    return publication(_PAPER).number(figure, str(_lengths_ms()[at]))
 
 
 def rows(parts: Sequence[StudyTask]) -> list[Row]:
@@ -73,23 +54,22 @@ def rows(parts: Sequence[StudyTask]) -> list[Row]:
 
 def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the published networks of the lengths that match ours, at their peak accuracy."""
-    printed = _paper()
     for part, designs in _shown(parts):
         for chosen, _, at in _by_length(designs):
-            values = {"accuracy": printed.accuracy[at]}
+            values = {"accuracy": _printed("accuracy", at)}
             if "t_p_ms" in chosen.index:  # the mean time of a decision at these settings is t_p
-                values |= {"decision_latency_ms": printed.t_p_ms[at], "phi": printed.phi_p[at]}
-                values |= {"theta": printed.theta_p[at], "t_p_ms": printed.t_p_ms[at]}
-                values |= {"t_h_ms": printed.t_h_ms[at]}
+                values |= {"decision_latency_ms": _printed("t_p_ms", at), "phi": _printed("phi_p", at)}
+                values |= {"theta": _printed("theta_p", at)}
+                values |= {name: _printed(name, at) for name in _TIMES}
             if number(chosen.get("n_cores")) is not None:
-                values["n_cores"] = printed.n_cores
-            yield mark("A", part, f"samples of {printed.length_ms[at]} ms", values)
+                values["n_cores"] = publication(_PAPER).number("n_cores", _PLATFORM)
+            yield mark("A", part, f"samples of {_lengths_ms()[at]} ms", values)
 
 
 def _shown(parts: Sequence[StudyTask]) -> Iterator[tuple[StudyTask, pandas.DataFrame]]:
     """Yield the tasks that are compared with this system, and their designs; D and E show the others."""
     for part in parts:
-        designs = part.of(_paper().families)
+        designs = part.of(systems()["A"].families)
         if not (designs.empty or part.of_movement or part.joint):
             yield part, designs
 
@@ -99,7 +79,7 @@ def _by_length(designs: pandas.DataFrame) -> Iterator[tuple[pandas.Series[Any], 
 
     It stands beside the printed length that is as much of the longest.
     """
-    lengths, printed_ms = designs["decision_latency_ms"], np.array(_paper().length_ms)
+    lengths, printed_ms = designs["decision_latency_ms"], _lengths_ms()
     several = lengths.nunique() > 1
     for length in sorted(lengths.unique()):
         chosen = best(designs[lengths == length])
@@ -110,22 +90,24 @@ def _by_length(designs: pandas.DataFrame) -> Iterator[tuple[pandas.Series[Any], 
 
 def printed() -> Iterator[Row]:
     """Return the power of the paper's platforms."""
-    for platform, watts in _paper().power_w.items():
-        numbers = "; ".join(f"{power:g}" for power in watts)
+    printed = publication(_PAPER)
+    for platform in printed.table("power_w"):
+        numbers = "; ".join(f"{power:g}" for power in printed.table("power_w", platform).values())
         yield Row("A", f"power of {platform}, W: idle; beyond; in all", published=numbers)
 
 
 def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: int) -> Iterator[Row]:
     """Yield the figures of one trained length beside those of one printed length."""
-    printed = _paper()
-    where = f"{length:g} ms (printed: {printed.length_ms[at]} ms)"
-    yield measured(part, "A", f"accuracy, {where}", printed.accuracy[at], chosen)
+    where = f"{length:g} ms (printed: {_lengths_ms()[at]} ms)"
+    yield measured(part, "A", f"accuracy, {where}", _printed("accuracy", at), chosen)
     last = _last(part, chosen)
     if "accuracy_best" in last:
-        peak = measured(part, "A", f"peak over phi and theta, {length:g} ms", printed.accuracy[at], chosen)
+        peak = measured(
+            part, "A", f"peak over phi and theta, {length:g} ms", _printed("accuracy", at), chosen
+        )
         yield replace(peak, ours=last["accuracy_best"], se=None, test=None)
     for time, settings in _TIMES.items():
-        row = measured(part, "A", f"{time}, {where}", printed.settings(time)[at], chosen, time)
+        row = measured(part, "A", f"{time}, {where}", _printed(time, at), chosen, time)
         if row.ours is None and time not in chosen.index:
             continue  # no decision grid
         yield row
@@ -133,7 +115,7 @@ def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: i
             yield replace(
                 row,
                 figure=f"{name}, {length:g} ms",
-                published=printed.settings(name)[at],
+                published=_printed(name, at),
                 ours=last.get(name),
             )
 
@@ -171,9 +153,9 @@ def _early(part: StudyTask, row: pandas.Series[Any], lengths: Sequence[float]) -
 
 
 def _hardware(part: StudyTask, row: pandas.Series[Any]) -> Iterator[Row]:
-    printed = _paper()
+    printed = publication(_PAPER)
     if number(row.get("n_cores")) is not None:
-        figure = f"n_cores, {row['hardware']} (printed: of {printed.n_cores_of})"
-        yield measured(part, "A", figure, printed.n_cores, row, "n_cores")
+        figure = f"n_cores, {row['hardware']} (printed: of {printed.number('cores_of_chip'):g})"
+        yield measured(part, "A", figure, printed.number("n_cores", _PLATFORM), row, "n_cores")
     if "energy_uj" in row.index:
         yield measured(part, "A", f"energy_uj per inference, {row['hardware']}", None, row, "energy_uj")

@@ -6,33 +6,24 @@ As printed, windows of one run that overlap are in training and in test.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from dse.registry import param
 from dse.report.designs import StudyTask
 from dse.report.leaks import Chosen, chosen, mark_of_leak, rows_of_leak
 from dse.report.marks import Mark
-from dse.report.papers import Paper, paper
+from dse.report.papers import publication, systems
 from dse.report.rows import Row, measured
 
-
-@dataclass(frozen=True)
-class Receptors(Paper):
-    """A time-delayed ELM on receptors."""
-
-    accuracy: float = param(doc="accuracy")
-    inputs: int = param(doc="inputs: sensors, receptors and windows")
-    hidden: int = param(doc="hidden nodes")
-    recognition_ms: int = param(doc="time of the highest accuracy", unit="ms")
+_PAPER = "004"
 
 
 def rows(parts: Sequence[StudyTask]) -> list[Row]:
     """Return both accuracies, the leak, information transfer, size and time to recognition."""
-    printed = paper("G", Receptors)
+    printed = publication(_PAPER)
     leaky, honest = _both(parts)
-    table = rows_of_leak("G", printed.accuracy, leaky, honest)
+    table = rows_of_leak("G", printed.number("accuracy"), leaky, honest)
     if honest is None:
         return table
     part, row = honest
@@ -46,19 +37,22 @@ def rows(parts: Sequence[StudyTask]) -> list[Row]:
     return [
         *table,
         replace(
-            base, figure="time of the highest accuracy, ms", published=printed.recognition_ms, ours=earliest
+            base,
+            figure="time of the highest accuracy, ms",
+            published=printed.number("recognition_ms"),
+            ours=earliest,
         ),
-        replace(base, figure="hidden nodes", published=printed.hidden, ours=hidden),
+        replace(base, figure="hidden nodes", published=printed.number("hidden"), ours=hidden),
     ]
 
 
 def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the published accuracy; its split put windows of one run on both sides."""
-    yield from mark_of_leak("G", paper("G", Receptors).accuracy, *_both(parts))
+    yield from mark_of_leak("G", publication(_PAPER).number("accuracy"), *_both(parts))
 
 
 def _both(parts: Sequence[StudyTask]) -> tuple[Chosen | None, Chosen | None]:
     """Return the best design as printed, and the best honest one."""
-    families = paper("G", Receptors).families
+    families = systems()["G"].families
     leaky = chosen(parts, families, transductive=True, encoders=False)
     return leaky, chosen(parts, families, transductive=False)

@@ -3,57 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dse.measure.correlation import spearman
-from dse.registry import param
 from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
-from dse.report.papers import Paper, paper
+from dse.report.papers import publication, systems
 from dse.report.rows import Row, measured, number
 from dse.skyline.front import front_ends
 
 if TYPE_CHECKING:
     import pandas
 
-_FIGURES = {"accuracy": "accuracy", "spikes": "spikes_total", "n_weights": "n_weights"}
+# The printed S leaves the input out and is a sum over the test set; its mean on validation selects designs.
+_FIGURES = {"accuracy": "accuracy", "spikes": "spikes_total_no_input", "n_weights": "n_weights"}
+_CHOICE = "spikes_per_inference_no_input"
 # What the figures of the published table are called here.
 _TITLES = {
     "accuracy": "accuracy",
-    "spikes": "spikes_total (printed S)",
+    "spikes": "spikes_total_no_input (printed S)",
     "n_weights": "n_weights",
 }
-
-
-@dataclass(frozen=True)
-class End:
-    """An end of the published front; spikes S as printed."""
-
-    accuracy: float = param(doc="accuracy")
-    spikes: float = param(doc="S as printed, which fits a sum over the test set")
-    n_weights: float = param(doc="W_t")
-
-
-@dataclass(frozen=True)
-class Front(Paper):
-    """The published front.
-
-    ends, spearman: by name of the end, and by figure the rank correlation with accuracy.
-    peak: settings of the most accurate network.
-    groups: accuracy by kind of profile.
-    """
-
-    ends: Mapping[str, End] = param(doc="ends of the front")
-    spearman: Mapping[str, float] = param(doc="rank correlation with accuracy, by figure")
-    peak: Mapping[str, Any] = param(doc="settings of the most accurate network")
-    groups: Mapping[str, float] = field(default_factory=dict)
-
-
-def _front(system: str) -> Front:
-    return paper(system, Front)
+_PAPER = "002"
+_TASKS = {"D": "texture", "E": "movement"}
+_PEAK = ("hidden", "true_rate")
 
 
 def rows(parts: Sequence[StudyTask]) -> list[Row]:
@@ -61,7 +37,7 @@ def rows(parts: Sequence[StudyTask]) -> list[Row]:
     table: list[Row] = []
     for part in parts:
         system = "E" if part.of_movement else "D"
-        for family in _front(system).families:
+        for family in systems()[system].families:
             designs = part.of([family])
             if not designs.empty:
                 table += _of_family(part, system, designs, _kind(part, family))
@@ -72,15 +48,18 @@ def marks(parts: Sequence[StudyTask]) -> Iterator[Mark]:
     """Yield the ends of the published front; spikes as printed, which fit a sum over the test set."""
     for part in parts:
         system = "E" if part.of_movement else "D"
-        front = _front(system)
-        if best(part.of(front.families)) is None:
+        if best(part.of(systems()[system].families)) is None:
             continue
-        for end, printed in front.ends.items():
-            values = {column: getattr(printed, figure) for figure, column in _FIGURES.items()}
-            of_peak = " and ".join(f"{name} {x}" for name, x in front.peak.items())
-            spikes = "spikes fit a sum over the test set"
+        for end in publication(_PAPER).table("accuracy", _TASKS[system]):
+            values = {column: _printed(system, figure, end) for figure, column in _FIGURES.items()}
+            of_peak = " and ".join(f"{name} {_printed(system, name):g}" for name in _PEAK)
+            spikes = "spikes are those of hidden and output neurons over the test set"
             more = f"{of_peak}; {spikes}" if end == "best accuracy" else spikes
             yield mark(system, part, end, values, more)
+
+
+def _printed(system: str, figure: str, *conditions: str) -> float:
+    return publication(_PAPER).number(figure, _TASKS[system], *conditions)
 
 
 def _kind(part: StudyTask, family: str) -> str:
@@ -89,33 +68,33 @@ def _kind(part: StudyTask, family: str) -> str:
 
 
 def _of_family(part: StudyTask, system: str, designs: pandas.DataFrame, kind: str) -> Iterator[Row]:
-    front = _front(system)
     peak = best(designs)
     if peak is None:
         return
-    ends = front_ends(designs, spikes="spikes_total").rows
+    ends = front_ends(designs, spikes=_CHOICE).rows
     for index, end in zip(ends.index, ends["end"], strict=True):
         chosen = peak if end == "best accuracy" else designs.loc[index]
         for figure, column in _FIGURES.items():
-            printed = getattr(front.ends[end], figure)
+            printed = _printed(system, figure, end)
             yield measured(part, system, f"{kind}{end}: {_TITLES[figure]}", printed, chosen, column)
-        figure = f"{kind}{end}: spikes_per_inference (Eq. 3)"
-        yield measured(part, system, figure, None, chosen, "spikes_per_inference")
+        figure = f"{kind}{end}: {_CHOICE}"
+        yield measured(part, system, figure, None, chosen, _CHOICE)
     yield from _peak(part, system, peak, kind)
-    for figure, printed in front.spearman.items():
-        pair = designs[["accuracy", _FIGURES[figure]]].astype(float)
-        rho = spearman(pair["accuracy"].to_numpy(), pair[_FIGURES[figure]].to_numpy())
-        text = f"{kind}Spearman of accuracy and {figure}, {len(pair)} designs"
+    for figure, printed in publication(_PAPER).table("spearman", _TASKS[system]).items():
+        cost = _CHOICE if figure == "spikes" else _FIGURES[figure]
+        rho = spearman(designs["accuracy"].to_numpy(float), designs[cost].to_numpy(float))
+        text = f"{kind}Spearman of accuracy and {figure}, {len(designs)} designs"
         yield Row(system, text, part.task, printed, number(rho), split=part.split, study=part.name)
     if system == "E":
-        yield from _groups(part, peak, front.groups, kind)
+        yield from _groups(part, peak, publication(_PAPER).table("groups", _TASKS[system]), kind)
 
 
 def _peak(part: StudyTask, system: str, peak: pandas.Series[Any], kind: str) -> Iterator[Row]:
     """Yield the printed settings of the most accurate network beside ours."""
     model = part.model(int(peak["trial"]))
-    for name, printed in _front(system).peak.items():
+    for name in _PEAK:
         if hasattr(model, name):
+            printed = _printed(system, name)
             base = measured(part, system, f"{kind}best accuracy: {name}", printed, peak)
             yield replace(base, ours=number(np.sum(getattr(model, name))), se=None, test=None)
 
