@@ -111,13 +111,18 @@ class Events:
 
 @dataclass(frozen=True)
 class Spikes:
-    """Binary spikes of n samples, sparse: sorted by sample, step, channel; no duplicates.
+    """Spikes of n samples, sparse, in the order of samples and steps.
+
+    Binary unless `t_us` is given: sorted by channel within a step, no duplicates. With `t_us` they are
+    events: sorted by time within a step, and a channel may have several.
 
     row_offsets: (n * n_steps + 1,) int64; the spikes of sample i at step t are
         `channel[row_offsets[i * n_steps + t]:row_offsets[i * n_steps + t + 1]]`.
     channel: (n_spikes,) int32 in [0, n_channels).
     n_steps: steps stored per sample (a shorter sample has empty rows at its end).
     step_ms: duration of one step.
+    t_us: (n_spikes,) int32 microseconds since the start of the sample's first stored step; None: a spike has
+        the time of its step.
     """
 
     row_offsets: Ints
@@ -125,6 +130,7 @@ class Spikes:
     n_steps: int
     n_channels: int
     step_ms: float
+    t_us: Ints | None = None
 
     @property
     def n_samples(self) -> int:

@@ -25,7 +25,7 @@ def part_of(data: Dataset) -> Part:
     def rows(threads: int) -> Iterator[Rows]:
         for i in range(spikes.n_samples):
             borders = spikes.row_offsets[i * spikes.n_steps : (i + 1) * spikes.n_steps + 1]
-            yield np.diff(borders), spikes.channel[borders[0] : borders[-1]]
+            yield Rows(np.diff(borders), spikes.channel[borders[0] : borders[-1]])
 
     lengths = np.full(spikes.n_samples, spikes.n_steps)
     return Part(

@@ -194,6 +194,9 @@ class Encoder(Protocol):
 class Family(Protocol):
     """A component of section `model`: a classifier that trains and responds.
 
+    A family with a class variable `takes_events` that is true also takes spikes with times of their own
+    (`Spikes.t_us`).
+
     A family whose answer is a `Response` spikes; any other gives `Answers` after several input lengths, with
     the numbers that it stores and the operations that it does, counted by a rule that it states.
     """

@@ -146,7 +146,26 @@ def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
         if family is not None:
             sections[section] = family
     sections["training"] = parts.settings("training", data.get("training"), report)
+    for message in _event_faults(sections):
+        report(("preprocessing", "every_event"), message)
     return sections
+
+
+def _event_faults(sections: Mapping[str, Part]) -> list[str]:
+    """Return a sentence for each model that cannot take every event of the preprocessing as a spike."""
+    preprocessing, model = sections.get("preprocessing"), sections.get("model")
+    if preprocessing is None or model is None or "encoder" in sections:
+        return []
+    axis = preprocessing.axes.get("preprocessing.every_event")
+    values = (preprocessing.values.get("every_event"),) if axis is None else axis.values or ()
+    if True not in values:
+        return []
+    return [
+        f"preprocessing.every_event must be false for model {part.kind} without an encoder, which takes one "
+        "spike per channel and bin, got true"
+        for part in (model.entries or {model.kind: model}).values()
+        if not getattr(part.cls, "takes_events", False)
+    ]
 
 
 def _data_faults(sections: Mapping[str, Part], raw: Raw, base: Path) -> list[tuple[str, str]]:

@@ -223,6 +223,11 @@ class Preprocessing:
         "ignore_on: only the other",
         choices=POLARITIES,
     )
+    every_event: bool = param(
+        False,
+        doc="true: every event of a channel is a spike at its own microsecond, for classifiers and encoders "
+        "that count spikes or read their times; bins only place windows and answers",
+    )
     crop: Literal["pins"] | tuple[int, int, int, int] | None = param(
         None,
         doc="[x, y, width, height] of the pixels to keep, or pins: the rectangle that contains the pins (of "
@@ -252,6 +257,11 @@ class Preprocessing:
             raise ValueError(
                 f"padding must be smaller than pool ({_shown(self.pool)}), so that every pool contains a "
                 f"pixel; got {_shown(self.padding)}"
+            )
+        if self.every_event and (self.pool_threshold + self.exceeds > 1 or self.rate_floor_hz):
+            raise ValueError(
+                "every_event needs pool_threshold 1, exceeds false and rate_floor_hz 0, got "
+                f"{self.pool_threshold}, {str(self.exceeds).lower()} and {self.rate_floor_hz:g}"
             )
         if isinstance(self.crop, tuple) and min(self.crop[2:]) < 1:
             raise ValueError(

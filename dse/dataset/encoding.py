@@ -1,4 +1,4 @@
-"""Spikes that an encoder makes of spikes: recordings of events or rasters, taken for signals of 0 and 1.
+"""Spikes that an encoder makes of spikes: recordings of events or rasters, taken for signals of their counts.
 
 An encoder wants a sample of every channel at every step, so what it is shown is dense by nature: recordings
 are shown to it a few at a time, but those that it learns from all at once.
@@ -12,7 +12,7 @@ import numpy as np
 
 from dse.config.contracts import Encoder
 from dse.dataset.files import Stored
-from dse.dataset.parts import Part, Rows, refusals, rows_of
+from dse.dataset.parts import NO_ROWS, Part, Rows, refusals, rows_of
 from dse.records import Bools, Ints, Signals, Spikes
 
 # Of signals that are shown to an encoder at a time; one recording may be more.
@@ -101,7 +101,7 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
                     spikes = encoder.encode_all(signals, np.zeros_like(chosen), lengths[chosen])
                 encoded_rows = rows_of(spikes)
             for i in some:
-                yield next(encoded_rows) if lengths[i] else (np.zeros(0, np.int64), np.zeros(0, np.int32))
+                yield next(encoded_rows) if lengths[i] else NO_ROWS
 
     with refusals():
         positions = encoder.positions(stored.positions)
@@ -113,7 +113,9 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
 
 
 def as_signals(spikes: Spikes, chosen: Ints, lengths: Ints) -> Signals:
-    """Return recordings of spikes as signals that are 1 at a spike and 0 elsewhere, without columns.
+    """Return recordings of spikes as signals of the number of spikes per step, without columns.
+
+    That is 0 or 1, but for events (`Spikes.t_us`).
 
     Args:
         spikes: of all recordings.
@@ -125,7 +127,7 @@ def as_signals(spikes: Spikes, chosen: Ints, lengths: Ints) -> Signals:
     for i, begin, length in zip(chosen, offsets, lengths, strict=False):
         borders = spikes.row_offsets[i * spikes.n_steps : i * spikes.n_steps + length + 1]
         steps = np.repeat(np.arange(begin, begin + length), np.diff(borders))
-        values[steps, spikes.channel[borders[0] : borders[-1]]] = 1
+        np.add.at(values, (steps, spikes.channel[borders[0] : borders[-1]]), 1)
     return Signals(values, offsets, spikes.step_ms, {})
 
 

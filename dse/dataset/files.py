@@ -1,7 +1,7 @@
 """Spikes and data sets on disk: written piece by piece, read as memory maps.
 
-    spikes      row_offsets, channel; start, low, high of the windows; positions of the channels; lengths,
-                levels (may be absent)
+    spikes      row_offsets, channel, t_us (may be absent); start, low, high of the windows; positions of the
+                channels; lengths, levels (may be absent)
     data set    target, train, validation, test; `meta.json` names the spikes, which lie in the folder beside
 
 Spikes alone are mapped: a map keeps a file open, and a study may have hundreds of data sets.
@@ -54,17 +54,23 @@ def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress
     """
     n_stored, n = max(part.n_stored for part in parts), sum(len(part.start) for part in parts)
     done, filled = 0, 0
-    with (
-        _growing(folder / "row_offsets.npy", np.int64) as more_rows,
-        _growing(folder / "channel.npy", np.int32) as more_channels,
-    ):
-        more_rows(np.zeros(1, np.int64))
+    with contextlib.ExitStack() as files:
+        more: dict[str, Callable[[Array], None]] = {}
+
+        def write(name: str, values: Array, dtype: DTypeLike) -> None:
+            if name not in more:
+                more[name] = files.enter_context(_growing(folder / f"{name}.npy", dtype))
+            more[name](values)
+
+        write("row_offsets", np.zeros(1), np.int64)
         for part in parts:
-            for counts, channels in part.rows(threads):
+            for counts, channels, t_us in part.rows(threads):
                 ends = np.full(n_stored, filled + len(channels), np.int64)
                 ends[: len(counts)] = filled + np.cumsum(counts)
-                more_rows(ends)
-                more_channels(channels)
+                write("row_offsets", ends, np.int64)
+                write("channel", channels, np.int32)
+                if t_us is not None:
+                    write("t_us", t_us, np.int32)
                 filled += len(channels)
                 done += 1
                 progress(f"preparing data: {done} of {n} recordings")
@@ -119,7 +125,8 @@ def read_spikes(folder: Path) -> Stored:
     with _readable(folder, "spikes"):
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
         rows, channel = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in _OF_SPIKES)
-        spikes = Spikes(rows, channel, **meta["spikes"])
+        t_us = np.load(path, mmap_mode="r") if (path := folder / "t_us.npy").is_file() else None
+        spikes = Spikes(rows, channel, **meta["spikes"], t_us=t_us)
         arrays = {name: np.load(folder / f"{name}.npy") for name in (*_OF_WINDOWS, "positions", "lengths")}
         levels = np.load(path) if (path := folder / "levels.npy").is_file() else None
         return Stored(spikes, **arrays, n_steps=meta["n_steps"], levels=levels, notes=meta["notes"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dse.config.contracts import PLACES
@@ -16,6 +16,12 @@ from dse.records import Bools
 _VERSION = 2
 _OF_SPIKES = ("window", "preprocessing", "encoder")
 _LABELS = ("columns", "class_names")
+# Keys that were added later, with the value that leaves data sets as they were before: it is not hashed, so
+# that these data sets keep their names.
+_ADDED: Mapping[str, Mapping[str, Raw]] = {
+    "preprocessing": {"every_event": False},
+    "encoder": {"full_scale": None},
+}
 
 
 def dataset_key(design: Sections, base: Path) -> str:
@@ -27,7 +33,7 @@ def dataset_key(design: Sections, base: Path) -> str:
         RecordingError: a file is not found.
     """
     sections = design.to_plain()
-    parts = {name: sections.get(name, {}) for name in ("split", *_OF_SPIKES)}
+    parts = {name: _hashed(name, sections) for name in ("split", *_OF_SPIKES)}
     task = sections["task"]
     return _hash([_VERSION, task["target"], task["joint"], parts | sources(design, base)])
 
@@ -41,7 +47,7 @@ def spikes_key(design: Sections, base: Path, used: Sequence[Bools]) -> str:
         used: which recordings of the data, and of the test file if there is one, have spikes.
     """
     sections = design.to_plain()
-    parts = {name: sections.get(name, {}) for name in _OF_SPIKES}
+    parts = {name: _hashed(name, sections) for name in _OF_SPIKES}
     for name, keys in sources(design, base).items():
         parts[name] = {key: value for key, value in keys.items() if key not in _LABELS}
     return _hash([_VERSION, "spikes", parts, [mask.astype(int).tolist() for mask in used]])
@@ -66,6 +72,12 @@ def sources(design: Sections, base: Path) -> dict[str, dict[str, Raw]]:
             settings = {key: value for key, value in sections[name].items() if key not in PLACES}
             keys[name] = settings | {"file": source.content(base)}
     return keys
+
+
+def _hashed(name: str, sections: Mapping[str, dict[str, Raw]]) -> dict[str, Raw]:
+    """Return the keys of a section that a data set's name follows from."""
+    added = _ADDED.get(name, {})
+    return {k: v for k, v in sections.get(name, {}).items() if k not in added or v != added[k]}
 
 
 def _hash(parts: Raw) -> str:

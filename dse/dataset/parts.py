@@ -7,7 +7,7 @@ import dataclasses
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,8 +25,19 @@ Result = TypeVar("Result")
 Progress = Callable[[str], None]
 """Called now and then with a sentence that says how far the work is."""
 
-Rows = tuple[Ints, Ints]
-"""Spikes of one recording: how many in each of its first steps, and their channels."""
+
+class Rows(NamedTuple):
+    """Spikes of one recording: how many in each of its first steps, their channels, and perhaps times.
+
+    t_us: as in `Spikes`.
+    """
+
+    counts: Ints
+    channels: Ints
+    t_us: Ints | None = None
+
+
+NO_ROWS = Rows(np.zeros(0, np.int64), np.zeros(0, np.int32))
 
 # Results that may wait for a slower one before them, per thread.
 _AHEAD = 2
@@ -107,7 +118,8 @@ def placed(
     if not isinstance(recordings, Signals | Rasters):
         assert design.preprocessing is not None  # events are refused without it
         pools = pooling_of(recordings, design.preprocessing)
-        return _of_events(recordings, window, pools, used, threads, progress)
+        every_event = design.preprocessing.every_event
+        return _of_events(recordings, window, pools, every_event, used, threads, progress)
     if positions is None:
         raise ValueError("placed needs the positions of the channels of signals and rasters, got None")
     if isinstance(recordings, Rasters):
@@ -207,13 +219,15 @@ def rows_of(spikes: Spikes) -> Iterator[Rows]:
     """Yield the spikes of every sample."""
     for i in range(spikes.n_samples):
         borders = spikes.row_offsets[i * spikes.n_steps : (i + 1) * spikes.n_steps + 1]
-        yield np.diff(borders), spikes.channel[borders[0] : borders[-1]]
+        t_us = None if spikes.t_us is None else spikes.t_us[borders[0] : borders[-1]]
+        yield Rows(np.diff(borders), spikes.channel[borders[0] : borders[-1]], t_us)
 
 
 def _of_events(
     source: EventSource,
     window: Window,
     pooling: Pooling,
+    every_event: bool,
     used: Bools,
     threads: int,
     progress: Progress,
@@ -244,12 +258,14 @@ def _of_events(
 
     def recording(i: int) -> Rows:
         first, n = int(low[i]), int(n_kept[i])
+        if every_event:
+            return Rows(*preprocessing.pool_events(source.blocks(i), pooling, int(t0_us[i]), first, n))
         if not n:
-            return np.zeros(0, np.int64), np.zeros(0, np.int32)
+            return NO_ROWS
         if simulated is None:
-            return preprocessing.pool(source.blocks(i), pooling, int(t0_us[i]), first, n)
+            return Rows(*preprocessing.pool(source.blocks(i), pooling, int(t0_us[i]), first, n))
         counts, channels = simulated.raster(i, plain, first + n)
-        return preprocessing.without_quiet(counts[first:], channels[counts[:first].sum() :], pooling)
+        return Rows(*preprocessing.without_quiet(counts[first:], channels[counts[:first].sum() :], pooling))
 
     def rows(threads: int) -> Iterator[Rows]:
         return in_order(recording, range(source.n_recordings), threads if simulated else 1)

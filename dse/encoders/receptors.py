@@ -7,7 +7,8 @@ Of channel x of a recording, with `low` and `high` learnt from training recordin
     I_FA+[t] = gain gain_fa max(+(V[t] - V[t-1]) / dt, 0),   I_FA-[t] likewise of the falling part; 0 at t = 0
 
     low, high: 1st and 99th percentile of the channel over the windows of the training recordings, after the
-    smoothing; smallest and largest value where those two coincide, as they do for sparse spikes.
+    smoothing; smallest and largest value where those two coincide, as they do for sparse spikes. With
+    `full_scale`, as published: 0 and that number, the largest value of the sensor.
 
 The current is constant within a sensor step, which the neurons integrate in round(step / solver_ms) equal
 steps, at least one (dse.neurons.izhikevich states how they saturate). Every recording is encoded from its
@@ -49,6 +50,13 @@ class Receptors(Encoder):
     gain_sa: float = param(50.0, low=0, doc="current of SA (slowly adapting) receptors per normalised value")
     gain_fa: float = param(
         5.0, low=0, unit="s", doc="current of FA (fast adapting) receptors per normalised change per second"
+    )
+    full_scale: float | None = param(
+        None,
+        low=0,
+        low_open=True,
+        doc="largest possible value of the sensor: values are divided by it, as published (default: scaled "
+        "by the range of each channel in training recordings)",
     )
     sa: bool = param(True, doc="include SA receptors, which signal the resting level")
     smoothing_ms: float = param(
@@ -103,7 +111,7 @@ class Receptors(Encoder):
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
-        """Return the encoder with the range of every channel over the windows of training recordings.
+        """Return the encoder with the range of every channel: `full_scale`, or that of training recordings.
 
         Args:
             signals: the recordings, as they will be encoded.
@@ -116,6 +124,9 @@ class Receptors(Encoder):
         Raises:
             ValueError: a sample is no finite number.
         """
+        if self.full_scale is not None:
+            n = signals.n_channels
+            return dataclasses.replace(self, low=(0.0,) * n, high=(float(self.full_scale),) * n)
         windows = (self._smooth(signals, int(i), int(first[i]), n_steps) for i in train)
         samples = np.concatenate([window.astype(np.float32) for window in windows])
         low, high = np.percentile(samples, (1, 99), axis=0)

@@ -90,8 +90,10 @@ def gather(
         Rows of n samples, n_steps * steps_per_sample steps, n_channels * len(delays) inputs.
 
     Raises:
-        ValueError: a window reaches outside the stored steps.
+        ValueError: a window reaches outside the stored steps, or the spikes are not binary.
     """
+    if spikes.t_us is not None:
+        raise ValueError("preprocessing.every_event must be false for spiking networks, got true")
     samples = np.asarray(samples, np.int64)
     start = np.asarray(start, np.int64)
     if samples.size and (start.min() < 0 or start.max() + n_steps > spikes.n_steps):

@@ -11,8 +11,12 @@ it: pools overlap where the stride is smaller than the kernel, and leave pixels 
 (`dse.recordings.pooling` states their places, with padding and crop). Counts stop at 255. Spike channel (p
 height + j) width + i of the pooled frame; p is 0 for OFF and 1 for ON where polarities are split, else 0. A
 recording without events has no bins; bins without events have no spikes.
+
+With `every_event` there is no counting: each event is a spike of every pool that holds its pixel, at its own
+time.
 """
 
+from dse.preprocessing.every_event import pool_events
 from dse.preprocessing.pins import count_pixels, pin_rectangle
 from dse.preprocessing.pools import END_OF_TIME_US, Pooling
 from dse.preprocessing.streaming import Survey, pool, survey, without_quiet
@@ -24,6 +28,7 @@ __all__ = [
     "count_pixels",
     "pin_rectangle",
     "pool",
+    "pool_events",
     "survey",
     "without_quiet",
 ]

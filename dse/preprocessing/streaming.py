@@ -59,7 +59,7 @@ def survey(
         duration_us = int(block.t_us[-1]) - from_us + 1
         if onset < 0:
             begin_us = from_us + pooling.start_us
-            low, high = _within(block.t_us, begin_us, from_us + pooling.end_us)
+            low, high = within(block.t_us, begin_us, from_us + pooling.end_us)
             onset, present, count = _onset(
                 block.t_us, block.x, block.y, low, high,
                 begin_us, pooling.bin_us, *pooling.crop, needed, present, count,
@@ -89,7 +89,7 @@ def pool(
     stop_us = min(t0_us + pooling.end_us, begin_us + n_bins * pooling.bin_us)
     present, filled = 0, 0
     for block in blocks if n_bins else ():
-        e, high = _within(block.t_us, begin_us, stop_us)
+        e, high = within(block.t_us, begin_us, stop_us)
         while e < high:
             e, present, filled = _take(
                 block.t_us, block.x, block.y, block.polarity, e, high, begin_us, pooling.bin_us,
@@ -125,7 +125,7 @@ def without_quiet(counts: Ints, channels: Ints, pooling: Pooling) -> tuple[Ints,
     return np.diff(until, prepend=0).astype(np.int64), channels[is_loud]
 
 
-def _within(t_us: Ints, begin_us: int, stop_us: int) -> tuple[int, int]:
+def within(t_us: Ints, begin_us: int, stop_us: int) -> tuple[int, int]:
     """Return first and last + 1 of the events with begin <= t < stop."""
     borders = np.array([min(begin_us, _LATEST), min(stop_us, _LATEST)], dtype=np.int64)
     low, high = np.searchsorted(t_us, borders)

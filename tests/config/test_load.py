@@ -418,3 +418,45 @@ def test_no_single_character_crashes_the_reader(tmp_path: Path) -> None:
         else:
             outcomes[True] += 1
     assert outcomes[False] > 100
+
+
+@pytest.mark.parametrize(
+    ("every_event", "model", "encoder", "refused"),
+    [
+        ("true", "{kind: snn}", "", ["snn"]),
+        ("true", "{choice: [snn, hots, threshold_lif]}", "", ["snn", "threshold_lif"]),
+        ("{choice: [false, true]}", "{kind: snn}", "", ["snn"]),
+        ("true", "{choice: [hots, knn, naive_bayes, mlp, elm]}", "", []),
+        ("true", "{kind: snn}", "encoder: {kind: receptors}", []),
+        ("false", "{kind: snn}", "", []),
+    ],
+)
+def test_every_event_is_for_models_that_take_events(
+    tmp_path: Path, every_event: str, model: str, encoder: str, refused: list[str]
+) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text(
+        f"""
+study: x
+data: {{kind: scene, scene: quickstart}}
+task: {{target: texture}}
+split: {{stratified: {{validation: 0.2}}}}
+preprocessing: {{bin_ms: 4, every_event: {every_event}}}
+{encoder}
+model: {model}
+objectives: [accuracy:max]
+search: {{sampler: tpe, n_trials: 2}}
+""",
+        encoding="utf-8",
+    )
+    if not refused:
+        load_space(path)
+        return
+    with pytest.raises(ConfigError) as caught:
+        load_space(path)
+    expected = [
+        f"preprocessing.every_event must be false for model {kind} without an encoder, which takes one spike "
+        "per channel and bin, got true"
+        for kind in refused
+    ]
+    assert [fault.message for fault in caught.value.faults] == expected

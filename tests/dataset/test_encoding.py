@@ -376,7 +376,7 @@ def test_signals_of_spikes_are_made_a_few_recordings_at_a_time(monkeypatch: pyte
     assert part.notes() == ["one was repaired"] and part.n_channels == n_channels
     tracemalloc.start()
     try:
-        found = sum(len(channels) for _, channels in part.rows(1))
+        found = sum(len(rows.channels) for rows in part.rows(1))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -15,8 +15,9 @@ from dse import preprocessing, registry
 from dse.config import ConfigError
 from dse.config.settings import Preprocessing
 from dse.dataset import cache, find, load, warnings
+from dse.dataset.encoding import as_signals
 from dse.dataset.files import read_meta, write_spikes
-from dse.dataset.parts import Part, in_order
+from dse.dataset.parts import Part, Rows, in_order
 from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 from dse.records import Array, Block
@@ -187,6 +188,40 @@ def recorded_bins(source: Any, design: Mapping[str, Any], i: int) -> int:
     return preprocessing.survey(source.blocks(i), found, 1).n_bins
 
 
+@pytest.mark.parametrize("file", ["scene", "files"])
+def test_every_event_is_stored_with_its_time(file: str):
+    Kind.there["scene"], Kind.there["files"] = Scene(), Recorded(16)
+    design = DESIGN | {
+        "data": {**DESIGN["data"], "file": file},
+        "preprocessing": {"bin_ms": 1, "pool": 2, "every_event": True},
+    }
+    data, _ = build(design, Path())
+    binned, _ = build(design | {"preprocessing": {"bin_ms": 1, "pool": 2}}, Path())
+    spikes = data.spikes
+    assert spikes.t_us is not None and spikes.t_us.dtype == np.int32
+    assert spikes.channel.shape == spikes.t_us.shape and len(spikes.channel) > len(binned.spikes.channel)
+    step = np.repeat(np.arange(len(spikes.row_offsets) - 1) % spikes.n_steps, np.diff(spikes.row_offsets))
+    assert np.array_equal(step, spikes.t_us // 1000), "within the step whose row holds it"
+    for i in range(16):
+        events, bins = window_of(data, i, 0, 12), window_of(binned, i, 0, 12)
+        assert [sorted(set(row)) for row in events] == bins
+
+
+def test_an_encoder_sees_how_many_events_there_are(encoders):  # noqa: F811
+    Kind.there["scene"] = Scene()
+    preprocessing = {"bin_ms": 1, "pool": 4, "polarity": "merge", "every_event": True}
+    bare, _ = build(DESIGN | {"preprocessing": preprocessing}, Path())
+    stored = bare.spikes
+    signals = as_signals(stored, np.arange(2), np.full(2, 12))
+    for i in range(2):
+        for t, channels in enumerate(window_of(bare, i, 0, 12)):
+            assert signals.values[12 * i + t].tolist() == np.bincount(channels, minlength=9).tolist()
+    assert signals.values.max() > 1
+    encoder = {"kind": "threshold", "matching": "none"}
+    encoded, _ = build(DESIGN | {"preprocessing": preprocessing, "encoder": encoder}, Path())
+    assert encoded.spikes.t_us is None, "what an encoder makes is binary"
+
+
 def test_a_window_from_the_contact_of_a_trial():
     Kind.there["scene"] = Scene()
     design = DESIGN | {"window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 10}}
@@ -287,8 +322,8 @@ def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, th
     n, n_spikes = 100, 100_000
     silent = np.zeros(n, np.int32)
 
-    def large(i: int) -> tuple[Array, Array]:
-        return np.full(100, n_spikes // 100), np.full(n_spikes, i, np.int32)
+    def large(i: int) -> Rows:
+        return Rows(np.full(100, n_spikes // 100), np.full(n_spikes, i, np.int32))
 
     part = Part(
         silent, silent, silent, 100, 100, in_a_row(n), 1.0, np.full(n, 100), None,

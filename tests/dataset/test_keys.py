@@ -91,6 +91,18 @@ def test_a_joint_target_is_another_data_set_of_the_same_spikes(folders):
     assert spikes_key(joint, folders / "a", USED) == spikes_key(DESIGN, folders / "a", USED)
 
 
+def test_keys_that_came_later_leave_the_names_of_older_data_sets(folders):
+    events = DESIGN | {"preprocessing": {"bin_ms": 1}, "encoder": {"kind": "receptors"}}
+    every = events | {"preprocessing": {"bin_ms": 1, "every_event": True}}
+    scaled = events | {"encoder": {"kind": "receptors", "full_scale": 2.0}}
+    for key in (dataset_key, lambda *args: spikes_key(*args, USED)):
+        assert len({key(design, folders / "a") for design in (events, every, scaled)}) == 3
+    # As it was named before there were such keys.
+    assert dataset_key(events, folders / "a") == (
+        "1d3049d8db6d2e0fa14bac8f51a4f0a68c525cd0e7e5da35b96f1ce1799512a7"
+    )
+
+
 def test_positions_belong_to_the_spikes(folders):
     placed = DESIGN | {"data": {**DESIGN["data"], "positions": [[0, 1]]}}
     assert spikes_key(placed, folders / "a", USED) != spikes_key(DESIGN, folders / "a", USED)

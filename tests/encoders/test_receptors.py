@@ -120,6 +120,14 @@ def test_the_range_is_learnt_from_windows_of_training_recordings():
     assert encoder.high == pytest.approx(tuple(high), rel=1e-6)
 
 
+def test_full_scale_divides_by_the_sensors_largest_value():
+    signals = one(np.array([[100.0, 0.0], [400.0, 0.0], [200.0, 0.0]]))
+    encoder = learnt(Receptors(full_scale=1000.0, gain_sa=50.0, gain_fa=0.0), signals, np.array([0]))
+    assert (encoder.low, encoder.high) == ((0.0, 0.0), (1000.0, 1000.0))
+    current = encoder.currents(signals.values.astype(np.float64), 10.0)
+    np.testing.assert_allclose(current[:, :2], [[5, 0], [20, 0], [10, 0]])
+
+
 def test_sparse_spikes_have_a_range():
     values = np.zeros((500, 2), np.float32)
     values[250, 0] = 1

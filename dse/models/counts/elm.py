@@ -24,9 +24,15 @@ saturates:
     tanh        g(z) = tanh(z)
 
 beta minimises |H beta - T|^2 + lambda |beta|^2 (T one-hot) by a singular value decomposition; lambda / s_1^2,
-s_1 being the largest singular value, is the one of RIDGES with the best accuracy on the validation rows, the
-largest on ties. Singular values below max(shape) eps s_1 count as 0, so that 0 is the pseudo-inverse of the
-source. A class without training samples is never answered.
+s_1 being the largest singular value, is the one of RIDGES with the most right answers, the largest on ties:
+
+    ridge_from validation    on the validation rows, as published
+    ridge_from training      on the training rows, each answered by the other four fifths of the training
+                             samples; a fifth holds consecutive samples of every class, because neighbours may
+                             overlap or come from one session
+
+Singular values below max(shape) eps s_1 count as 0, so that 0 is the pseudo-inverse of the source. A class
+without training samples is never answered.
 
 Rules of cost: W_t is W, b and beta; what is only multiplied by windows before the start is left out. Each is
 one multiply-accumulate; f is folded into W and b. Every input spike is one addition, to its window's count.
@@ -40,7 +46,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -51,6 +57,8 @@ from dse.registry import param, register
 
 RIDGES = (0.0, *(10.0 ** (x / 2) for x in range(-28, 3)))
 """lambda / s_1^2, rising."""
+FOLDS = 5
+"""Parts of the training samples in which the ridge is cross-validated."""
 THERMAL_MV = 25.85
 """U_T at 300 K."""
 
@@ -62,6 +70,8 @@ _NUMBERS = 1 << 22  # of a batch of rows
 @dataclass(frozen=True)
 class ELM:
     """Extreme learning machine on the spike counts of the last windows."""
+
+    takes_events: ClassVar[bool] = True
 
     hidden: int = param(128, low=1, doc="hidden neurons L")
     window_ms: float = param(100.0, low=0, low_open=True, unit="ms", doc="counting window T_w")
@@ -87,6 +97,13 @@ class ELM:
     counter_bits: int = param(14, low=1, high=24, doc="width of the counter of a hidden neuron (for counter)")
     partial: bool = param(
         False, doc="also train on delay lines that are not full yet, as in early predictions"
+    )
+    ridge_from: Literal["validation", "training"] = param(
+        "validation",
+        choices=("validation", "training"),
+        doc="samples whose accuracy chooses the ridge penalty: those of validation, as published, or those "
+        "of training, by cross-validation",
+        axis=False,
     )
     precision: Literal["float64", "float32"] = param(
         "float64",
@@ -123,7 +140,12 @@ class ELM:
             least, most = np.minimum(least, h.min(axis=0)), np.maximum(most, h.max(axis=0))
             n_rows += len(h)
         solutions, values = ridge_solutions(triangle, self.hidden, RIDGES)
-        chosen = self._best(dataset, weight, bias, solutions, classes)
+        if self.ridge_from == "training":
+            right = self._right_in_training(dataset, weight, bias, classes)
+        else:
+            samples = dataset.validation if dataset.validation.size else dataset.train
+            right = self._right(dataset, samples, weight, bias, solutions, classes)
+        chosen = int(len(right) - 1 - right[::-1].argmax())
         arrays = {
             "input_weight": weight,
             "bias": bias,
@@ -223,14 +245,33 @@ class ELM:
         full = 2.0**self.counter_bits
         return np.asarray(np.floor(full * np.clip(z, 0, 1)) / full)
 
-    def _best(self, dataset: Dataset, weight: Array, bias: Array, solutions: Array, classes: Array) -> int:
-        """Return the solution with most right answers on validation rows, the last on ties."""
-        samples = dataset.validation if dataset.validation.size else dataset.train
+    def _right_in_training(self, dataset: Dataset, weight: Array, bias: Array, classes: Array) -> Array:
+        """Return how many training rows the other folds answer right at each of RIDGES, (ridge,) int64."""
+        fold = consecutive_folds(dataset.target[dataset.train], FOLDS)
+        parts = [dataset.train[fold == k] for k in range(FOLDS)]
+        triangles = [np.zeros((0, self.hidden + len(classes)), self.precision) for _ in parts]
+        for k, part in enumerate(parts):
+            for x, target in self._training_rows(dataset, part):
+                one_hot = (target[:, None] == classes).astype(self.precision)
+                triangles[k] = reduced(triangles[k], self._hidden(x, weight, bias), one_hot)
+        right = np.zeros(len(RIDGES), np.int64)
+        for k, part in enumerate(parts):
+            others = np.concatenate([other for j, other in enumerate(triangles) if j != k])
+            if len(part) and len(others):
+                triangle = np.asarray(np.linalg.qr(others, mode="r"))
+                solutions, _ = ridge_solutions(triangle, self.hidden, RIDGES)
+                right += self._right(dataset, part, weight, bias, solutions, classes)
+        return right
+
+    def _right(
+        self, dataset: Dataset, samples: Array, weight: Array, bias: Array, solutions: Array, classes: Array
+    ) -> Array:
+        """Return how many rows of some samples each solution answers right, (solution,) int64."""
         right = np.zeros(len(solutions), np.int64)
         for x, target in self._training_rows(dataset, samples):
             h = self._hidden(x, weight, bias)
             right += [int((classes[(h @ beta).argmax(axis=1)] == target).sum()) for beta in solutions]
-        return int(len(right) - 1 - right[::-1].argmax())
+        return right
 
     def _edges(self, dataset: Dataset) -> Array:
         """Return the borders of the counting windows in steps, (window + 1,), the whole window last."""
@@ -263,6 +304,20 @@ def borders(n_steps: int, width: int) -> Array:
     """Return 0, ..., n_steps, `width` apart but for the first two, which may be nearer, (window + 1,)."""
     ends = np.arange(n_steps, 0, -width)[::-1]
     return np.concatenate([[0], ends]).astype(np.int64)
+
+
+def consecutive_folds(target: Array, n_folds: int) -> Array:
+    """Return the fold of every sample, (n,): each holds consecutive samples of every class.
+
+    Args:
+        target: (n,) classes.
+        n_folds: number of folds; one may be empty where samples are few.
+    """
+    fold = np.zeros(len(target), np.int64)
+    for c in np.unique(target):
+        members = np.flatnonzero(target == c)
+        fold[members] = np.arange(len(members)) * n_folds // len(members)
+    return fold
 
 
 def delay_line(counts: Array, lengths: Array, windows: int) -> Array:

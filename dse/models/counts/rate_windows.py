@@ -4,7 +4,8 @@
     Rep(n, w) = spikes of n in window w                                     (channels: each)
 
 A step belongs to the window in which it begins; the last window may be shorter and is counted as it is. What
-is counted are spikes, of which a channel has one per step: fast sensors need steps short enough for theirs.
+is counted are spikes, of which a channel has one per step unless `preprocessing.every_event` is true: every
+event counts then.
 Source: [Brayshaw et al., temporal and spatio-temporal domains in REFERENCES.md], Eq. (1).
 """
 
@@ -14,7 +15,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -108,6 +109,8 @@ class RateClassifier(ABC):
     Rules of cost: W_t and multiply-accumulates are the family's; every input spike is one addition, to the
     count of its window. Training sees the evaluated window of `dataset.train` and no crops.
     """
+
+    takes_events: ClassVar[bool] = True
 
     window_ms: float = param(100.0, low=0, low_open=True, unit="ms", doc="counting window (Delta T)")
     channels: Channels = param(  # noqa: RUF009

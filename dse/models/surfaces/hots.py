@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from dse.models.surfaces.time_surfaces import Field, Memory, Prepared, Stream, n
 from dse.models.training import Generators, Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
 from dse.registry import param, register
-
-READ_OUTS = 20
-"""Input lengths that are answered at most, evenly spaced; the last is the whole window."""
 
 
 @register("models", "hots")
@@ -30,8 +27,9 @@ class HOTS:
     radius and f are rounded, halves upwards, and at least 1. Fewer prototypes are learnt where fewer surfaces
     differ. A sample's histogram counts the prototypes of the last layer over its events so far; the nearest
     signature (Euclidean; the first of equally near ones) gives the class. Prototypes are learnt once, on the
-    whole training windows, and signatures for every input length. Spikes are events of the time of their
-    step, rounded to microseconds; those of one step come in the order of their channels.
+    whole training windows, and signatures for every input length. With `preprocessing.every_event` every
+    event has its own time; otherwise spikes are events of the time of their step, rounded to microseconds,
+    and those of one step come in the order of their channels.
 
     Cost: W_t is the numbers of all prototypes and of the signatures. An event costs, per layer,
     f + 1 multiply-accumulates for each number of its surface (distances, and the decay), and 1 addition for
@@ -40,6 +38,8 @@ class HOTS:
 
     Sources: Lagorce et al. 2017; Brayshaw et al., temporal and spatio-temporal domains, Eqs. (2)-(4).
     """
+
+    takes_events: ClassVar[bool] = True
 
     layers: int = param(1, low=1, high=3, doc="layers of prototypes")
     radius: int = param(2, low=1, unit="places", doc="radius rad_1 of the time surfaces of the first layer")
@@ -91,6 +91,9 @@ class HOTS:
         unit="ms",
         doc="how much earlier those events may be; not stated in the sources",
     )
+    read_outs: int = param(
+        20, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    )
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
         """Learn prototypes and signatures from `dataset.train`; answer on validation and, if any, on test.
@@ -103,7 +106,7 @@ class HOTS:
         began = time.perf_counter()
         inputs = _Inputs(dataset, _places(dataset.positions), self._near())
         samples = dataset.train
-        planes = [inputs.events(i)[1].plane for i in samples]
+        planes = [_small(inputs.events(i)[1].plane) for i in samples]
         prototypes: list[Array] = []
         for layer in range(self.layers):
             recordings = [partial(inputs.in_planes, i, p) for i, p in zip(samples, planes, strict=True)]
@@ -111,8 +114,8 @@ class HOTS:
             learnt = self._learnt(layer, recordings, [len(p) for p in planes], field, rngs)
             prototypes.append(learnt.astype(np.float32))
             memory, lookup = Memory(field), prepared(prototypes[-1])
-            planes = [_assigned(memory, recording(), lookup) for recording in recordings]
-        lengths, f = read_out_steps(dataset.n_steps), len(prototypes[-1])
+            planes = [_small(_assigned(memory, recording(), lookup)) for recording in recordings]
+        lengths, f = read_out_steps(dataset.n_steps, self.read_outs), len(prototypes[-1])
         counts = np.stack(
             [histograms(inputs.events(i)[0], p, lengths, f) for i, p in zip(samples, planes, strict=True)]
         )
@@ -140,7 +143,7 @@ class HOTS:
         n_channels, arrays = dataset.spikes.n_channels, fitted.arrays
         if n_channels != fitted.n_channels:
             raise ValueError(f"samples must have {fitted.n_channels} channels, got {n_channels}")
-        lengths = read_out_steps(dataset.n_steps)
+        lengths = read_out_steps(dataset.n_steps, self.read_outs)
         if len(lengths) != len(arrays["signatures"]):
             raise ValueError(
                 f"windows must have {len(arrays['signatures'])} input lengths, got {len(lengths)}"
@@ -230,9 +233,9 @@ class HOTS:
         return np.stack(means, axis=1).astype(np.float32), present
 
 
-def read_out_steps(n_steps: int) -> Array:
-    """Return the input lengths that are answered, in steps, rising; the last is the whole window."""
-    n = min(READ_OUTS, n_steps)
+def read_out_steps(n_steps: int, most: int) -> Array:
+    """Return the input lengths that are answered, in steps, rising to the whole: all, or `most` even ones."""
+    n = min(most, n_steps)
     return -(-np.arange(1, n + 1) * n_steps // n)
 
 
@@ -279,7 +282,7 @@ def _places(positions: Array) -> _Places:
 
 @dataclass(frozen=True)
 class _Inputs:
-    """The events of a data set's evaluated windows, in the order of steps and, within one, of channels."""
+    """The events of a data set's evaluated windows, in the order of the spikes (`dse.records.Spikes`)."""
 
     dataset: Dataset
     places: _Places
@@ -288,9 +291,8 @@ class _Inputs:
     def events(self, i: int) -> tuple[Array, Stream]:
         """Return the events of sample i that pass the filter, and their steps within the window."""
         step, channel = self.spikes(i)
-        t_us = np.rint(step * (1000 * self.dataset.spikes.step_ms)).astype(np.int64)
         x, y, plane, *_ = self.places
-        events = Stream(t_us, x[channel], y[channel], plane[channel])
+        events = Stream(self._times_us(i, step), x[channel], y[channel], plane[channel])
         if self.near is None:
             return step, events
         passed = neighbours(events, self.near.radius, self.near.span_us) >= self.near.n
@@ -302,10 +304,29 @@ class _Inputs:
 
     def spikes(self, i: int) -> tuple[Array, Array]:
         """Return step within the window and channel of all spikes of sample i."""
-        spikes, n_steps = self.dataset.spikes, self.dataset.n_steps
+        rows = self._rows(i)
+        step = np.repeat(np.arange(len(rows) - 1), np.diff(rows))
+        return step, self.dataset.spikes.channel[rows[0] : rows[-1]]
+
+    def _rows(self, i: int) -> Array:
+        """Return where the spikes of every step of sample i's window begin, and where the last ones end."""
+        spikes = self.dataset.spikes
         first = int(i) * spikes.n_steps + int(self.dataset.start[i])
-        rows = spikes.row_offsets[first : first + n_steps + 1]
-        return np.repeat(np.arange(n_steps), np.diff(rows)), spikes.channel[rows[0] : rows[-1]]
+        return spikes.row_offsets[first : first + self.dataset.n_steps + 1]
+
+    def _times_us(self, i: int, step: Array) -> Array:
+        """Return the times of sample i's spikes since the start of its window, int64."""
+        spikes, step_us = self.dataset.spikes, 1000 * self.dataset.spikes.step_ms
+        if spikes.t_us is None:
+            return np.rint(step * step_us).astype(np.int64)
+        rows = self._rows(i)
+        t_us = spikes.t_us[rows[0] : rows[-1]].astype(np.int64)
+        return np.asarray(t_us - round(int(self.dataset.start[i]) * step_us))
+
+
+def _small(planes: Array) -> Array:
+    """Return planes in the smallest type that holds them: those of all training events are in memory."""
+    return planes.astype(np.min_scalar_type(int(planes.max(initial=0))))
 
 
 def _assigned(memory: Memory, events: Stream, prototypes: Prepared) -> Array:

@@ -26,6 +26,8 @@ from dse.records import Array
 NEVER = np.iinfo(np.int64).min
 """Time of the last event where there was none."""
 
+_UNDERFLOW = 746.0  # exp(-746) is 0 in float64
+
 
 class Stream(NamedTuple):
     """Events of one recording, in order: t_us (n,) int64 that never falls; x, y, plane (n,) int32 >= 0."""
@@ -131,12 +133,14 @@ class Memory:
         reach_x, reach_y = field.reach
         shape = field.height + 2 * reach_y, field.width + 2 * reach_x, field.n_planes
         self.last_us = np.full(shape, NEVER, dtype=np.int64)  # the margin is never written
+        self.latest_us = np.full(shape[:2], NEVER, dtype=np.int64)  # of all planes
         self._index = np.empty(field.size, dtype=np.int64)
         self._value = np.empty(field.size)
 
     def forget(self) -> None:
         """Begin a recording: there was no event."""
         self.last_us.fill(NEVER)
+        self.latest_us.fill(NEVER)
 
     def surfaces(self, events: Stream, chosen: Array) -> Array:
         """Take in events; return the surfaces of some, (chosen, size) float64.
@@ -192,8 +196,8 @@ class Memory:
             places.append(numbers)
         return Stream(t_us, *places)
 
-    def _state(self) -> tuple[Array, int, int, float, Array, Array]:
-        return self.last_us, *self.field.reach, self.field.tau_us, self._index, self._value
+    def _state(self) -> tuple[Array, Array, int, int, float, Array, Array]:
+        return self.last_us, self.latest_us, *self.field.reach, self.field.tau_us, self._index, self._value
 
 
 def neighbours(events: Stream, radius: int, span_us: int) -> Array:
@@ -218,15 +222,20 @@ def _extent(places: Array) -> int:
 
 
 @compiled(_nrt=False)
-def _entries(t, x, y, last_us, reach_x, reach_y, tau_us, index, value):  # type: ignore[no-untyped-def]
+def _entries(t, x, y, last_us, latest_us, reach_x, reach_y, tau_us, index, value):  # type: ignore[no-untyped-def]
     """List the numbers of a surface that are not 0, in order; return how many."""
     n = 0
     place = 0
+    oldest = t - _UNDERFLOW * tau_us
+    n_planes = last_us.shape[2]
     for row in range(y, y + 2 * reach_y + 1):
         for column in range(x, x + 2 * reach_x + 1):
-            for p in range(last_us.shape[2]):
+            if latest_us[row, column] < oldest:  # most places and, of deep layers, most planes
+                place += n_planes
+                continue
+            for p in range(n_planes):
                 seen = last_us[row, column, p]
-                if seen != NEVER:
+                if seen != NEVER and seen >= oldest:
                     s = math.exp(-(t - seen) / tau_us)
                     if s > 0.0:
                         index[n] = place
@@ -237,12 +246,15 @@ def _entries(t, x, y, last_us, reach_x, reach_y, tau_us, index, value):  # type:
 
 
 @compiled(_nrt=False)
-def _surfaces(t_us, x, y, plane, chosen, last_us, reach_x, reach_y, tau_us, index, value, surfaces):  # type: ignore[no-untyped-def]
+def _surfaces(  # type: ignore[no-untyped-def]
+    t_us, x, y, plane, chosen, last_us, latest_us, reach_x, reach_y, tau_us, index, value, surfaces
+):
     row = 0
     for i in range(len(t_us)):
         last_us[y[i] + reach_y, x[i] + reach_x, plane[i]] = t_us[i]
+        latest_us[y[i] + reach_y, x[i] + reach_x] = t_us[i]
         if row < len(chosen) and chosen[row] == i:
-            n = _entries(t_us[i], x[i], y[i], last_us, reach_x, reach_y, tau_us, index, value)
+            n = _entries(t_us[i], x[i], y[i], last_us, latest_us, reach_x, reach_y, tau_us, index, value)
             for e in range(n):
                 surfaces[row, index[e]] = value[e]
             row += 1
@@ -267,21 +279,25 @@ def _closest(n, index, value, columns, half_squares, score):  # type: ignore[no-
 
 @compiled(_nrt=False)
 def _assign(  # type: ignore[no-untyped-def]
-    t_us, x, y, plane, last_us, reach_x, reach_y, tau_us, index, value, columns, half_squares, score, label
-):
+    t_us, x, y, plane, last_us, latest_us, reach_x, reach_y, tau_us, index, value, columns, half_squares,
+    score, label,
+):  # fmt: skip
     for i in range(len(t_us)):
         last_us[y[i] + reach_y, x[i] + reach_x, plane[i]] = t_us[i]
-        n = _entries(t_us[i], x[i], y[i], last_us, reach_x, reach_y, tau_us, index, value)
+        latest_us[y[i] + reach_y, x[i] + reach_x] = t_us[i]
+        n = _entries(t_us[i], x[i], y[i], last_us, latest_us, reach_x, reach_y, tau_us, index, value)
         label[i] = _closest(n, index, value, columns, half_squares, score)
 
 
 @compiled(_nrt=False)
 def _learn(  # type: ignore[no-untyped-def]
-    t_us, x, y, plane, last_us, reach_x, reach_y, tau_us, index, value, columns, half_squares, score, chosen
-):
+    t_us, x, y, plane, last_us, latest_us, reach_x, reach_y, tau_us, index, value, columns, half_squares,
+    score, chosen,
+):  # fmt: skip
     for i in range(len(t_us)):
         last_us[y[i] + reach_y, x[i] + reach_x, plane[i]] = t_us[i]
-        n = _entries(t_us[i], x[i], y[i], last_us, reach_x, reach_y, tau_us, index, value)
+        latest_us[y[i] + reach_y, x[i] + reach_x] = t_us[i]
+        n = _entries(t_us[i], x[i], y[i], last_us, latest_us, reach_x, reach_y, tau_us, index, value)
         k = _closest(n, index, value, columns, half_squares, score)
         dot = 0.0
         square = 0.0

@@ -12,7 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dse import registry, seeds
-from dse.models.counts.elm import ELM, RIDGES, borders, delay_line, reduced, ridge_solutions
+from dse.models.counts.elm import (
+    ELM,
+    RIDGES,
+    borders,
+    consecutive_folds,
+    delay_line,
+    reduced,
+    ridge_solutions,
+)
 from dse.models.training import Training
 from dse.records import Answers, Dataset, Outcome, Parameters, Spikes
 from tests.saved_data import in_a_row
@@ -209,6 +217,53 @@ def test_the_largest_ridge_wins_a_tie():
     # Every validation row is right from some ridge on down; the largest of those is taken.
     assert ridge > 0
     assert accuracy(fit(data, model).validation, data, data.validation)[-1] == 1.0
+
+
+def test_folds_are_consecutive_in_every_class():
+    target = np.array([1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 2])
+    assert consecutive_folds(target, 5).tolist() == [0, 0, 0, 1, 2, 1, 2, 3, 3, 4, 0]
+
+
+def test_a_ridge_from_training_depends_on_training_alone():
+    data = toy()
+    model = dataclasses.replace(SMALL, hidden=256, ridge_from="training")
+    found = fit(data, model)
+    no_validation = dataclasses.replace(data, validation=data.validation[:1])
+    again = fit(no_validation, model)
+    for name, array in found.network.arrays.items():
+        assert np.array_equal(array, again.network.arrays[name])
+    assert accuracy(found.test, data, data.test)[-1] >= 0.9
+
+
+def test_a_ridge_from_training_is_that_of_the_slow_definition():
+    rng = np.random.default_rng(5)
+    target = np.arange(60) % 3
+    share = np.where(np.arange(6) * 3 // 6 == target[:, None], 0.16, 0.1)  # hard: ridges differ
+    data = of(rng.random((60, 60, 6)) < share[:, None], target, 40)
+    model = dataclasses.replace(SMALL, windows=3, nonlinearity="tanh", ridge_from="training")
+    found = fit(data, model)
+    weight, bias = found.network.arrays["input_weight"], found.network.arrays["bias"]
+    counts = np.stack([np.add.reduceat(dense_of(data, i), np.arange(0, 60, 10)) for i in data.train])
+    h = np.tanh(delay_line(counts, np.array([3, 4, 5, 6]), 3) @ weight.T + bias)
+    fold, right = consecutive_folds(target[:40], 5), np.zeros(len(RIDGES), int)
+    for k in range(5):
+        t = np.repeat(np.eye(3)[target[:40][fold != k]], 4, axis=0)
+        u, s, v = np.linalg.svd(h[fold != k].reshape(-1, 64), full_matrices=False)
+        for r, ridge in enumerate(RIDGES):
+            beta = v.T @ ((s / (s**2 + ridge * s[0] ** 2))[:, None] * (u.T @ t))
+            label = (h[fold == k].reshape(-1, 64) @ beta).argmax(axis=1)
+            right[r] += (label == np.repeat(target[:40][fold == k], 4)).sum()
+    assert len(np.unique(right)) > 3
+    assert found.health["ridge"] == RIDGES[len(right) - 1 - right[::-1].argmax()]
+
+
+@pytest.mark.parametrize("n_train", [1, 2, 4])
+def test_a_ridge_from_few_training_samples(n_train):
+    data = toy(30)
+    few = dataclasses.replace(data, train=data.train[:n_train])
+    found = fit(few, dataclasses.replace(SMALL, ridge_from="training"))
+    assert np.isfinite(found.network.arrays["output_weight"]).all()
+    assert set(np.unique(found.validation.label)) <= set(data.target[few.train])
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dse import seeds
-from dse.models.surfaces.hots import HOTS, histograms, read_out_steps
+from dse.models.surfaces.hots import HOTS, _Inputs, _places, histograms, read_out_steps
 from dse.models.surfaces.time_surfaces import Field, Stream, nearest, surface
 from dse.models.training import Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters, Spikes
@@ -109,7 +109,7 @@ def test_two_layers_answer_as_the_definition_does() -> None:
     settings = HOTS(layers=2, radius=1, radius_factor=2.6, prototypes=3, prototypes_factor=1.5, tau_ms=7.0)
     outcome = settings.fit(data, Training(), rngs())
     arrays, said = parameters(outcome).arrays, answers(outcome)
-    lengths = read_out_steps(22)
+    lengths = read_out_steps(22, 20)
     x, y = (POSITIONS[:, :2] - POSITIONS[:, :2].min(axis=0)).T
     for row, i in enumerate(data.validation):
         first = i * 25 + 3
@@ -167,10 +167,72 @@ def test_costs_by_hand() -> None:
 
 
 def test_input_lengths_are_even_and_the_last_is_the_window() -> None:
-    assert read_out_steps(40).tolist() == list(range(2, 41, 2))
-    assert read_out_steps(3).tolist() == [1, 2, 3]
-    assert read_out_steps(1).tolist() == [1]
-    assert read_out_steps(250)[[0, -1]].tolist() == [13, 250]
+    assert read_out_steps(40, 20).tolist() == list(range(2, 41, 2))
+    assert read_out_steps(3, 20).tolist() == [1, 2, 3]
+    assert read_out_steps(1, 20).tolist() == [1]
+    assert read_out_steps(250, 20)[[0, -1]].tolist() == [13, 250]
+    assert read_out_steps(5000, 50).tolist() == list(range(100, 5001, 100))
+
+
+def test_fewer_read_outs_are_some_of_the_many() -> None:
+    data = waves()
+    many, few = (answers(fit(data, read_outs=n)) for n in (20, 10))
+    assert few.time_ms.tolist() == many.time_ms[1::2].tolist()
+    np.testing.assert_array_equal(few.label, many.label[:, 1::2])
+
+
+def with_times(data: Dataset, t_us: Array) -> Dataset:
+    """Return the same spikes at times of their own within their steps of 5 ms."""
+    return dataclasses.replace(data, spikes=dataclasses.replace(data.spikes, t_us=t_us.astype(np.int32)))
+
+
+def step_of(data: Dataset) -> Array:
+    return np.repeat(
+        np.arange(len(data.spikes.row_offsets) - 1) % data.spikes.n_steps, np.diff(data.spikes.row_offsets)
+    )
+
+
+@pytest.mark.parametrize("clustering", ["kmeans", "online"])
+def test_events_at_the_starts_of_their_steps_are_the_binned_spikes(clustering: str) -> None:
+    data = waves(start=3)
+    settings = {"clustering": clustering, "filter_radius": 3, "filter_neighbours": 2, "filter_ms": 10.0}
+    binned, timed = fit(data, **settings), fit(with_times(data, 5000 * step_of(data)), **settings)
+    for name, x in parameters(binned).arrays.items():
+        np.testing.assert_array_equal(x, parameters(timed).arrays[name])
+    np.testing.assert_array_equal(answers(binned).label, answers(timed).label)
+
+
+def test_microseconds_tell_apart_what_bins_do_not() -> None:
+    """In every step two neighbours fire, 40 us apart: which of them comes first is the class."""
+    n, n_steps = 24, 30
+    target = np.arange(n) // 2 % 2
+    raster = np.zeros((n, n_steps, 22), dtype=bool)
+    raster[:, :, :2] = True
+    data = dataset(raster, target)
+    spikes = data.spikes
+    order = np.stack([[0, 1] if c == 0 else [1, 0] for c in target]).repeat(n_steps, axis=0).ravel()
+    channel = order.astype(np.int32)
+    timed = with_times(data, 5000 * step_of(data) + np.tile([1000, 1040], n * n_steps))
+    timed = dataclasses.replace(timed, spikes=dataclasses.replace(timed.spikes, channel=channel))
+    settings = {"tau_ms": 0.02, "prototypes": 4, "radius": 1}
+    # The first event of a step sees nobody; the second sees its neighbour at exp(-40 / 20).
+    surfaces = parameters(fit(timed, **settings)).arrays["prototypes_1"]
+    assert np.isclose(surfaces, np.exp(-2), rtol=1e-6).any(axis=1).sum() == 2
+    assert accuracy(fit(timed, **settings), timed)[-1] == 1.0
+    assert spikes.t_us is None and accuracy(fit(data, **settings), data)[-1] == 0.5
+    # 40 us are within a filter of 40 us and not within one of 39: only second events pass, or none.
+    for span_ms, passed in ((0.04, 0.5), (0.039, 0.0)):
+        health = fit(timed, filter_radius=1, filter_neighbours=1, filter_ms=span_ms, **settings).health
+        assert health["hots_events_kept"] == passed
+
+
+def test_times_count_from_the_start_of_the_window() -> None:
+    data = waves(start=3)
+    timed = with_times(data, 5000 * step_of(data) + 7)
+    inputs = _Inputs(timed, _places(POSITIONS), None)
+    step, events = inputs.events(4)
+    np.testing.assert_array_equal(events.t_us, 5000 * step + 7)
+    assert step[0] >= 0 and step[-1] < 57
 
 
 def test_histograms_count_what_came_within_each_length() -> None:
