@@ -315,6 +315,9 @@ class Training:
     dropout: float = param(
         0.1, low=0, high=1, high_open=True, doc="fraction of hidden neurons silenced per sample"
     )
+    input_dropout: float = param(
+        0.0, low=0, high=1, high_open=True, doc="fraction of input channels silenced per sample"
+    )
     clip_norm: float | None = param(
         None,
         low=0,

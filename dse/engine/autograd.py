@@ -188,16 +188,15 @@ def run(
         shift: whether layers hand their spikes on one step later.
     """
     y, fired = None, []
-    for depth, ((weight, ring), population, calculus, gain) in enumerate(
-        zip(matrices, populations, calculi, gains, strict=True)
-    ):
+    for (weight, ring), population, calculus, gain in zip(matrices, populations, calculi, gains, strict=True):
         if y is None:
             drive = first_drive(rows, samples, weight)
+            if gain is not None:
+                drive = drive * torch.as_tensor(gain[samples], dtype=drive.dtype, device=drive.device)
         else:
             if gain is not None:
                 y = y * torch.as_tensor(gain[samples], dtype=y.dtype, device=y.device)
             drive = y @ weight
-        assert depth or gain is None, "input spikes are counted, never scaled"
         spikes = layer_spikes(drive, population, calculus, ring)
         fired.append(float(spikes.detach().sum()))
         y = later(spikes) if shift else spikes

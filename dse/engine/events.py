@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Array, Spikes
+from dse.records import Array, Bools, Spikes
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,30 @@ def gather(
     if index.size:
         _gather(*arguments, n_steps, lags, steps_per_sample, offsets, index)
     return Rows(offsets, index, samples.size, n_steps * steps_per_sample, spikes.n_channels * len(delays))
+
+
+@compiled()
+def _without(
+    offsets: Array, index: Array, n_steps: int, silenced: Array, left_offsets: Array, left_index: Array
+) -> int:
+    """Fill the offsets and the index with what is not silenced; return the number of spikes."""
+    position, n_channels = 0, silenced.shape[1]
+    left_offsets[0] = 0
+    for row in range(offsets.size - 1):
+        of_sample = silenced[row // n_steps]
+        for e in range(offsets[row], offsets[row + 1]):
+            if not of_sample[index[e] % n_channels]:
+                left_index[position] = index[e]
+                position += 1
+        left_offsets[row + 1] = position
+    return position
+
+
+def without(rows: Rows, silenced: Bools) -> Rows:
+    """Return rows without the spikes of silenced channels, (sample, channel), and of their delayed copies."""
+    offsets, index = np.empty_like(rows.offsets), np.empty_like(rows.index)
+    n_left = _without(rows.offsets, rows.index, rows.n_steps, silenced, offsets, index)
+    return Rows(offsets, index[:n_left], rows.n_samples, rows.n_steps, rows.n_inputs)
 
 
 def delayed(fired: Rows) -> Rows:

@@ -61,7 +61,8 @@ class Turn:
 
     learning_rate: Adam's step size in each layer's units.
     gains: per layer, (sample, input) float32 factors of its inputs' spikes, or None. Within a layer they
-        are 0 or one common value (dropout). The first layer has None.
+        are 0 or one common value (dropout). Those of the first layer are (sample, 1): its rows lack what is
+        silenced.
     """
 
     learning_rate: float

@@ -25,7 +25,7 @@ from dse.scene.scene import Scene
 if TYPE_CHECKING:
     from dse.preprocessing import Pooling
 
-COLUMNS = ("texture", "profile", "speed_mm_s", "force_n", "repetition")
+COLUMNS = ("texture", "profile", "speed_mm_s", "force_n", "randomised_force", "repetition")
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ class Trials:
     """The trials of a scene as recordings; recording i is trial i.
 
     columns: texture (name), profile (label of the motion), speed_mm_s (its highest speed, before the trial's
-        own gain), force_n (mean force of the cell, before the trial's own deviation), repetition (from 0).
+        own gain), force_n (mean force of the cell, before the trial's own deviation), randomised_force (1 if
+        every trial draws its force, else 0), repetition (from 0).
     """
 
     scene: Scene
@@ -60,6 +61,8 @@ class Trials:
     @functools.cached_property
     def columns(self) -> Mapping[str, Array]:
         """Label columns, each (n,)."""
+        from dse.scene.trial import mean_force
+
         scene = self.scene
         cells = np.array([scene.cell(k) for k in range(scene.n_trials)], dtype=np.int64)
         texture, motion, force, repetition = cells.T
@@ -67,7 +70,8 @@ class Trials:
             np.array([x.name for x in scene.textures])[texture],
             np.array([x.label for x in scene.motions])[motion],
             np.array([x.peak_mm_s for x in scene.motions])[motion],
-            np.array(scene.forces_n)[force],
+            np.array([mean_force(scene, k) for k in range(scene.n_trials)]),
+            (force == len(scene.forces_n)).astype(np.int64),
             repetition,
         )
         return dict(zip(COLUMNS, values, strict=True))
@@ -104,7 +108,10 @@ class Trials:
 @register("recordings", "scene")
 @dataclass(frozen=True)
 class SceneTrials:
-    """Trials of a simulated scene; label columns texture, profile, speed_mm_s, force_n and repetition."""
+    """Trials of a simulated scene.
+
+    Label columns: texture, profile, speed_mm_s, force_n, randomised_force, repetition.
+    """
 
     scene: str = param(
         doc="a scene file (an absolute path, or relative to the YAML file), or the name of a shipped scene",
@@ -181,6 +188,8 @@ class SceneTrials:
 
         scene = self.resolved(base)
         numbers = dataclasses.asdict(dataclasses.replace(scene, name=""))
+        if scene.randomised_force_n is None:
+            del numbers["randomised_force_n"]
         kinds = [type(motion).__name__ for motion in scene.motions]
         text = json.dumps([simulate.VERSION, kinds, numbers], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

@@ -48,6 +48,14 @@ class SceneFile:
         axis=False,
     )
     forces_n: tuple[float, ...] = param((1.51,), doc="mean normal forces of the touches", unit="N", low=0)
+    randomised_force_n: tuple[float, float] | None = param(
+        None,
+        doc="one more force, drawn anew in every trial, evenly between these two; column randomised_force "
+        "is 1 in its trials",
+        unit="N",
+        low=0,
+        axis=False,
+    )
     trials: int = param(1, doc="trials of each texture, motion and force", low=1, axis=False)
     duration_ms: float = param(1000.0, doc="duration of a trial", unit="ms", low=0, low_open=True, axis=False)
     seed: int = param(0, doc="seed of all random numbers of the scene", low=0, axis=False)
@@ -117,6 +125,10 @@ def _scene(document: Document, faults: list[Fault]) -> Scene | None:
     forces = keys.get("forces_n", ())
     forces = cast("tuple[float, ...]", forces.values or ()) if isinstance(forces, Axis) else forces
     _no_twins([(f"{force:g} N", ("forces_n", i)) for i, force in enumerate(forces)], report)
+    randomised = keys.get("randomised_force_n")
+    if randomised is not None and randomised[0] > randomised[1]:
+        text = f"randomised_force_n must be in increasing order, got [{randomised[0]:g}, {randomised[1]:g}]"
+        report(("randomised_force_n",), text)
     if variation is not None:
         _report_all(checks.variation_faults(variation), ("variation",), report)
     if sensor is not None and method is not None:
@@ -128,7 +140,7 @@ def _scene(document: Document, faults: list[Fault]) -> Scene | None:
         name=keys["scene"], seed=keys["seed"], sensor=sensor, camera=camera,
         textures=tuple(texture for texture, _ in textures), motions=tuple(motion for motion, _ in motions),
         forces_n=tuple(float(force) for force in forces), trials=keys["trials"],
-        duration_ms=keys["duration_ms"], variation=variation, method=method,
+        duration_ms=keys["duration_ms"], variation=variation, method=method, randomised_force_n=randomised,
     )  # fmt: skip
 
 

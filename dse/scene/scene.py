@@ -173,9 +173,10 @@ class Method:
 class Scene:
     """Trials of every texture, motion and force.
 
-    Trial k = ((texture * n_motions + motion) * n_forces + force) * trials + repetition. What happens in a
-    trial follows from the scene's seed and from the names of its own texture and motion, its force and its
-    repetition: never from what else is in the scene.
+    Trial k = ((texture * n_motions + motion) * n_forces + force) * trials + repetition. A range of randomised
+    forces is the last force: each of its trials draws its own. What happens in a trial follows from the
+    scene's seed and from the names of its own texture and motion, its force and its repetition: never from
+    what else is in the scene.
     """
 
     name: str
@@ -189,10 +190,15 @@ class Scene:
     duration_ms: float
     variation: Variation
     method: Method
+    randomised_force_n: tuple[float, float] | None = None
+
+    @property
+    def n_forces(self) -> int:
+        return len(self.forces_n) + (self.randomised_force_n is not None)
 
     @property
     def n_trials(self) -> int:
-        return len(self.textures) * len(self.motions) * len(self.forces_n) * self.trials
+        return len(self.textures) * len(self.motions) * self.n_forces * self.trials
 
     def cell(self, k: int) -> tuple[int, int, int, int]:
         """Return texture, motion, force and repetition of trial k.
@@ -203,6 +209,6 @@ class Scene:
         if not 0 <= k < self.n_trials:
             raise IndexError(f"trial must be in [0, {self.n_trials}), got {k}")
         k, repetition = divmod(k, self.trials)
-        k, force = divmod(k, len(self.forces_n))
+        k, force = divmod(k, self.n_forces)
         texture, motion = divmod(k, len(self.motions))
         return texture, motion, force, repetition

@@ -60,8 +60,8 @@ def trial(scene: Scene, k: int) -> Trial:
     rng = generator(scene, k, "trial")
     normal = rng.standard_normal(8)
     x0, y0, hz, phase = rng.uniform(-1, 1, 4)
-    force = scene.forces_n[force_index]
-    if force > 0:
+    force = mean_force(scene, k)
+    if force > 0 and force_index < len(scene.forces_n):
         bound = variation.force_bound_n
         force = max(0.0, force + float(np.clip(normal[0] * variation.force_n, -bound, bound)))
     friction = float(np.exp(normal[1] * variation.friction))
@@ -94,13 +94,21 @@ def trial(scene: Scene, k: int) -> Trial:
     )  # fmt: skip
 
 
+def mean_force(scene: Scene, k: int) -> float:
+    """Return the force of trial k in N, before its deviation; a randomised force has none."""
+    force = scene.cell(k)[2]
+    if scene.randomised_force_n is None or force < len(scene.forces_n):
+        return scene.forces_n[force]
+    return float(generator(scene, k, "force").uniform(*scene.randomised_force_n))
+
+
 def generator(scene: Scene, k: int, purpose: str) -> np.random.Generator:
     """Return the random generator of one purpose of trial k."""
     texture, motion, force, repetition = scene.cell(k)
     cell = {
         "texture": scene.textures[texture].name,
         "motion": scene.motions[motion].label,
-        "force_n": scene.forces_n[force],
+        "force_n": scene.forces_n[force] if force < len(scene.forces_n) else "randomised",
     }
     return seeds.generator(scene.seed, cell, purpose, repetition)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
-from dse.engine.events import delayed, dense, gather
+from dse.engine.events import delayed, dense, gather, without
 from dse.records import Spikes
 
 
@@ -50,3 +50,13 @@ def test_delayed_spikes_lose_the_last_step_of_each_sample() -> None:
     expected = np.zeros_like(x)
     expected[:, 1:] = x[:, :-1]
     np.testing.assert_array_equal(dense(delayed(rows_of(x))), expected)
+
+
+def test_a_silenced_channel_sends_nothing_and_neither_do_its_delayed_copies() -> None:
+    rng = np.random.default_rng(3)
+    x = (rng.random((3, 7, 5)) < 0.5).astype(np.uint8)
+    silenced = rng.random((3, 5)) < 0.4
+    rows = gather(stored(x), np.arange(3), np.zeros(3, int), 7, (0, 2))
+    left = gather(stored(x * ~silenced[:, None]), np.arange(3), np.zeros(3, int), 7, (0, 2))
+    np.testing.assert_array_equal(dense(without(rows, silenced)), dense(left))
+    assert without(rows, np.ones((3, 5), bool)).index.size == 0

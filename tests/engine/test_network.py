@@ -115,7 +115,7 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
     x = (rng.random((4, 25, 12)) < 0.25).astype(np.uint8)
     labels = np.array([0, 3, 1, 1])
     layers = small_layers(rng, recurrent)
-    gains = [None, 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
+    gains = [np.full((4, 1), 1.25, np.float32), 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
     surrogates = [exponential(80 / 64, 0.03, 3.0), exponential(80 / 64, 0.1, 3.0)]
     found = gradients(
         rows_of(x),
@@ -169,7 +169,8 @@ def test_gradients_of_a_deep_wide_stack_agree_with_automatic_differentiation() -
         )
         for shape in pairwise(sizes)
     ]
-    gains = [None, *(2 * (rng.random((5, n)) < 0.5).astype(np.float32) for n in sizes[1:3])]
+    of_hidden = [2 * (rng.random((5, n)) < 0.5).astype(np.float32) for n in sizes[1:3]]
+    gains = [np.full((5, 1), 1.25, np.float32), *of_hidden]
     labels, surrogates = rng.integers(0, 18, 5), [exponential(120 / 64, 0.03, 3.0)] * 3
     found = gradients(rows_of(x), layers, surrogates, labels, true_rate=0.6, false_rate=0.05, gains=gains)
     loss, expected, _ = by_autograd(

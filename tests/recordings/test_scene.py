@@ -17,6 +17,7 @@ from dse.recordings.scene import COLUMNS, SceneTrials, Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
 from dse.scene.scene import Scene
+from dse.scene.trial import trial
 
 TINY = """\
 scene: tiny
@@ -76,6 +77,28 @@ def test_a_scene_is_read_again_only_where_its_file_has_changed(
     assert len(read) == 2
 
 
+def test_randomised_forces_are_one_more_cell_and_change_no_other_trial(base: Path) -> None:
+    (base / "random.yaml").write_text(TINY + "randomised_force_n: [0.8, 1.2]\n", encoding="utf-8")
+    trials, fixed = SceneTrials("random.yaml").read(base), read(base)
+    assert trials.n_recordings == 3 * 2 * 3 * 2
+    randomised = trials.columns["randomised_force"] == 1
+    assert randomised.sum() == 3 * 2 * 2
+    forces = trials.columns["force_n"][randomised]
+    assert len(set(forces)) == len(forces)
+    assert ((forces >= 0.8) & (forces <= 1.2)).all()
+    for k, same in zip(np.flatnonzero(~randomised), range(N), strict=True):
+        ours, theirs = trial(trials.scene, int(k)), trial(fixed.scene, same)
+        assert (ours.key, ours.force_n) == (theirs.key, theirs.force_n)
+    assert all(trial(trials.scene, int(k)).force_n in forces for k in np.flatnonzero(randomised))
+    assert SceneTrials("random.yaml").content(base) != SceneTrials("tiny.yaml").content(base)
+
+
+def test_a_range_of_forces_must_rise(base: Path) -> None:
+    (base / "falls.yaml").write_text(TINY + "randomised_force_n: [1.2, 0.8]\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"falls.yaml:10: randomised_force_n must be in increasing order"):
+        load_scene(base / "falls.yaml")
+
+
 def test_columns_in_the_order_of_trials(base: Path) -> None:
     trials = read(base)
     assert tuple(trials.columns) == COLUMNS == tuple(SceneTrials("tiny.yaml").columns)
@@ -87,7 +110,7 @@ def test_columns_in_the_order_of_trials(base: Path) -> None:
         found = tuple(values[k] for values in trials.columns.values())
         assert found == (
             *(("denim", "foam", "wool")[texture], ("constant_20", "constant_40")[motion], (20, 40)[motion]),
-            *((1, 1.5)[force], repetition),
+            *((1, 1.5)[force], 0, repetition),
         )
 
 

@@ -232,11 +232,12 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
     from dse.dashboard.trial import write_trial_page
     from dse.figures.trial import gather_trial
     from dse.scene import simulate
+    from dse.scene.trial import mean_force
 
-    texture, motion, force, repetition = scene.cell(k)
+    texture, motion, _, repetition = scene.cell(k)
     name = (
         f"{scene.name}, trial {k}: {scene.textures[texture].name}, {scene.motions[motion].label}, "
-        f"{scene.forces_n[force]:g} N, repetition {repetition}"
+        f"{mean_force(scene, k):.3g} N, repetition {repetition}"
     )
     # The step of the physics: at a coarser one, slips and events would not coincide.
     paths = simulate.pin_paths(scene, k, scene.method.friction_step_ms)

@@ -84,11 +84,9 @@ class WideEngine:
         """Train the members named in `turns` on a batch; the others do not move.
 
         Raises:
-            ValueError: the batch has other inputs than the members, or a first layer has gains.
+            ValueError: the batch has other inputs than the members.
         """
         check_inputs(rows, self._n_inputs)
-        if any(turn.gains[0] is not None for turn in turns.values()):
-            raise ValueError("gains of the first layer must be None, got an array")
         of_slab: list[dict[int, Turn]] = [{} for _ in self._slabs]
         for number, turn in turns.items():
             slab, place = self._place[number]

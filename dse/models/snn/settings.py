@@ -100,4 +100,7 @@ class Stack:
 
     def shares(self, training: Training) -> tuple[Hashable, ...]:
         """Return what designs must have in common to train on the same batches."""
-        return self.has_kernel, self.input_delays, self.steps_per_sample, training.batch_size
+        return (
+            *(self.has_kernel, self.input_delays, self.steps_per_sample),
+            *(training.batch_size, training.input_dropout),
+        )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dse.engine import engines
-from dse.engine.events import Rows, gather
+from dse.engine.events import Rows, gather, without
 from dse.measure.heads import head_sizes, output_labels
 from dse.models.snn import prune
 from dse.models.snn.respond import respond_and_count
@@ -44,7 +44,7 @@ def train(
     Args:
         dataset: spikes, windows, split.
         designs: they agree in what `Stack.shares` returns.
-        shared: random generators of what the designs share ('batches', 'crops', 'probe').
+        shared: random generators of what the designs share ('batches', 'crops', 'input dropout', 'probe').
         device: 'cpu' or 'cuda'.
         threads: of the CPU, over the samples of a batch.
 
@@ -56,8 +56,8 @@ def train(
         raise ValueError("training needs at least one training sample, got none")
     if len({design.model.shares(design.training) for design in designs}) != 1:
         raise ValueError(
-            "the designs of a cohort must agree in input_delays, steps_per_sample and batch_size, "
-            "and in whether their neurons have a kernel"
+            "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size and "
+            "input_dropout, and in whether their neurons have a kernel"
         )
     model, training = designs[0].model, designs[0].training
     n_steps = dataset.n_steps * model.steps_per_sample
@@ -75,7 +75,7 @@ def train(
         trainees[-1].seconds += clock.lap()
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
-    batches, crops = shared("batches"), shared("crops")
+    batches, crops, silenced = shared("batches"), shared("crops"), shared("input dropout")
     n_batches = -(-dataset.train.size // training.batch_size)
     live, epoch = trainees, 0
     while live:
@@ -89,7 +89,11 @@ def train(
             part = slice(batch * training.batch_size, (batch + 1) * training.batch_size)
             turns = {x.number: x.turn(epoch + batch / n_batches, order[part].size) for x in live}
             labels = output_labels(dataset, order[part])
-            reports = engine.step(rows_of(order[part], starts[part]), labels, turns)
+            rows = rows_of(order[part], starts[part])
+            if training.input_dropout:
+                shape = rows.n_samples, dataset.spikes.n_channels
+                rows = without(rows, silenced.random(shape) < training.input_dropout)
+            reports = engine.step(rows, labels, turns)
             lap = clock.lap()
             for trainee in live:
                 trainee.absorb(reports[trainee.number], len(labels), epoch)

@@ -104,10 +104,15 @@ class Trainee:
         return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
 
     def turn(self, epoch: float, n_samples: int) -> Turn:
-        """Return the learning rate and the dropout of the next batch: whole hidden neurons per sample."""
+        """Return the learning rate and the dropout of the next batch: whole neurons per sample.
+
+        Inputs are silenced in the rows, for a whole cohort; the gain here is that of those that are left.
+        """
         self.learning_rate = self.training.rate(epoch)
-        share = self.training.dropout
-        gains: list[Floats | None] = [None]
+        share, of_inputs = self.training.dropout, self.training.input_dropout
+        gains: list[Floats | None] = [
+            np.full((n_samples, 1), 1 / (1 - of_inputs), np.float32) if of_inputs else None
+        ]
         for size in self.model.hidden:
             kept = self.silenced.random((n_samples, size)) >= share if share else None
             gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))

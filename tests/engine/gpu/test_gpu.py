@@ -87,10 +87,11 @@ def member(
 
 
 def gains_of(of: Member, n: int, seed: int) -> tuple[np.ndarray | None, ...]:
-    """Return dropout of half of the hidden neurons, twice as strong where they are kept."""
+    """Return dropout of half of the hidden neurons, twice as strong where they are kept, and of inputs."""
     rng = np.random.default_rng(seed)
     hidden = [x.feed_forward.shape[1] for x in of.layers[:-1]]
-    return (None, *((rng.random((n, h)) < 0.5).astype(np.float32) * np.float32(2) for h in hidden))
+    of_inputs = np.full((n, 1), 1.25, np.float32)
+    return (of_inputs, *((rng.random((n, h)) < 0.5).astype(np.float32) * np.float32(2) for h in hidden))
 
 
 MEMBERS = (
@@ -488,8 +489,6 @@ def test_what_does_not_fit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     cohort = engine.start(MEMBERS[:1], N, T)
     with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer has 12"):
         cohort.step(rows_of(np.ones((N, T, 5))), LABELS, turns_of(MEMBERS[:1]))
-    with pytest.raises(ValueError, match=r"gains of the first layer must be None"):
-        cohort.step(rows_of(X), LABELS, {0: Turn(0.1, (np.ones((N, INPUTS), np.float32), None))})
     monkeypatch.setattr(engine, "missing", lambda device: f"needs what {device} lacks")
     with pytest.raises(engine.DeviceUnavailable, match=r"device 'cuda' needs what cuda lacks"):
         engine.start(MEMBERS[:1], N, T)

@@ -77,6 +77,15 @@ def test_a_result_is_bitwise_the_same_alone_and_in_any_cohort() -> None:
     assert_same(settled(pair[1]), settled(whole[1]))
 
 
+def test_silenced_inputs_are_the_same_alone_and_in_a_cohort_and_train_another_network() -> None:
+    designs = [(model, dataclasses.replace(t, input_dropout=0.3)) for model, t in MIXED[:2]]
+    whole = together(toy(), designs)
+    for number, design in enumerate(designs):
+        assert_same(settled(whole[number]), settled(alone(toy(), design, number)))
+    with_all = settled(alone(toy(), MIXED[0], 0))
+    assert (settled(whole[0]).network.layers[0].weight != with_all.network.layers[0].weight).any()
+
+
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
 def test_a_design_that_diverges_ends_and_leaves_its_neighbours_untouched(arithmetic: Any) -> None:
     data = toy()
@@ -94,7 +103,7 @@ def test_designs_are_yielded_as_they_finish() -> None:
 
 
 def test_designs_of_other_batches_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"must agree in input_delays, steps_per_sample and batch_size"):
+    with pytest.raises(ValueError, match=r"must agree in input_delays, .*, batch_size and input_dropout"):
         together(toy(), [MIXED[0], (SNN(), base(batch_size=3))])
 
 
