@@ -251,7 +251,6 @@ def leak(
             remedy = f"split.{drawn}.group: {ORIGINAL}" if drawn else f"a split by column '{ORIGINAL}'"
             return (
                 f"windows with common steps of one recording are in {one} and in {other} ({near.sum()} of "
-                "the "
-                f"{len(queried)} in {other}), which can be answered from memory; {remedy} prevents this"
+                f"the {len(queried)} in {other}), which can be answered from memory; {remedy} prevents this"
             )
     return ""

@@ -63,8 +63,7 @@ class Table:
         for name in self.channels:
             if name in (self.recording, self.time_ms, *self.columns.values()):
                 raise RecordingError(
-                    f"data.channels must be sensor channels only, got '{name}', which is a label column "
-                    "column"
+                    f"data.channels must be sensor channels only, got '{name}', which is a label column"
                 )
 
     def check(self, base: Path) -> list[str]:
