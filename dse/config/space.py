@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
 from dse.config.sections import SECTIONS
 from dse.config.settings import ExecutionSettings, Precision, Split
-from dse.config.values import Values, echo, plain
+from dse.config.values import Values, as_tuple, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
 
@@ -138,7 +138,7 @@ class SearchSpace:
             raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")
         varied: dict[str, Values] = {}
         for name, axis in axes.items():
-            value = _as_tuple(design[name])
+            value = as_tuple(design[name])  # lists in a design that went through JSON
             if not axis.contains(value):
                 text = f"must be on its axis {axis.to_plain()}, got {echo(value)}"
                 raise ValueError(f"design: {name} {text}")
@@ -180,8 +180,3 @@ class SearchSpace:
     def to_yaml(self) -> str:
         """Return the fully resolved file; reading it gives the same search space."""
         return dump(self.to_plain())
-
-
-def _as_tuple(value: Raw) -> Any:
-    """Return lists as tuples: a design that went through JSON is the same design."""
-    return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value

@@ -342,13 +342,13 @@ def _hints(cls: type) -> dict[str, Hint]:
 
 def _default(field: dataclasses.Field[Any]) -> Callable[[], Any] | None:
     if field.default is not dataclasses.MISSING:
-        return lambda: _as_tuple(field.default)
+        return lambda: as_tuple(field.default)
     return None if field.default_factory is dataclasses.MISSING else field.default_factory
 
 
-def _as_tuple(value: Raw) -> Any:
-    """Return a list as a tuple, as `read` does."""
-    return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value
+def as_tuple(value: Raw) -> Any:
+    """Return a list and the lists in it as tuples, as `read` does."""
+    return tuple(map(as_tuple, value)) if isinstance(value, list | tuple) else value
 
 
 def _holds_dataclass(hint: Hint) -> bool:

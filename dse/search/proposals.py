@@ -17,7 +17,7 @@ from dse import seeds
 from dse.config.axes import Axis
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
-from dse.search.space import design_at, index_of, n_designs, position
+from dse.search.space import design_at, index_of, position
 
 if TYPE_CHECKING:
     import optuna
@@ -194,7 +194,7 @@ class OptunaSampler:
 
         On a grid it is the first one from a random place on, else one drawn at random.
         """
-        total = n_designs(self._space)
+        total = self._space.n_designs
         if total is None:
             drawn = (self._drawn_design(rng) for _ in range(_DRAWS))
             return next((design for design in drawn if seeds.design_key(design) not in self._proposed), None)

@@ -10,11 +10,6 @@ from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 
 
-def n_designs(space: SearchSpace) -> int | None:
-    """Return the number of designs, or None where an axis is a range without steps."""
-    return space.n_designs
-
-
 def n_designs_of_each(space: SearchSpace, section: str) -> dict[str, int | None]:
     """Return kind -> number of designs, for a section that is a choice of several components."""
     n_of_kind: dict[str, int | None] = {}
@@ -34,12 +29,12 @@ def design_at(space: SearchSpace, index: int) -> Design:
 
     Args:
         space: search space whose axes all have values.
-        index: in [0, n_designs).
+        index: in [0).
 
     Raises:
         ValueError: an axis is a range without steps, or the index is outside the grid.
     """
-    total = n_designs(space)
+    total = space.n_designs
     if total is None or not 0 <= index < total:
         raise ValueError(f"index must be in [0, {total}) of a grid whose axes all have values, got {index}")
     design: Design = {}
@@ -133,7 +128,7 @@ def grid(space: SearchSpace) -> list[Design]:
     Raises:
         ValueError: an axis is a range without steps.
     """
-    total = n_designs(space)
+    total = space.n_designs
     if total is None:
         open_axes = ", ".join(axis.name for axis in space.axes.values() if axis.values is None)
         raise ValueError(f"a grid needs axes with a choice or a step, got ranges without a step: {open_axes}")

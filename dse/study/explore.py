@@ -12,7 +12,6 @@ from dse import registry, store
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.device import missing
 from dse.hardware.profile import Profile, load_all
-from dse.search.space import n_designs
 from dse.seeds import design_key
 from dse.study import points, precision, pricing
 from dse.study import trials as tables
@@ -124,13 +123,13 @@ def _search(
         n_before = sum(e.batch < number for e in ledger.entries)
         if not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
-            missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
-            if missing > 0:
+            n_missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
+            if n_missing > 0:
                 known = {design_key(e.design) for e in entries}
-                proposed = sampler.ask(len(entries) + missing)
-                new = [d for d in proposed if design_key(d) not in known][:missing]
+                proposed = sampler.ask(len(entries) + n_missing)
+                new = [d for d in proposed if design_key(d) not in known][:n_missing]
                 ledger.ask(number, new)
-                if len(new) < missing:
+                if len(new) < n_missing:
                     report.note(
                         "the sampler found no further designs; the study has "
                         f"{n_before + len(entries) + len(new)}"
@@ -176,7 +175,7 @@ def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables:
 
 
 def _n_trials(space: SearchSpace) -> int:
-    return space.search.n_trials or n_designs(space) or 0
+    return space.search.n_trials or space.n_designs or 0
 
 
 def _values(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:

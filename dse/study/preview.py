@@ -8,7 +8,7 @@ from dse.config import SearchSpace
 from dse.config.contracts import trains_in_cohorts
 from dse.recordings.files import locate
 from dse.registry import Plugin
-from dse.search.space import corners, n_designs, n_designs_of_each
+from dse.search.space import corners, n_designs_of_each
 
 # Larger files are not read just to count their channels and classes.
 _MOST_BYTES = 200_000_000
@@ -22,7 +22,7 @@ def preview(space: SearchSpace) -> dict[str, object]:
     Raises:
         RecordingError: the recordings do not fit the search space.
     """
-    grid = n_designs(space)
+    grid = space.n_designs
     n_trials = min(x for x in (space.search.n_trials, grid) if x is not None)
     settings = len(space.decision.phi) * len(space.decision.theta) + 1  # one more for the full read-out
     points = settings * max(1, len(space.hardware))

@@ -14,7 +14,7 @@ import numpy as np
 from dse import registry, store
 from dse.config import ConfigError, Fault
 from dse.hardware.duty import battery_h, mean_power_mw
-from dse.hardware.profile import Figures, Profile, load, read
+from dse.hardware.profile import Profile, load, read
 from dse.measure.on_chips import DRAWN
 from dse.records import Floats, Ints
 from dse.skyline.front import Draws
@@ -56,8 +56,8 @@ def _figures(chip: Profile) -> object:
 
 def keep(profiles: Sequence[Profile], folder: Path) -> None:
     """Write the profiles of a study to its folder, as they are now."""
-    for profile in profiles:
-        store.write_text(folder / _FOLDER / f"{profile.name}.yaml", profile.text)
+    for chip in profiles:
+        store.write_text(folder / _FOLDER / f"{chip.name}.yaml", chip.text)
 
 
 def profile(folder: Path, name: str) -> Profile:
@@ -70,11 +70,6 @@ def profile(folder: Path, name: str) -> Profile:
     if stored.is_file():
         return read(stored.read_text(encoding="utf-8"), str(stored))
     return load(name)
-
-
-def figures(chip: Profile, n_draws: int) -> Figures:
-    """Return samples of a chip's numbers, the same at every call: designs are compared on the same sample."""
-    return chip.draws(n_draws)
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
@@ -243,7 +238,7 @@ def drawn(
     samples: dict[str, Floats] = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}
     named = {chip.name: chip for chip in profiles(folder, hardware)}
     chips = {name: named.get(name) or profile(folder, name) for name in rows["hardware"].unique()}
-    figures_of = {name: figures(chip, n_draws) for name, chip in chips.items()}
+    figures_of = {name: chip.draws(n_draws) for name, chip in chips.items()}
     for indices in rows.groupby("trial", sort=False).indices.values():
         of_trial = rows.iloc[indices]
         answers = _answers(folder, of_trial)

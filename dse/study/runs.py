@@ -167,7 +167,7 @@ class Runs:
         incomplete, lacking = self._to_round(entries, settings)
         done, n_settings = 0, sum(map(len, lacking.values()))
         data = self._data(incomplete)
-        jobs = []
+        evaluations = []
         for entry, repeat in incomplete:
             member = entry.trial, self._fold(repeat)
             if why := data.failure(member):
@@ -175,8 +175,8 @@ class Runs:
             else:
                 folder = self._cache / data.keys[member]
                 run = self._run(entry, repeat, data.sections[member], folder)
-                jobs.append(precision.Job(run, lacking[entry.trial, repeat]))
-        for job, ended in self._workers.stream(precision.evaluate, jobs):
+                evaluations.append(precision.Job(run, lacking[entry.trial, repeat]))
+        for job, ended in self._workers.stream(precision.evaluate, evaluations):
             if isinstance(ended, Failure):
                 _stop_if_disk(ended)
                 self._progress.note(

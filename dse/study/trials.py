@@ -59,18 +59,8 @@ def named(space: SearchSpace, trial: int, records: Sequence[RunRecord]) -> dict[
         name: _cell(axis, design[name]) if name in design else _missing(axis)
         for name, axis in space.axes.items()
     }
-    about = {"trial": trial, "task": task_name(space, design), "family": family(space, design)}
+    about = {"trial": trial, "task": space.task_name(design), "family": space.kind("model", design)}
     return {**about, **cells, "repeats": len(records)}
-
-
-def family(space: SearchSpace, design: Mapping[str, object]) -> str:
-    """Return the kind of a design's model."""
-    return space.kind("model", design)
-
-
-def task_name(space: SearchSpace, design: Mapping[str, object]) -> str:
-    """Return the task of a design: its name, or the columns of its target if the target is an axis."""
-    return space.task_name(design)
 
 
 def _cell(axis: Axis, value: object) -> object:

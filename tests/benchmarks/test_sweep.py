@@ -12,7 +12,7 @@ from benchmarks import grid
 from benchmarks.sweep import Result, mean_and_error
 from dse.models.snn.train import train
 from dse.records import Outcome
-from dse.search.space import design_at, n_designs
+from dse.search.space import design_at
 
 
 def test_a_plain_loop_trains_a_design_as_the_engine_does(
@@ -32,7 +32,7 @@ def test_a_plain_loop_trains_a_design_as_the_engine_does(
 
 def test_some_designs_stand_for_the_grid(tmp_path: Path) -> None:
     space, _, _ = grid.load(tmp_path, 1, "integer")
-    assert n_designs(space) == grid.N_DESIGNS
+    assert space.n_designs == grid.N_DESIGNS
     chosen = [design_at(space, number) for number in grid.some()]
     assert set(Counter(x["model.hidden"] for x in chosen).values()) == {2}
     assert set(Counter(x["model.true_rate"] for x in chosen).values()) == {4}

@@ -12,7 +12,7 @@ import pytest
 from dse.config import ConfigError, SearchSpace, load_space
 from dse.config.schema import json_schema
 from dse.config.yaml_lines import parse
-from dse.search.space import design_at, grid, n_designs
+from dse.search.space import design_at, grid
 from tests import families, tiny_study
 from tests.spaces import SPACE, write_space
 
@@ -49,7 +49,7 @@ def test_kinds_are_an_axis_and_their_axes_have_a_condition(tmp_path: Path) -> No
     }
     assert space.axes["model.kind"].values == ("snn", "wide_of_a_test", "near_of_a_test")
     assert space.axes["model.near_of_a_test.k"].values == (1, 2, 3, 4, 5)
-    assert n_designs(space) == families.N_DESIGNS
+    assert space.n_designs == families.N_DESIGNS
     assert {name: len(kinds) for name, kinds in space.choices.items()} == {"encoder": 2, "model": 3}
     assert space.parts["model"].entries["wide_of_a_test"].values == {"flag": False, "most": 100}
 
@@ -199,7 +199,7 @@ def test_the_gaussian_process_says_which_samplers_can(tmp_path: Path) -> None:
 def test_the_gaussian_process_takes_kinds_without_axes(tmp_path: Path) -> None:
     gp = {"search": "{sampler: gp, n_trials: 4}", "encoder": "loud_of_a_test"}
     space = loaded(tmp_path, **gp, model="{choice: [snn, near_of_a_test]}")
-    assert (space.search.sampler, n_designs(space)) == ("gp", 4)
+    assert (space.search.sampler, space.n_designs) == ("gp", 4)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_the_gaussian_process_takes_kinds_without_axes(tmp_path: Path) -> None:
 )
 def test_keys_of_an_entry_can_be_replaced(tmp_path: Path, overrides: dict[str, str], n: int) -> None:
     space = loaded(tmp_path, **overrides)
-    assert n_designs(space) == n
+    assert space.n_designs == n
     assert len(grid(space)) == n
 
 

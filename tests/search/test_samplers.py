@@ -15,7 +15,7 @@ from dse import registry, seeds
 from dse.config import Design, SearchSpace, load_space
 from dse.search import proposals
 from dse.search.proposals import Sampler, Values
-from dse.search.space import design_at, grid, index_of, n_designs
+from dse.search.space import design_at, grid, index_of
 from tests import families
 from tests.spaces import write_space
 
@@ -320,7 +320,7 @@ def test_a_finite_space_of_several_kinds_is_asked_to_its_end(name: str, tmp_path
     while batch := sampler.ask(BATCH):
         sampler.tell(batch, [None if d["model.kind"] == "snn" else (1.0, 2.0) for d in batch])
         designs += batch
-    assert n_designs(space) == len(designs) == 2 * (1 + 3 + 5)
+    assert space.n_designs == len(designs) == 2 * (1 + 3 + 5)
     assert sorted(map(seeds.design_key, designs)) == sorted(map(seeds.design_key, grid(space)))
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from dse.config import Axis, Design, SearchSpace, load_space
 from dse.config.parts import Part
-from dse.search.space import corners, design_at, grid, index_of, n_designs, n_designs_of_each
+from dse.search.space import corners, design_at, grid, index_of, n_designs_of_each
 from tests import families
 from tests.spaces import write_space
 
@@ -29,7 +29,7 @@ def test_the_last_axis_changes_fastest(space: SearchSpace) -> None:
     expected = itertools.product([(1.0, 2.0), (1.0, 2.0, 4.0)], [4, 8, 12], [1, 5, 9])
     assert [tuple(design.values()) for design in grid(space)] == list(expected)
     assert list(grid(space)[0]) == ["encoder.thresholds", "model.hidden", "training.epochs"]
-    assert n_designs(space) == len(grid(space)) == 18
+    assert space.n_designs == len(grid(space)) == 18
 
 
 @given(st.integers(0, 17))
@@ -54,7 +54,7 @@ def test_a_range_without_steps_has_no_grid(tmp_path: Path) -> None:
         tmp_path, ("0.8", "{range: [0.1, 0.9]}"), ("sampler: grid", "sampler: tpe, n_trials: 3")
     )
     space = load_space(path)
-    assert n_designs(space) is None
+    assert space.n_designs is None
     with pytest.raises(ValueError, match=r"ranges without a step: model\.true_rate"):
         grid(space)
 
@@ -126,7 +126,7 @@ def test_a_conditional_grid_is_that_of_plain_recursion(
     space: SearchSpace, shape: list[Any], data: st.DataObject
 ) -> None:
     found = conditional(space, shape)
-    total = n_designs(found)
+    total = found.n_designs
     assert total is not None
     for index in {0, total - 1, data.draw(st.integers(0, total - 1))}:
         assert index_of(found, design_at(found, index)) == index
@@ -156,7 +156,7 @@ def test_corners_are_designs_of_every_kind(space: SearchSpace, shape: list[Any])
 def test_a_million_designs_are_found_without_counting_them(space: SearchSpace) -> None:
     found = conditional(space, [[[3, 3, 3], [3, 3]], 4, [[3, 3, 3], [3], []], *[4] * 5])
     found = dataclasses.replace(found, axes={**found.axes, "x.y": Axis("x.y", tuple(range(8)))})
-    total = n_designs(found)
+    total = found.n_designs
     assert total == 36 * 4 * 31 * 4**5 * 8 > 30e6
     began = time.process_time()
     for index in range(0, total, total // 1000):
@@ -168,7 +168,7 @@ def test_a_range_without_steps_in_one_kind_leaves_the_others_countable(space: Se
     found = conditional(space, [[[2, 2], [1]], 3])
     open_range = Axis("encoder.k1.b0", None, 0.5, 2.0, condition=("encoder.kind", "k1"))
     found = dataclasses.replace(found, axes={**found.axes, open_range.name: open_range})
-    assert n_designs(found) is None
+    assert found.n_designs is None
     assert n_designs_of_each(found, "encoder") == {"k0": 12, "k1": None}
     ends = [design.get("encoder.k1.b0") for design in corners(found, ("encoder",), 10)]
     assert ends == [None, None, None, None, 0.5, 2.0]
@@ -187,7 +187,7 @@ def test_the_number_of_designs_is_a_sum_over_kinds(tmp_path: Path) -> None:
         space = load_space(write_space(tmp_path, text=families.SPACE))
     finally:
         families.unregister()
-    assert n_designs(space) == families.N_DESIGNS == 180
+    assert space.n_designs == families.N_DESIGNS == 180
     assert n_designs_of_each(space, "model") == {
         "snn": 6, "wide_of_a_test": 144, "near_of_a_test": 30
     }  # fmt: skip

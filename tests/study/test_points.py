@@ -221,7 +221,7 @@ def test_draws_are_the_same_for_every_design_and_every_call(study: Path) -> None
     assert (drawn[:, 0] < drawn[:, 1]).all(), "less of everything is less in every draw"
     low, high = rows["energy_uj_low"].to_numpy(), rows["energy_uj_high"].to_numpy()
     assert ((drawn >= low) & (drawn <= high)).all() and (np.ptp(drawn, axis=0) > 0).all()
-    figures = pricing.figures(LOIHI, 4000)
+    figures = LOIHI.draws(4000)
     static = figures["static_mw"]
     assert abs(np.mean(static < 104.0) - 0.5) < 0.03, "the value is the median"
 

@@ -87,8 +87,6 @@ def test_the_task_of_an_axis_of_targets_is_its_columns(tmp_path: Path) -> None:
     data = {**tiny_study.plain()["data"], "columns": {"fabric": "label", "speed": "label"}}
     space = tiny_study.make_space(tmp_path, task=task, data=data)
     tiny_study.unregister()
-    names = [
-        trials.task_name(space, {"task.target": target}) for target in space.axes["task.target"].values or ()
-    ]
+    names = [space.task_name({"task.target": target}) for target in space.axes["task.target"].values or ()]
     assert names == ["fabric", "fabric|speed"]
     assert len(trials.trials_table(space, {})) == 0

@@ -9,7 +9,7 @@ from dse.config.contracts import SamplerSettings
 from dse.config.space import Design, SearchSpace
 from dse.registry import register
 from dse.search.proposals import Sampler, Values
-from dse.search.space import design_at, index_of, n_designs
+from dse.search.space import design_at, index_of
 
 
 @register("search.samplers", "grid")
@@ -28,7 +28,7 @@ class Grid(SamplerSettings):
 
 class _GridSampler:
     def __init__(self, space: SearchSpace) -> None:
-        total = n_designs(space)
+        total = space.n_designs
         if total is None:
             raise ValueError(
                 "the grid sampler needs axes with a choice or a step, got a range without a step"
