@@ -37,6 +37,16 @@ search: {sampler: grid, batch: 2}
 execution: {jobs: 1}
 """
 
+FINGERTIP = """\
+scene: fingertip
+sensor:
+  {layout: rings, n_across: 1, pin_pitch_mm: 2, image_scale_px_mm: 8, frame_px: [96, 64], pin_radius_mm: 0.5}
+textures: [denim, satin]
+motions: [{kind: constant, speed_mm_s: {choice: [20, 50]}}]
+duration_ms: 150
+"""
+"""A scene of short trials of a tip with 7 pins; a test appends forces and trials."""
+
 
 def sections(design: Mapping[str, Any] | Sections) -> Sections:
     """Return a design's sections of plain data; absent ones have the simplest that do."""

@@ -21,22 +21,13 @@ from dse.recordings.events import EventFile
 from dse.recordings.scene import COLUMNS, Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
-from tests.spaces import SPACE
+from tests.spaces import FINGERTIP, SPACE
 from tests.waiting import PATIENCE_S
 
 Captured = pytest.CaptureFixture[str]
 ROOT = Path(__file__).resolve().parents[2]
 
-SCENE = """\
-scene: fingertip
-sensor:
-  {layout: rings, n_across: 1, pin_pitch_mm: 2, image_scale_px_mm: 8, frame_px: [64, 48], pin_radius_mm: 0.5}
-textures: [denim, satin]
-motions: [{kind: constant, speed_mm_s: {choice: [20, 50]}}]
-forces_n: [1.0, 1.5]
-trials: 2
-duration_ms: 150
-"""
+SCENE = FINGERTIP + "forces_n: [1.0, 1.5]\ntrials: 2\n"
 
 
 @pytest.fixture

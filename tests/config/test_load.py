@@ -79,16 +79,15 @@ def test_six_mistakes_of_six_kinds_are_all_listed(tmp_path: Path) -> None:
         assert fault.endswith(f"Did you mean '{name}'?")
 
 
-def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path) -> None:
+def test_listing_faults_imports_no_heavy_library(tmp_path: Path) -> None:
     path = write_space(
         tmp_path, ("kind: snn", "kind: sn"), ("seed: 3", "seed: x"), ("epochs: 1", "epochs: 0")
     )
     code = (
-        "import sys, time\n"
+        "import sys\n"
         "from dse.cli import main\n"
         "assert main(['check', sys.argv[1]]) == 2\n"
-        "assert 'torch' not in sys.modules and 'plotly' not in sys.modules and 'optuna' not in sys.modules\n"
-        "print(time.process_time())"
+        "print(*{'torch', 'numba', 'optuna', 'pandas', 'plotly', 'scipy', 'sklearn'} & sys.modules.keys())"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(path)],
@@ -98,7 +97,7 @@ def test_listing_faults_takes_less_than_two_seconds_and_no_torch(tmp_path: Path)
         cwd=Path(__file__).parents[2],
     )
     assert len(done.stderr.splitlines()) == 3, done.stderr
-    assert float(done.stdout) < 2
+    assert done.stdout.split() == []
 
 
 @pytest.mark.parametrize(

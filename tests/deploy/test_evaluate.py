@@ -30,7 +30,7 @@ from dse.scene.load import load_scene
 from dse.study import explore, results
 from dse.study.results import Study
 from tests import tiny_study
-from tests.spaces import write_space
+from tests.spaces import FINGERTIP, write_space
 
 
 @pytest.fixture(scope="module")
@@ -331,15 +331,6 @@ def test_windows_of_a_run_on_both_sides_of_the_split_do_not_keep_it_from_being_d
     assert export(found, row, tmp_path / "b").record["transductive"] is True
 
 
-SCENE = """\
-scene: fingertip
-sensor:
-  {layout: rings, n_across: 1, pin_pitch_mm: 2, image_scale_px_mm: 8, frame_px: [96, 64], pin_radius_mm: 0.5}
-textures: [denim, satin]
-motions: [{kind: constant, speed_mm_s: {choice: [20, 50]}}]
-trials: 4
-duration_ms: 150
-"""
 ON_SCENE = """
 study: scene
 data: {kind: scene, scene: fingertip.yaml}
@@ -359,7 +350,7 @@ search: {sampler: grid}
 def on_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a scene and of a bundle that was trained on it."""
     folder = tmp_path_factory.mktemp("scene")
-    (folder / "fingertip.yaml").write_text(SCENE)
+    (folder / "fingertip.yaml").write_text(f"{FINGERTIP}trials: 4\n")
     (folder / "scene.yaml").write_text(ON_SCENE)
     found = explore.run(load_space(folder / "scene.yaml"), folder / "results", progress=False)
     export(found, found.trials.iloc[0].to_dict(), folder / "bundle")

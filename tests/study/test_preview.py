@@ -16,17 +16,9 @@ from dse.recordings.scene import Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
 from dse.study.preview import preview
+from tests.spaces import FINGERTIP
 
-SCENE = """\
-scene: fingertip
-sensor:
-  {layout: rings, n_across: 1, pin_pitch_mm: 2, image_scale_px_mm: 8, frame_px: [96, 64], pin_radius_mm: 0.5}
-textures: [denim, satin]
-motions: [{kind: constant, speed_mm_s: {choice: [20, 50]}}]
-forces_n: [1.0, 1.5]
-trials: 5
-duration_ms: 150
-"""
+SCENE = FINGERTIP + "forces_n: [1.0, 1.5]\ntrials: 5\n"
 SPACE: dict[str, Any] = {
     "study": "events",
     "data": {"kind": "scene", "scene": "fingertip.yaml"},
