@@ -14,28 +14,30 @@ from dse.recordings import PLACES
 from dse.study import environment
 from dse.study.results import plain_space
 
+_HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
 def claim(space: SearchSpace, folder: Path) -> None:
-    """Write the search space and the environment to the folder, or check that it is the same search space.
+    """Write the search space, its plugins and the environment to the folder, or check that they are the same.
 
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
     trials, other precisions of trained networks, and hardware after the first. The device may not: another
     one rounds differently. Until a run has finished, any search space may replace the one before.
 
     Raises:
-        ConfigError: the folder was started with another search space; one fault per key.
+        ConfigError: the folder was started with another search space; one fault per key or plugin.
     """
     path = folder / "search_space.yaml"
     now = yaml.safe_load(space.to_yaml())
+    files = [Path(plugin.source) for plugin in space.plugins if plugin.source.endswith(".py")]
+    copies = {file: folder / "plugins" / f"{number}_{file.name}" for number, file in enumerate(files)}
     if next(folder.glob("artefacts/*/repeat_*"), None) is None:
         store.remove(folder / "journal.log")
     elif path.exists():
-        hint = "change it back, or use another study name or --results folder"
         faults = [
-            Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was started with {old!r}; {hint}")
+            Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was started with {old!r}; {_HINT}")
             for key, old, new in _changes(plain_space(path), now)
             if (not key.startswith("execution.") or key == "execution.device")
             and key not in _PLACES
@@ -43,9 +45,17 @@ def claim(space: SearchSpace, folder: Path) -> None:
             and not (key == "hardware" and old[:1] == new[:1])
             and not key.startswith("precision")
         ]
+        faults += [
+            Fault(str(file), 0, f"differs from {copy}, which {folder} was started with; {_HINT}")
+            for file, copy in copies.items()
+            if copy.is_file() and copy.read_bytes() != file.read_bytes()
+        ]
         if faults:
             raise ConfigError(faults)
     store.write_text(path, space.to_yaml())
+    for file, copy in copies.items():
+        with store.published(copy) as temporary:
+            temporary.write_bytes(file.read_bytes())
     sessions = store.read_json(folder / "environment.json") if (folder / "environment.json").exists() else []
     store.write_json(folder / "environment.json", [*sessions, environment.describe()])
 

@@ -21,6 +21,7 @@ from dse.dataset import cache
 from dse.hardware.profile import Profile
 from dse.recordings import RecordingError
 from dse.records import Dataset
+from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import StoreError
 from dse.study import jobs, precision
@@ -178,7 +179,7 @@ class Runs:
                 evaluations.append(precision.Job(run, lacking[entry.trial, repeat]))
         for job, ended in self._workers.stream(precision.evaluate, evaluations):
             if isinstance(ended, Failure):
-                _stop_if_disk(ended)
+                _stop_if_blameless(ended)
                 self._progress.note(
                     f"precision: the evaluation of trial {job.run.trial} stopped early: {ended.reason}"
                 )
@@ -241,7 +242,7 @@ class Runs:
 
     def _unfinished(self, cohort: jobs.TrainingJob, why: Failure) -> list[jobs.TrainingJob]:
         """Return a job for each unfinished run of a job that ended early; a run that was alone has failed."""
-        _stop_if_disk(why)
+        _stop_if_blameless(why)
         again = []
         for run in cohort.runs:
             if (run.trial, run.repeat) in self._records:
@@ -351,7 +352,7 @@ class Runs:
             if isinstance(event, str):
                 self._progress.doing(event)
             elif isinstance(event, Failure):
-                _stop_if_disk(event)
+                _stop_if_blameless(event)
                 unfinished = [key for key in job.designs if key not in failures]
                 failures |= {key: event for key in unfinished if not self._is_prepared(key)}
             else:
@@ -431,9 +432,9 @@ def _is_of(entry: Entry, record: RunRecord) -> bool:
     return seeds.design_key(record.design) == seeds.design_key(entry.design)
 
 
-def _stop_if_disk(failure: Failure) -> None:
-    """Raise the error of a full disk: the design is not at fault, and the same command resumes the study."""
-    if failure.error == StoreError.__name__:
+def _stop_if_blameless(failure: Failure) -> None:
+    """Raise an error that is not the design's fault: a full disk, or a plugin's file that has changed."""
+    if failure.error in (StoreError.__name__, PluginError.__name__):
         raise StoreError(failure.message)
 
 

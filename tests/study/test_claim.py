@@ -1,0 +1,52 @@
+"""A study's folder belongs to the search space, and to the plugins, that it was started with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dse.config import ConfigError, load_space
+from dse.store import StoreError
+from dse.study.claim import claim
+from dse.study.results import Study
+from tests.spaces import write_space
+
+PLUGIN = '''
+from dataclasses import dataclass
+from dse.registry import register
+
+@register("encoders", "encoder_of_a_claim")
+@dataclass(frozen=True)
+class OfAClaim:
+    """An encoder of a user."""
+'''
+
+
+def test_a_plugin_that_changed_or_is_gone_is_one_line(tmp_path: Path) -> None:
+    file, folder = tmp_path / "mine.py", tmp_path / "results" / "tiny"
+    file.write_text(PLUGIN)
+    path = write_space(tmp_path, ("seed: 3\n", "seed: 3\nplugins: [mine.py]\n"))
+    claim(load_space(path), folder)
+    file.write_text(PLUGIN + "# changed before a run has finished\n")
+    claim(load_space(path), folder)
+    (folder / "artefacts" / "00000" / "repeat_0").mkdir(parents=True)
+    claim(load_space(path), folder)
+    [copy] = (folder / "plugins").iterdir()
+    assert (copy.name, copy.read_text()) == ("0_mine.py", file.read_text())
+
+    file.write_text(PLUGIN)
+    with pytest.raises(ConfigError) as changed:
+        claim(load_space(path), folder)
+    assert str(changed.value).startswith(
+        f"{file}: differs from {copy}, which {folder} was started with; change"
+    )
+    assert len(changed.value.faults) == 1
+
+    file.unlink()
+    with pytest.raises(
+        ConfigError, match=r"^\S+:3: plugin 'mine.py': cannot read \S+: No such file or directory$"
+    ):
+        load_space(path)
+    with pytest.raises(StoreError, match=r"^\S+: plugin '\S+': cannot read \S+: No such file or directory$"):
+        Study(folder).load_plugins()
