@@ -13,7 +13,7 @@ from dse.config import ConfigError, device, load_space
 from dse.study import explore
 from tests.spaces import write_space
 
-torch = pytest.importorskip("torch")
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
 
 
 @pytest.fixture
