@@ -100,7 +100,9 @@ class Column:
     doc: one line of meaning.
     of_design: all points of a trial have the number of its full read-out; otherwise each has its own, or none
         where it was not measured.
-    selects: whether a search and a front may use it; not what the test set says.
+    selects: whether a search and a front may use it; not what labels of the test set say.
+    of_test: whether it is measured on the test set; a study without one lacks it.
+    ranged: whether tables also have its least and largest value over the repeats, <name>_min and <name>_max.
     """
 
     name: str
@@ -109,6 +111,8 @@ class Column:
     doc: str
     of_design: bool = False
     selects: bool = True
+    of_test: bool = False
+    ranged: bool = False
 
 
 def param(default: Any = dataclasses.MISSING, **rule: Any) -> Any:

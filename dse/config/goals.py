@@ -14,7 +14,7 @@ from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.settings import Decision, ExecutionSettings, Precision, Search
+from dse.config.settings import Decision, ExecutionSettings, Precision, Reach, Search
 from dse.config.space import DecisionGrid, SearchSettings
 from dse.config.values import Report, echo, keys_of, read_fields
 from dse.config.yaml_lines import Raw
@@ -31,7 +31,14 @@ def decision(raw: Raw, report: Report) -> DecisionGrid | None:
             key: {"choice": value} if isinstance(value, list) else value for key, value in written.items()
         }
     values, good = read_fields(Decision, written, ("decision",), report, read_or_axis)
+    every_ms = values.pop("read_out_every_ms", None)
+    reach = values.get("phi")
     grids = {key: value.values if isinstance(value, Axis) else (value,) for key, value in values.items()}
+    if isinstance(reach, Reach):
+        grids["phi"] = ()
+    elif any(isinstance(x, dict) for x in grids.get("phi") or ()):
+        report(("decision", "phi"), "decision.phi must be integers, or up_to and step alone")
+        good = False
     for key, numbers in grids.items():
         if numbers is None:
             text = f"decision.{key} is evaluated on a grid, so its range needs a step"
@@ -42,6 +49,8 @@ def decision(raw: Raw, report: Report) -> DecisionGrid | None:
     return DecisionGrid(
         phi=np.unique(np.asarray(grids["phi"], dtype=np.int64)),
         theta=np.unique(np.asarray(grids["theta"], dtype=np.float64)),
+        phi_step=reach.step if isinstance(reach, Reach) else None,
+        read_out_every_ms=every_ms,
     )
 
 
@@ -80,13 +89,16 @@ def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
-def objectives(raw: Raw, profiles: Sequence[str], report: Report) -> tuple[tuple[str, str], ...]:
+def objectives(
+    raw: Raw, profiles: Sequence[str], report: Report, *, has_test: bool = True
+) -> tuple[tuple[str, str], ...]:
     """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares.
 
     Args:
         raw: the list as written.
         profiles: hardware profiles of the search space.
         report: called with (path, sentence) for every mistake.
+        has_test: whether the search space has a test set.
     """
     known = registry.columns()
     of_hardware = registry.columns("hardware")
@@ -110,6 +122,9 @@ def objectives(raw: Raw, profiles: Sequence[str], report: Report) -> tuple[tuple
             report(where, f"objective '{name}' is named twice")
         if name in of_hardware and not profiles:
             report(where, f"objective '{name}' needs a hardware profile in section 'hardware', got none")
+        if known[name].of_test and not has_test:
+            text = "needs a test set: section 'test', or key test of the split"
+            report(where, f"objective '{name}' {text}")
         if not known[name].selects:
             report(where, f"objective '{name}' cannot select designs: the test set is only for reporting")
         directions[name] = natural

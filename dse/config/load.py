@@ -72,8 +72,11 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     decision = goals.decision(data.get("decision"), report)
     precision = goals.precision(data["precision"], report) if "precision" in data else None
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
-    objectives = goals.objectives(data["objectives"], hardware, report) if "objectives" in data else ()
     split = sections.get("split")
+    has_test = "test" in data or split is None or not split.good or split.fixed.has_test
+    objectives: tuple[tuple[str, str], ...] = ()
+    if "objectives" in data:
+        objectives = goals.objectives(data["objectives"], hardware, report, has_test=has_test)
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)

@@ -185,6 +185,12 @@ class Split:
         if by_column and not (self.train and self.validation):
             raise ValueError("split needs both train and validation")
 
+    @property
+    def has_test(self) -> bool:
+        """Whether a part of the recordings is the test set."""
+        drawn = self.stratified is not None and self.stratified.test > 0
+        return bool(self.test) or drawn or (self.k_fold is not None and self.k_fold.test is not None)
+
     def columns(self) -> tuple[str, ...]:
         """Return the label columns that the split reads."""
         named: list[str | None] = [*(self.train or {}), *(self.validation or {}), *(self.test or {})]
@@ -338,15 +344,38 @@ class Training:
 
 
 @dataclass(frozen=True)
+class Reach:
+    """phi = 0, step, 2 step, ... up to the first that no training sample exceeds."""
+
+    up_to: Literal["outputs"] = param(doc="outputs: the most output spikes of a training sample")
+    step: int = param(25, doc="distance of two values", unit="spikes", low=1)
+
+
+@dataclass(frozen=True)
 class Decision:
     """Decision parameters, each a value, a list, a choice or a stepped range; evaluated after training."""
 
-    phi: int = param(0, doc="a decision needs more output spikes than this (phi)", unit="spikes", low=0)
+    phi: int | Reach = param(  # noqa: RUF009
+        0,
+        doc="a decision needs more output spikes than this (phi); {up_to: outputs, step: 25}: 0, 25, 50, ... "
+        "up to the most output spikes of a run's training samples",
+        unit="spikes",
+        low=0,
+    )
     theta: float = param(
         0.5,
         doc="a decision needs at least this fraction of the output spikes in the leading class (theta)",
         low=0,
         high=1,
+    )
+    read_out_every_ms: float | None = param(
+        None,
+        doc="spiking networks are also read out after every so much of the input (default: 20 times, evenly "
+        "spaced)",
+        unit="ms",
+        low=0,
+        low_open=True,
+        axis=False,
     )
 
 

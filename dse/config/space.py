@@ -27,12 +27,25 @@ Design = dict[str, Raw]
 class DecisionGrid:
     """Decision parameters to evaluate for every trained design.
 
-    phi: (n_phi,) int64 spike offsets, rising.
+    phi: (n_phi,) int64 spike offsets, rising; empty where `phi_step` is set.
     theta: (n_theta,) float64 confidences in [0, 1], rising.
+    phi_step: distance of spike offsets from 0 up to what the outputs of a run's training samples reach.
+    read_out_every_ms: distance of the read-outs of spiking networks; None: the usual number of them.
     """
 
     phi: np.ndarray
     theta: np.ndarray
+    phi_step: int | None = None
+    read_out_every_ms: float | None = None
+
+    def to_plain(self) -> dict[str, Raw]:
+        """Return the parameters as they are written in YAML; keys that are not set are left out."""
+        phi: Raw = self.phi.tolist()
+        if self.phi_step is not None:
+            phi = {"up_to": "outputs", "step": self.phi_step}
+        every_ms = self.read_out_every_ms
+        every: dict[str, Raw] = {} if every_ms is None else {"read_out_every_ms": every_ms}
+        return {"phi": phi, "theta": self.theta.tolist(), **every}
 
 
 @dataclass(frozen=True)
@@ -163,7 +176,7 @@ class SearchSpace:
         for name, part in self.parts.items():
             entries = [entry.to_plain() for entry in part.entries.values()]
             sections[name] = {"choice": entries} if entries else part.to_plain()
-        sections["decision"] = {"phi": self.decision.phi.tolist(), "theta": self.decision.theta.tolist()}
+        sections["decision"] = self.decision.to_plain()
         if self.precision is not None:
             sections["precision"] = plain(self.precision)
         sections["hardware"] = list(self.hardware)

@@ -212,6 +212,35 @@ def t_h(
     return _fastest(surface, accuracies, reached) if reached.any() else None
 
 
+def at(surface: DecisionSurface, setting: Setting) -> Setting:
+    """Return the decision time and the accuracy of a surface at the phi and theta of a setting.
+
+    Args:
+        surface: of the same grid as the setting, such as that of the test set.
+        setting: chosen on another set, such as validation.
+    """
+    return _setting(surface, surface.accuracy, _place(surface, setting))
+
+
+def on_border(surface: DecisionSurface, setting: Setting, n_classes: int) -> bool:
+    """Return whether a setting lies on an end of the grid, beyond which samples would decide otherwise.
+
+    A larger phi or theta decides otherwise if some sample is decided at the largest one; a smaller theta only
+    down to 1 / classes, which every sample reaches. A grid of one value has no ends.
+
+    Args:
+        surface: of the grid.
+        setting: one of its settings.
+        n_classes: outputs that are counted.
+    """
+    decides = bool(surface.undecided[_place(surface, setting)] < 1)
+    phi, theta = surface.phi, surface.theta
+    phi_low, phi_high = setting.phi == phi.min() > 0, setting.phi == phi.max() and decides
+    theta_low = setting.theta == theta.min() > 1 / n_classes
+    theta_high = setting.theta == theta.max() < 1 and decides
+    return bool((len(phi) > 1 and (phi_low or phi_high)) or (len(theta) > 1 and (theta_low or theta_high)))
+
+
 def t_c(time_ms: ArrayLike, accuracy: ArrayLike, within: float = 0.1) -> float:
     """Return the shortest input length whose accuracy is within a share of the peak: >= (1 - within) peak.
 
@@ -245,13 +274,22 @@ def _fastest(surface: DecisionSurface, accuracy: Array, among: NDArray[np.bool_]
     phi, theta = np.nonzero(among)
     times = surface.decision_latency_ms[phi, theta]
     best = np.lexsort((surface.theta[theta], surface.phi[phi], times))[0]
-    where = phi[best], theta[best]
+    return _setting(surface, accuracy, (int(phi[best]), int(theta[best])))
+
+
+def _setting(surface: DecisionSurface, accuracy: Array, place: tuple[int, int]) -> Setting:
     return Setting(
-        float(times[best]),
-        float(accuracy[where]),
-        float(surface.phi[where[0]]),
-        float(surface.theta[where[1]]),
+        float(surface.decision_latency_ms[place]),
+        float(accuracy[place]),
+        float(surface.phi[place[0]]),
+        float(surface.theta[place[1]]),
     )
+
+
+def _place(surface: DecisionSurface, setting: Setting) -> tuple[int, int]:
+    """Return where a setting stands in the grid of a surface."""
+    [phi], [theta] = np.nonzero(surface.phi == setting.phi), np.nonzero(surface.theta == setting.theta)
+    return int(phi[0]), int(theta[0])
 
 
 def _surfaces(

@@ -45,7 +45,7 @@ from dse.records import (
 )
 
 READ_OUTS = 20
-"""Input lengths, evenly spaced, after which a spiking network is read out."""
+"""Input lengths, evenly spaced, after which a spiking network is read out unless their distance is given."""
 
 Columns = dict[str, Array]
 
@@ -101,6 +101,8 @@ class _Answered:
     read_outs: after k input lengths. grid: at every (phi, theta); None without a grid.
     label, label_test: (n,) classes of the full read-out.
     of_lengths: further columns (k,) of the read-outs.
+    decisions_test: the test set's surface over the grid; None without a grid or a test set.
+    most_output_spikes: of these outputs in a validation sample; None of what has no output spikes.
     """
 
     read_outs: Points
@@ -108,6 +110,18 @@ class _Answered:
     label: Ints
     label_test: Ints | None
     of_lengths: Columns
+    decisions_test: DecisionSurface | None = None
+    most_output_spikes: int | None = None
+
+
+@dataclass(frozen=True)
+class _How:
+    """How a run is evaluated: the arguments of `measure` of these names."""
+
+    phi: Array
+    theta: Array
+    weight_bits: int
+    read_out_every_ms: float | None
 
 
 def measure(
@@ -117,6 +131,7 @@ def measure(
     theta: Array,
     hardware: Sequence[Profile],
     weight_bits: int = 8,
+    read_out_every_ms: float | None = None,
 ) -> Measurement:
     """Measure one run.
 
@@ -127,19 +142,22 @@ def measure(
         theta: its confidences; both empty for the full read-out only. Spiking families alone have one.
         hardware: profiles that the full read-out is priced on.
         weight_bits: bits per weight of a spiking network.
+        read_out_every_ms: distance of the input lengths after which a spiking network is read out; None:
+            `READ_OUTS` of them, evenly spaced.
 
     Raises:
         ValueError: a response holds no samples, or the grid is out of range.
     """
+    how = _How(phi, theta, weight_bits, read_out_every_ms)
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     if not dataset.heads:
         target = _Target(truth, truth_test, len(dataset.classes), slice(None))
-        answered = _answers_to(target, outcome, phi, theta, weight_bits)
+        answered = _answers_to(target, outcome, dataset.spikes.n_channels, how)
         return _measured(outcome, target, answered, hardware)
     heads = {}
     for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True):
         target = _of_head(head, outputs, truth, truth_test)
-        answered = _answers_to(target, outcome, phi, theta, weight_bits)
+        answered = _answers_to(target, outcome, dataset.spikes.n_channels, how)
         heads[head.name] = _measured(outcome, target, answered, hardware)
     end = _at_end(answered.read_outs)  # the work is that of the whole net, whichever head is asked
     return _measured_jointly(outcome, dataset, heads, end)
@@ -159,7 +177,7 @@ def records_for_objectives(
     """
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     target = _Target(truth, truth_test, len(dataset.classes), slice(None))
-    answered = _answers_to(target, outcome, phi, theta, 8)
+    answered = _answers_to(target, outcome, dataset.spikes.n_channels, _How(phi, theta, 8, None))
     points = [answered.read_outs, *([] if answered.grid is None else [answered.grid])]
     records: list[tuple[Needs, Points | FullReadOut | Priced]] = [("points", one) for one in points]
     records.append(("full_read_out", _full_read_out(outcome, target, answered)))
@@ -192,9 +210,7 @@ def _measured(
         read_outs_load=answered.read_outs.load,
         hardware={chip.name: flat(columns_on(chip, full)) for chip in hardware},
         confusion=answer.confusion,
-        confusion_test=None
-        if answered.label_test is None
-        else confusion(answered.label_test, target.test, target.n_classes),
+        confusion_test=answer.confusion_test,
     )
 
 
@@ -207,6 +223,11 @@ def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered) -> Fu
         decision_latency_ms=answered.read_outs.decision_latency_ms[-1].item(),
         read_outs=answered.read_outs,
         decisions=None if answered.grid is None else answered.grid.decisions,
+        decisions_test=answered.decisions_test,
+        confusion_test=None
+        if answered.label_test is None
+        else confusion(answered.label_test, target.test, target.n_classes),
+        most_output_spikes=answered.most_output_spikes,
     )
 
 
@@ -224,10 +245,9 @@ def _measured_jointly(
     n_classes = len(dataset.classes)
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     label = _joint_label(outcome.validation, dataset)
-    named = label >= 0  # other combinations are no class
-    matrix = confusion(label[named], truth[named], n_classes)
-    unnamed = np.bincount(truth[~named], minlength=n_classes)
     label_test = None if outcome.test is None else _joint_label(outcome.test, dataset)
+    matrix = _with_unnamed(label, truth, n_classes)
+    matrix_test = None if label_test is None else _with_unnamed(label_test, truth_test, n_classes)
     points = replace(
         end,
         accuracy=np.array([accuracy(label, truth)]),
@@ -237,17 +257,15 @@ def _measured_jointly(
         outcome=outcome,
         label=label,
         target=truth,
-        confusion=np.column_stack([matrix, unnamed]),
+        confusion=matrix,
         decision_latency_ms=end.decision_latency_ms[-1].item(),
         read_outs=None,
         decisions=None,
+        confusion_test=matrix_test,
     )
     columns = _columns({name: x[-1] for name, x in measured("points", points).items()}, answer)
     columns |= {f"accuracy_{name}": head.columns["accuracy"] for name, head in heads.items()}
-    matrix_test = None
     if label_test is not None:
-        named = label_test >= 0
-        matrix_test = confusion(label_test[named], truth_test[named], n_classes)
         columns |= {f"accuracy_test_{name}": head.columns["accuracy_test"] for name, head in heads.items()}
     return Measurement(
         columns=columns,
@@ -256,10 +274,17 @@ def _measured_jointly(
         points_load=None,
         read_outs_load=None,
         hardware=next(iter(heads.values())).hardware,
-        confusion=matrix,
-        confusion_test=matrix_test,
+        confusion=matrix[:, :-1],
+        confusion_test=None if matrix_test is None else matrix_test[:, :-1],
         heads=heads,
     )
+
+
+def _with_unnamed(label: Ints, target: Ints, n_classes: int) -> Ints:
+    """Return the confusion of joint classes, with a column of the combinations that are no class (-1)."""
+    named = label >= 0
+    unnamed = np.bincount(target[~named], minlength=n_classes)
+    return np.column_stack([confusion(label[named], target[named], n_classes), unnamed])
 
 
 def _columns(of_points: dict[str, Any], answer: FullReadOut) -> dict[str, Any]:
@@ -280,6 +305,7 @@ def _at_end(points: Points) -> Points:
         spikes=points.spikes[-1:],
         n_weights=points.n_weights[-1:],
         load=points.load.mapped(lambda counts: counts[-1:]),
+        spikes_test=None if points.spikes_test is None else points.spikes_test[-1:],
     )
 
 
@@ -295,17 +321,17 @@ def _joint_label(answers: Response | Answers, dataset: Dataset) -> Ints:
     return joint_label(head_answers(dataset, answers.output.sum(axis=1, dtype=np.int64)), dataset.heads)
 
 
-def _answers_to(target: _Target, outcome: Outcome, phi: Array, theta: Array, weight_bits: int) -> _Answered:
+def _answers_to(target: _Target, outcome: Outcome, n_channels: int, how: _How) -> _Answered:
     """Return what a run answers to a target; a family answers in one way, on validation and on test."""
     validation, test = outcome.validation, outcome.test
     if isinstance(validation, Response):
         assert not isinstance(test, Answers)
-        return _of_spikes(outcome.network, validation, test, target, phi, theta, weight_bits)
+        return _of_spikes(outcome.network, validation, test, target, how)
     assert not isinstance(test, Response)
-    return _of_answers(validation, test, target)
+    return _of_answers(validation, test, target, n_channels)
 
 
-def _of_answers(answers: Answers, test: Answers | None, target: _Target) -> _Answered:
+def _of_answers(answers: Answers, test: Answers | None, target: _Target, n_channels: int) -> _Answered:
     def labels(answers: Answers) -> Ints:
         return answers.label if target.joint_of is None else target.joint_of[answers.label]
 
@@ -327,6 +353,8 @@ def _of_answers(answers: Answers, test: Answers | None, target: _Target) -> _Ans
             n_weights=n_weights,
             duration_ms=time_ms,
         ),
+        spikes_test=None if test is None else np.zeros(len(time_ms), np.int64),  # it has no neurons
+        n_inputs=n_channels,
     )
     return _Answered(
         read_outs=read_outs,
@@ -342,9 +370,7 @@ def _of_spikes(
     response: Response,
     test: Response | None,
     target: _Target,
-    phi: Array,
-    theta: Array,
-    weight_bits: int,
+    how: _How,
 ) -> _Answered:
     output = response.output[..., target.outputs]
     output_test = None if test is None else test.output[..., target.outputs]
@@ -353,11 +379,13 @@ def _of_spikes(
         raise ValueError(
             f"a response must have at least one sample and one step, got output of shape {output.shape}"
         )
-    lengths = np.unique(np.rint(np.linspace(n_steps / READ_OUTS, n_steps, READ_OUTS)).astype(int))
-    lengths = lengths[lengths > 0]
+    phi, theta = how.phi, how.theta
+    lengths = _lengths(n_steps, response.step_ms, how.read_out_every_ms)
     label = _labels_after(output, lengths)
     label_test = None if output_test is None else _labels_after(output_test, lengths)
     done = np.concatenate([response.spikes, response.updates], axis=2).cumsum(axis=1, dtype=np.int64)
+    fired_test = None if test is None else test.spikes[..., 1:].sum(axis=2, dtype=np.int64).cumsum(axis=1)
+    sizes = network.sizes if isinstance(network, Network) else None
 
     def points(
         accuracy: Floats,
@@ -365,6 +393,7 @@ def _of_spikes(
         latency_ms: Floats,
         n_steps: Array,
         work: Floats,
+        spikes_test: Ints | None,
         decisions: DecisionSurface | None = None,
     ) -> Points:
         return Points(
@@ -374,8 +403,11 @@ def _of_spikes(
             decision_latency_ms=latency_ms,
             spikes=work[..., : response.spikes.shape[2]],
             n_weights=np.full(np.shape(accuracy), network.n_weights),
-            load=_load(network, response, work, n_steps, weight_bits),
+            load=_load(network, response, work, n_steps, how.weight_bits),
             decisions=decisions,
+            spikes_test=spikes_test,
+            n_inputs=None if sizes is None else sizes[0],
+            n_neurons=None if sizes is None else sum(sizes[1:]),
         )
 
     read_outs = points(
@@ -384,17 +416,25 @@ def _of_spikes(
         lengths * response.step_ms,
         lengths,
         done[:, lengths - 1].mean(axis=0),
+        None if fired_test is None else fired_test[:, lengths - 1].sum(axis=0),
     )
-    grid, of_lengths = None, {}
+    grid, of_lengths, of_test = None, {}, None
     if len(phi) and len(theta):
         step_ms = response.step_ms
         decisions = decision.surface(output, target.validation, phi, theta, step_ms, done)
-        of_test = None
-        if output_test is not None:
-            of_test = decision.surface(output_test, target.test, phi, theta, step_ms).accuracy
+        total_test = None
+        if output_test is not None and fired_test is not None:
+            of_test = decision.surface(output_test, target.test, phi, theta, step_ms, fired_test[..., None])
+            total_test = np.rint(of_test.work[..., 0] * len(output_test)).astype(np.int64)
         latency_ms = decisions.decision_latency_ms
         grid = points(
-            decisions.accuracy, of_test, latency_ms, latency_ms / step_ms, decisions.work, decisions
+            decisions.accuracy,
+            None if of_test is None else of_test.accuracy,
+            latency_ms,
+            latency_ms / step_ms,
+            decisions.work,
+            total_test,
+            decisions,
         )
         early = decision.early(output, target.validation, lengths, phi, theta, step_ms)
         of_lengths = {name: getattr(early, name) for name in _OF_DECISIONS}
@@ -404,7 +444,19 @@ def _of_spikes(
         label=label[:, -1],
         label_test=None if label_test is None else label_test[:, -1],
         of_lengths=of_lengths,
+        decisions_test=of_test,
+        most_output_spikes=int(output.sum(axis=(1, 2), dtype=np.int64).max()),
     )
+
+
+def _lengths(n_steps: int, step_ms: float, every_ms: float | None) -> Ints:
+    """Return the steps after which a spiking network is read out, (k,) rising to `n_steps`."""
+    if every_ms is None:
+        ends = np.linspace(n_steps / READ_OUTS, n_steps, READ_OUTS)
+    else:
+        ends = np.append(np.arange(every_ms, n_steps * step_ms, every_ms) / step_ms, n_steps)
+    lengths = np.unique(np.rint(ends).astype(int))
+    return lengths[lengths > 0]
 
 
 def _accuracies(label: Ints, target: Ints) -> Floats:

@@ -13,7 +13,7 @@ from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.device import missing
 from dse.hardware.profile import Profile, load_all
 from dse.seeds import design_key
-from dse.study import points, precision, pricing
+from dse.study import decisions, points, precision, pricing
 from dse.study import trials as tables
 from dse.study.claim import claim
 from dse.study.fronts import fronts
@@ -75,6 +75,7 @@ def run(
             results_tables.write()
             raise
         results_tables.write()
+        runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
 
 

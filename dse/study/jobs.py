@@ -14,14 +14,25 @@ from pathlib import Path
 import numpy as np
 
 from dse import dataset, seeds, store
-from dse.config.contracts import FitRequest, Generators, trains_in_cohorts
+from dse.config.contracts import Family, FitRequest, Generators, trains_in_cohorts
 from dse.config.resolved import Sections
 from dse.dataset.cache import mark_used
 from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
-from dse.measure.heads import head_sizes
+from dse.measure.heads import head_sizes, head_slices
 from dse.measure.run import Measurement, measure
-from dse.records import Answers, Array, Dataset, Ints, Operations, Outcome, Response, Workload
+from dse.records import (
+    Answers,
+    Array,
+    Dataset,
+    Ints,
+    Network,
+    Operations,
+    Outcome,
+    Parameters,
+    Response,
+    Workload,
+)
 from dse.search.cohorts import Demand
 from dse.study.record import Numbers, RunRecord
 from dse.study.workers import Failure
@@ -33,6 +44,9 @@ PROCESS_BYTES = 320 * 2**20
 _SPIKE_BYTES = 64
 # At most, per sample and step: spikes and updates of each layer, and their cumulative sums.
 _ANSWER_BYTES = 216
+
+_SAMPLES = 128
+"""Training samples that a network answers at a time."""
 
 # Shortest time between two messages about the work in progress.
 _MESSAGE_S = 0.5
@@ -60,6 +74,8 @@ class Run:
     data: folder of the prepared data set, named as its key; base: folder that recordings are relative to.
     folder: folder of the run.
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
+    phi_step: distance of phi up to what the outputs of training samples reach; None: phi is given.
+    read_out_every_ms: as of `dse.measure.run.measure`.
     """
 
     trial: int
@@ -73,6 +89,13 @@ class Run:
     phi: tuple[float, ...]
     theta: tuple[float, ...]
     hardware: tuple[Profile, ...]
+    phi_step: int | None = None
+    read_out_every_ms: float | None = None
+
+    def measured(self, outcome: Outcome, data: Dataset, weight_bits: int = 8) -> Measurement:
+        """Return the measurement of an outcome on the run's decision grid."""
+        phi, theta = np.array(self.phi), np.array(self.theta)
+        return measure(outcome, data, phi, theta, self.hardware, weight_bits, self.read_out_every_ms)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,7 +244,10 @@ def _generators(run: Run) -> Generators:
 def _publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:
     """Measure a run and write its record and its arrays."""
     data, leak = loaded.data, loaded.leak
-    measurement = measure(outcome, data, np.array(job.phi), np.array(job.theta), job.hardware)
+    if job.phi_step is not None and isinstance(outcome.validation, Response):
+        most = most_output_spikes(job.sections.model, outcome.network, data)
+        job = dataclasses.replace(job, phi=tuple(range(0, most + job.phi_step, job.phi_step)))
+    measurement = job.measured(outcome, data)
     record = RunRecord(
         trial=job.trial,
         repeat=job.repeat,
@@ -247,6 +273,18 @@ def _publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:
         arrays |= arrays_of(job, head, f"_{name}")
     files = {name: _writer(content) for name, content in arrays.items()}
     store.save_run(job.folder, record.to_plain(), files)
+
+
+def most_output_spikes(model: Family, fitted: Network | Parameters, data: Dataset) -> int:
+    """Return the most output spikes of a spiking network in a training sample; of one head's outputs."""
+    most = 0
+    for first in range(0, data.train.size, _SAMPLES):
+        response = model.respond(fitted, data, data.train[first : first + _SAMPLES])
+        assert isinstance(response, Response)  # as on the validation set
+        for outputs in head_slices(data):
+            counts = response.output[..., outputs].sum(axis=(1, 2), dtype=np.int64)
+            most = max(most, int(counts.max()))
+    return most
 
 
 def _response_arrays(response: Response | Answers, data: Dataset, index: Ints) -> dict[str, Array]:

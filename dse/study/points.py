@@ -200,7 +200,9 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
     pieces = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
     if surfaces:
-        grids = [store.work_of(arrays).mapped(_flat) for arrays in surfaces]
+        # Where each run has phi up to what its own outputs reach, the shared ones come first.
+        shared = min(len(arrays["phi"]) for arrays in surfaces)
+        grids = [store.work_of(arrays).mapped(lambda x: _flat(x[:shared])) for arrays in surfaces]
         pieces.append(Answered(design, _grid([_measured(x) for x in surfaces]), grids))
     earlier = [load.mapped(lambda x: x[:-1]) for load in of_lengths]
     pieces.append(Answered(design, _earlier([_measured(x) for x in read_outs]), earlier))
@@ -267,9 +269,10 @@ def _measured(arrays: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _grid(surfaces: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the columns of a grid over phi and theta, theta fastest, summarised over repeats."""
-    phi, theta = surfaces[0]["phi"], surfaces[0]["theta"]
-    measured = _averaged([{k: x for k, x in s.items() if k not in ("phi", "theta")} for s in surfaces])
+    """Return the columns of the grid of phi and theta that all repeats share, theta fastest, summarised."""
+    phi, theta = min((s["phi"] for s in surfaces), key=len), surfaces[0]["theta"]
+    of_grid = [{k: x[: len(phi)] for k, x in s.items() if k not in ("phi", "theta")} for s in surfaces]
+    measured = _averaged(of_grid)
     return {"phi": np.repeat(phi, len(theta)), "theta": np.tile(theta, len(phi))} | measured
 
 
@@ -285,6 +288,8 @@ def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Return the columns of several runs: mean of every number, `all` of every claim, accuracy's error."""
     columns: dict[str, Array] = {}
     for name in runs[0]:
+        if not all(name in run for run in runs):
+            continue  # a run of an earlier version did not measure it
         stacked = np.stack([run[name] for run in runs])
         if stacked.dtype == bool:
             columns[name] = stacked.all(axis=0).ravel()

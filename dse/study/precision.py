@@ -13,6 +13,7 @@ which is written atomically: a setting is finished if its file exists.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.measure.run import measure
 from dse.models.snn.quantise import BITS, rounded
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.records import Array, Network, Outcome, Response
@@ -77,10 +77,14 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
     record = job.run.folder / "record.json"
     trained = RunRecord.from_plain(store.read_json(record), record).measured.columns
+    run = job.run
+    if run.phi_step is not None:  # the same settings as in training
+        surface = next(run.folder.glob("surface*.npz"))
+        run = dataclasses.replace(run, phi=tuple(store.load_arrays(surface)["phi"].tolist()))
     for setting in job.settings:
         why = None
         try:
-            _evaluate(job.run, setting, network, loaded, trained)
+            _evaluate(run, setting, network, loaded, trained)
         except (store.StoreError, MemoryError):
             raise  # a full disk is not the run's fault
         except Exception as error:
@@ -175,7 +179,7 @@ def _evaluate(
     }
     reported = {name: x for name, x in health.items() if name in trained}  # not every family reports all
     outcome = Outcome(fewer, validation, test, {}, reported, trained.get("train_s", 0.0))
-    measurement = measure(outcome, data, np.array(run.phi), np.array(run.theta), run.hardware, setting[0])
+    measurement = run.measured(outcome, data, setting[0])
     numbers = Numbers.of(measurement, loaded.leak).to_plain()
     files = jobs.arrays_of(run, measurement, "")
     for name, head in measurement.heads.items():

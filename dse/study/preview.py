@@ -25,7 +25,7 @@ def preview(space: SearchSpace) -> dict[str, object]:
     grid = space.n_designs
     n_trials = min(x for x in (space.search.n_trials, grid) if x is not None)
     settings = len(space.decision.phi) * len(space.decision.theta) + 1  # one more for the full read-out
-    points = settings * max(1, len(space.hardware))
+    points = n_trials * settings * max(1, len(space.hardware))
     row: dict[str, object] = {
         "study": space.study,
         "task": space.parts["task"].values["name"],
@@ -36,7 +36,7 @@ def preview(space: SearchSpace) -> dict[str, object]:
         "trained": n_trials,
         "runs": n_trials * space.search.repeats,
         "sampler": space.search.sampler,
-        "design_points": n_trials * points,
+        "design_points": points if space.decision.phi_step is None else None,  # else only runs tell
         "data": getattr(space.data, "scene", None),
     }
     size = 0

@@ -389,6 +389,8 @@ class Runs:
             phi=tuple(self._space.decision.phi.tolist()),
             theta=tuple(self._space.decision.theta.tolist()),
             hardware=self._profiles,
+            phi_step=self._space.decision.phi_step,
+            read_out_every_ms=self._space.decision.read_out_every_ms,
         )
 
     def _warn(self, keys: Iterable[str]) -> None:
@@ -402,6 +404,16 @@ class Runs:
                 self._progress.note(f"warning: {text}")
         if set(warnings) - set(known):
             store.write_json(path, list(dict.fromkeys([*known, *warnings])))
+
+    def remark(self, sentences: Sequence[str], prefix: str) -> None:
+        """Print sentences about the study, and store them as warnings in place of those with the prefix."""
+        path = self._folder / store.WARNINGS
+        known: list[str] = store.read_json(path) if path.exists() else []
+        for text in sentences:
+            self._progress.note(f"warning: {text}")
+        now = [*(text for text in known if not text.startswith(prefix)), *sentences]
+        if now != known:
+            store.write_json(path, now)
 
     def _check_data(self, entry: Entry, record: RunRecord) -> None:
         if not record.data:

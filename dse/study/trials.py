@@ -2,8 +2,8 @@
 
 Several runs (repeats) of a design are one row: numbers are means over its repeats. `accuracy_se` is the
 Wilson standard error for one run, and the standard error of the mean over seeds (sample standard deviation /
-sqrt(repeats)) for several. A trial with a failed run is a failed
-trial: leaving that seed out would flatter the design.
+sqrt(repeats)) for several. Reaction times on the test set also have their least and largest value over the
+repeats. A trial with a failed run is a failed trial: leaving that seed out would flatter the design.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse import registry
 from dse.config import Axis, SearchSpace
 from dse.measure.objectives.accuracy import seeds_se
 from dse.study.record import Numbers, RunRecord
@@ -104,7 +105,19 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
         columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
     if len(rows) > 1:
         columns["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
+        columns |= _ranges(rows)
     return columns
+
+
+def _ranges(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return the least and the largest value of the columns that have them; NaN where a run has none."""
+    ranges: dict[str, float] = {}
+    for name, column in registry.columns().items():
+        if column.ranged and any(name in row for row in rows):
+            values = [row.get(name) for row in rows]
+            numbers = np.array([np.nan if x is None else x for x in values], np.float64)
+            ranges |= {f"{name}_min": float(numbers.min()), f"{name}_max": float(numbers.max())}
+    return ranges
 
 
 def _mean(values: Sequence[Any]) -> Any:

@@ -17,6 +17,8 @@ UNITS = {
     "ms": "_ms",
     "uJ": "_uj",
     "mW": "_mw",
+    "W": "_w",
+    "Hz": "_hz",
     "s": "_s",
     "bit": "_bits",
     "bit/s": "_per_s",

@@ -68,3 +68,31 @@ def test_the_schema_knows_names_and_files() -> None:
     assert names["enum"] == hardware_names()
     assert file == {"type": "string", "pattern": r"\.ya?ml$"}
     assert [is_hardware_file(name) for name in ("mine.yaml", "../x.yml", "op_4.6_0.9")] == [True, True, False]
+
+
+def decision(raw: Any) -> tuple[Any, list[str]]:
+    faults: list[str] = []
+    grid = goals.decision(raw, lambda path, text: faults.append(text))
+    return (None if grid is None else grid.to_plain()), faults
+
+
+def test_phi_may_reach_as_far_as_the_outputs() -> None:
+    written = {"phi": {"up_to": "outputs", "step": 5}, "theta": [0.5], "read_out_every_ms": 100.0}
+    assert decision(written) == (written, [])
+    assert decision({"phi": {"up_to": "outputs"}})[0]["phi"] == {"up_to": "outputs", "step": 25}
+    assert set(decision({})[0]) == {"phi", "theta"}
+
+
+@pytest.mark.parametrize(
+    ("raw", "fault"),
+    [
+        ({"phi": {"up_to": "inputs"}}, "unknown decision.phi.up_to 'inputs'; known: outputs"),
+        ({"phi": {"up_to": "outputs", "step": 0}}, "decision.phi.step must be >= 1, got 0"),
+        ({"phi": {"step": 5}}, "decision.phi.up_to is required"),
+        ({"phi": [0, {"up_to": "outputs"}]}, "decision.phi must be integers, or up_to and step alone"),
+        ({"read_out_every_ms": 0}, "decision.read_out_every_ms must be > 0, got 0"),
+    ],
+)
+def test_what_is_no_decision_grid(raw: Any, fault: str) -> None:
+    grid, [found] = decision(raw)
+    assert grid is None and found.startswith(fault)

@@ -204,9 +204,20 @@ def test_one_fault_has_one_line(tmp_path: Path, old: str, new: str, fault: str) 
     assert len(faults) == (2 if "traget" in new else 1), faults
 
 
+def test_what_the_test_set_measures_needs_a_test_set(tmp_path: Path) -> None:
+    objective = ("n_weights:min", "spikes_total_no_input:min")
+    [fault] = faults_of(write_space(tmp_path, objective))
+    assert fault == (
+        "18: objective 'spikes_total_no_input' needs a test set: section 'test', or key test of the split"
+    )
+    split = ("validation: {repetition: [1]}", "validation: {repetition: [1]}\n  test: {repetition: [2]}")
+    assert load_space(write_space(tmp_path, objective, split)).objectives[1][0] == "spikes_total_no_input"
+
+
 def test_what_a_chip_decides_needs_a_chip(tmp_path: Path) -> None:
     assert set(registry.columns("hardware")) < set(registry.columns())
-    assert [name for name, column in registry.columns().items() if not column.selects] == ["accuracy_test"]
+    of_test = [name for name, column in registry.columns().items() if not column.selects]
+    assert "accuracy_test" in of_test and all("_test" in name for name in of_test)
     path = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("accuracy:max", "energy_uj"))
     assert faults_of(path) == [
         "18: objective 'energy_uj' needs a hardware profile in section 'hardware', got none"

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dse.measure import decision
-from dse.measure.decision import decide, early, surface, t_c, t_h, t_p
+from dse.measure.decision import at, decide, early, on_border, surface, t_c, t_h, t_p
 
 PHI = (0, 0.5, 1, 2, 3, 7, 1e9)
 THETA = (0.0, 1 / 3, 0.35, 0.5, 0.6, 2 / 3, 1.0)
@@ -310,3 +310,42 @@ def test_t_c_passes_over_what_is_not_known():
 def test_t_c_checks_its_input(given_, message):
     with pytest.raises(ValueError, match=message):
         t_c(*given_)
+
+
+def spikes_of_first(n_steps, *times):
+    """Return a sample of two classes in which class 0 fires at some steps."""
+    output = np.zeros((1, n_steps, 2), np.uint8)
+    output[0, list(times), 0] = 1
+    return output
+
+
+@pytest.mark.parametrize(
+    ("phi", "theta", "hit"),
+    [
+        ([0, 1, 2], [0.5, 1.0], False),  # decides after its first spike, and nothing is sooner
+        ([1, 2], [0.5, 1.0], True),  # phi = 0 would be sooner
+        ([1], [0.5, 1.0], False),  # phi is no range
+        ([0, 1], [0.6, 1.0], True),  # theta = 0.5 might be sooner
+        ([0, 1], [0.5], False),
+    ],
+)
+def test_a_best_setting_on_the_border_of_its_grid(phi, theta, hit):
+    decisions = surface(spikes_of_first(6, 1, 3, 5), [0], phi, theta, 1.0)
+    assert on_border(decisions, t_p(decisions), 2) is hit
+
+
+def test_the_largest_phi_is_no_border_if_nothing_is_decided_there():
+    # The first spike is wrong; after two more the sample is right.
+    output = spikes_of_first(6, 2, 4)
+    output[0, 0, 1] = 1
+    short = surface(output, [0], [0, 2], [0.5], 1.0)
+    assert t_p(short).phi == 2 and on_border(short, t_p(short), 2)
+    whole = surface(output, [0], [0, 3], [0.5], 1.0)
+    assert t_p(whole).phi == 3 and not on_border(whole, t_p(whole), 2), "it answers at the end anyway"
+
+
+def test_another_set_is_read_at_a_chosen_setting():
+    chosen = t_p(surface(spikes_of_first(6, 1, 3), [0], [1, 0], [0.9, 0.5], 2.0))
+    assert (chosen.phi, chosen.theta, chosen.decision_latency_ms) == (0, 0.5, 4.0)
+    other = surface(spikes_of_first(6, 4), [1], [1, 0], [0.9, 0.5], 2.0)
+    assert at(other, chosen) == (10.0, 0.0, 0.0, 0.5)

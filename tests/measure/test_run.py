@@ -83,11 +83,21 @@ def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
         "spikes_per_inference": pytest.approx((3 * 12 + 5) / 3),
         "spikes_per_inference_no_input": pytest.approx((3 * 4 + 5) / 3),
         "spikes_total": 41,
+        "spikes_total_no_input": 4 + 2,  # of the one test sample
+        "input_spike_rate_hz": pytest.approx(8 / 3 / 8e-3),
+        "spike_rate_hz": pytest.approx((3 * 4 + 5) / 3 / 7 / 8e-3),
+        "recall_macro": pytest.approx((1 + 1 / 2) / 2),
+        "precision_macro": pytest.approx((1 / 2 + 1) / 2),
+        "f1_macro": pytest.approx(2 / 3),
+        "recall_macro_test": 1.0,  # one class has no sample
+        "precision_macro_test": 1.0,
+        "f1_macro_test": 1.0,
         "synaptic_operations": 8 * 5 + 4 * 2,  # output spikes have no targets
         "macs": 0,
         "itr_bits": pytest.approx(itr_bits([[1, 0], [1, 1]])),
         "itr_bits_per_s": pytest.approx(itr_bits([[1, 0], [1, 1]]) / 8e-3),
         "t_c_ms": 8.0,  # sample 1 is answered 0 until its last spike
+        "accuracy_at_t_c_test": 1.0,
         "dead_neurons": 1,
         "overflows_24_bit": False,
         "train_s": 1.5,
@@ -129,9 +139,15 @@ def test_points_count_the_work_up_to_the_decision(outcome: Outcome, dataset: Dat
     assert points["spikes_per_inference"] == pytest.approx((7 * 3 + 1 + 1) / 3)
     assert points["spikes_per_inference_no_input"] == pytest.approx((7 + 2) / 3)
     assert points["spikes_total"] == 23
+    assert points["spikes_total_no_input"] == 2  # the test sample decides after a step
+    assert points["spike_rate_hz"] == pytest.approx((7 + 2) / 3 / 7 / (14e-3 / 3))
     assert points["synaptic_operations"] == pytest.approx((7 * 2 * 5 + 7 * 2) / 3)
     assert found.columns["t_p_ms"] == pytest.approx(points["decision_latency_ms"])
     assert found.columns["t_h_ms"] is None
+    assert (found.columns["t_p_test_ms"], found.columns["accuracy_at_t_p_test"]) == (2.0, 1.0)
+    assert found.columns["t_h_test_ms"] is found.columns["accuracy_at_t_h_test"] is None
+    assert found.columns["t_p_on_border"] == 0.0  # a grid of one setting has no ends
+    assert found.columns["output_spikes_most"] == 3
     assert found.points_load is not None
     on_chip, full = columns_on(LOIHI, found.points_load), found.hardware["loihi1_silicon"]
     assert on_chip["energy_uj"].shape == (1, 1)
@@ -148,10 +164,29 @@ def test_every_read_out_counts_its_own_work(outcome: Outcome, dataset: Dataset) 
     assert found["spikes_per_inference"][0] == pytest.approx((3 * 3 + 1) / 3)
     assert found["spikes_per_inference"][-1] == pytest.approx((3 * 12 + 5) / 3)
     assert found["accuracy_test"].tolist() == [1.0] * 4
+    assert found["spikes_total_no_input"].tolist() == [2, 3, 5, 6]
     assert (np.diff(found["synaptic_operations"]) > 0).all()
     assert (
         found["t_p_ms"][-1] == measure(outcome, dataset, np.array([0]), np.array([0.6]), []).columns["t_p_ms"]
     )
+
+
+@pytest.mark.parametrize(
+    ("every_ms", "times"),
+    [(3.0, [4.0, 6.0, 8.0]), (4.0, [4.0, 8.0]), (100.0, [8.0]), (0.1, [2.0, 4.0, 6.0, 8.0])],
+)
+def test_read_outs_are_as_far_apart_as_requested(
+    outcome: Outcome, dataset: Dataset, every_ms: float, times: list[float]
+) -> None:
+    found = measure(outcome, dataset, np.array([]), np.array([]), [], read_out_every_ms=every_ms)
+    assert found.read_outs["decision_latency_ms"].tolist() == times
+    assert found.columns["accuracy"] == pytest.approx(2 / 3)
+
+
+def test_without_a_test_set_nothing_is_summed_over_it(outcome: Outcome, dataset: Dataset) -> None:
+    alone = replace(outcome, test=None)
+    columns = measure(alone, dataset, np.array([0]), np.array([0.6]), []).columns
+    assert not [name for name in columns if "test" in name or name == "spikes_total_no_input"]
 
 
 @pytest.fixture
@@ -176,6 +211,8 @@ def test_a_classifier_without_spikes_has_the_same_columns(answered: Outcome, dat
     assert columns["accuracy"] == pytest.approx(2 / 3)
     assert (columns["n_weights"], columns["macs"], columns["synaptic_operations"]) == (20, 200.0, 6.0)
     assert columns["spikes_per_inference"] == 3.0 and columns["spikes_per_inference_no_input"] == 0.0
+    assert columns["spikes_total_no_input"] == 0 and "spike_rate_hz" not in columns  # it has no neurons
+    assert columns["input_spike_rate_hz"] == pytest.approx(3 / 3 / 8e-3)
     assert (columns["decision_latency_ms"], columns["t_c_ms"], columns["ridge"]) == (8.0, 4.0, 0.5)
     assert columns["accuracy_test"] == 1.0 and found.points == {}
     assert found.read_outs["n_weights"].tolist() == [10, 20]
@@ -227,6 +264,8 @@ def test_a_joint_net_is_measured_head_by_head(outcome: Outcome, dataset: Dataset
     assert found.confusion.tolist() == [[1, 0, 0], [0, 0, 0], [0, 0, 1]]
     assert found.points == {} and "t_p_ms" not in found.columns
     assert found.columns["itr_bits"] == pytest.approx(np.log2(3))  # no two of them are answered alike
+    assert found.columns["recall_macro"] == pytest.approx((1 + 0 + 1) / 3)  # felt, fast is no class
+    assert found.columns["precision_macro"] == pytest.approx((1 + 0 + 1) / 3)
     assert found.heads["speed"].columns["n_weights"] == found.columns["n_weights"] == 35
 
 
@@ -276,8 +315,11 @@ def test_several_networks_in_one_are_measured_but_on_no_chip(outcome: Outcome, d
     chips = [LOIHI, OPERATIONS]
     found = measure(made, dataset, np.array([0]), np.array([0.6]), chips)
     whole = measure(outcome, dataset, np.array([0]), np.array([0.6]), chips)
-    assert found.columns == whole.columns
-    assert all(np.array_equal(found.points[name], x) for name, x in whole.points.items())
+    rates = {"input_spike_rate_hz", "spike_rate_hz"}  # how many neurons there are it does not say
+    assert found.columns == {name: x for name, x in whole.columns.items() if name not in rates}
+    assert rates.isdisjoint(found.points)
+    same = (name for name in whole.points if name not in rates)
+    assert all(np.array_equal(found.points[name], whole.points[name]) for name in same)
     assert found.hardware["op_4.6_0.9"] == pytest.approx(whole.hardware["op_4.6_0.9"])
     assert found.hardware["loihi1_silicon"] == {}
 

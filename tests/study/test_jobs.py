@@ -156,3 +156,20 @@ def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
     again = KNN(window_ms=20.0, channels="each").respond(fitted, data, data.test)
     stored = store.load_arrays(counting.folder / "response_test.npz")
     assert np.array_equal(again.label, stored["label"])
+
+
+def test_phi_reaches_what_the_outputs_of_training_samples_reach(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "_SAMPLES", 7)
+    data = joint(n_steps=20)
+    save(data, tmp_path / "data")
+    one = dataclasses.replace(run(tmp_path, SNN((6,)), epochs=1, batch_size=16), phi=(), phi_step=3)
+    list(jobs.train(jobs.TrainingJob((one,))))
+    network = store.fitted_of(store.load_arrays(one.folder / "weights.npz"))
+    output = SNN((6,)).respond(network, data, data.train).output
+    most = max(output[..., :3].sum(axis=(1, 2)).max(), output[..., 3:].sum(axis=(1, 2)).max())
+    for name in ("texture", "profile"):
+        phi = store.load_arrays(one.folder / f"surface_{name}.npz")["phi"]
+        assert phi[0] == 0 and set(np.diff(phi)) <= {3}
+        assert phi[-1] - 3 < most <= phi[-1] or most == 0

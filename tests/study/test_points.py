@@ -137,6 +137,26 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
     assert frame["spikes_total"].dtype == np.int64
 
 
+def test_runs_share_the_settings_that_all_of_them_have(space: SearchSpace, tmp_path: Path) -> None:
+    def surface(*phi: int) -> dict[str, np.ndarray]:
+        shape = len(phi), 2
+        grid = {"phi": np.array(phi), "theta": np.array([0.5, 1.0])}
+        values = np.arange(2.0 * len(phi)).reshape(shape) * len(phi)
+        return grid | {"accuracy": values, **store.work_arrays(work_of(values))}
+
+    def work_of(additions: np.ndarray) -> Operations:
+        zeros = np.zeros_like(additions)
+        return Operations(zeros, additions, zeros, zeros, zeros)
+
+    runs = [published(tmp_path, 0, r, surface=surface(*phi)) for r, phi in enumerate([(0, 25, 50), (0, 25)])]
+    for order in (runs, runs[::-1]):
+        rows = points.points_table(space, tmp_path, {0: order}, [OPERATIONS]).iloc[1:]
+        assert rows["phi"].tolist() == [0, 0, 25, 25]
+        assert rows["accuracy"].tolist() == [0.0, 2.5, 5.0, 7.5]
+        expected = [x * PER_ADDITION_UJ for x in (0.0, 2.5, 5.0, 7.5)]
+        assert rows["energy_uj"].tolist() == pytest.approx(expected)
+
+
 def test_read_outs_before_the_end_are_points(space: SearchSpace, tmp_path: Path) -> None:
     read_out = {
         "decision_latency_ms": np.array([2.0, 4.0]),

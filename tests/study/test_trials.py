@@ -50,6 +50,16 @@ def test_repeats_are_averaged(space: SearchSpace) -> None:
     assert frame["t_h_ms"].isna().all()
 
 
+def test_reaction_times_on_the_test_set_have_a_range_over_folds(space: SearchSpace) -> None:
+    times = {0: (30.0, None), 1: (10.0, 5.0), 2: (20.0, 7.0)}
+    runs = [record(0, r, 0.5, t_p_test_ms=p, t_h_test_ms=h) for r, (p, h) in times.items()]
+    row = trials.trials_table(space, {0: runs}).loc[0]
+    assert tuple(row[["t_p_test_ms", "t_p_test_ms_min", "t_p_test_ms_max"]]) == (20.0, 10.0, 30.0)
+    assert row[["t_h_test_ms", "t_h_test_ms_min", "t_h_test_ms_max"]].isna().all(), "a fold never gets there"
+    assert not [name for name in row.index if name.startswith("accuracy_m")]
+    assert "t_p_test_ms_min" not in trials.trials_table(space, {0: runs[:1]})
+
+
 def test_what_one_of_several_runs_does_not_measure_is_missing(space: SearchSpace) -> None:
     silent = record(0, 1, 0.5)
     runs = [record(0, 0, 0.5, first_spike_ms=4.0), silent, record(0, 2, 0.5, dead_neurons=1)]

@@ -47,6 +47,9 @@ class Points:
     n_weights: stored weights that the answer needs.
     load: mean work per inference.
     decisions: of a grid over (phi, theta), all of it; None of read-outs.
+    spikes_test: (...) spikes of hidden and output layers, summed over the test set; None without one.
+    n_inputs: input channels, delayed copies counted; n_neurons: hidden and output neurons. None where the
+        classifier does not say.
     """
 
     n_samples: int
@@ -57,6 +60,9 @@ class Points:
     n_weights: Ints
     load: Workload | Operations
     decisions: DecisionSurface | None = None
+    spikes_test: Ints | None = None
+    n_inputs: int | None = None
+    n_neurons: int | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,8 @@ class FullReadOut:
     decision_latency_ms: length of the window.
     read_outs: the same run after k shorter inputs, this one last; None of a joint net, whose heads have them.
     decisions: what the decision maker reaches over its grid; None without a grid, and of a joint net.
+    decisions_test, confusion_test: the same of the test set; None without one.
+    most_output_spikes: in a sample; None of what has no output spikes, and of a joint net.
     """
 
     outcome: Outcome
@@ -79,6 +87,9 @@ class FullReadOut:
     decision_latency_ms: float
     read_outs: Points | None
     decisions: DecisionSurface | None
+    decisions_test: DecisionSurface | None = None
+    confusion_test: Ints | None = None
+    most_output_spikes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -134,8 +145,13 @@ def measured(needs: Needs, record: Points | FullReadOut | Priced) -> dict[str, A
 _ORDER = (
     *("accuracy", "accuracy_se", "accuracy_strict", "accuracy_test", "n_weights", "memory_bytes"),
     *("decision_latency_ms", "undecided", "ties"),
-    *("spikes_per_inference", "spikes_per_inference_no_input", "spikes_total", "synaptic_operations", "macs"),
+    *("spikes_per_inference", "spikes_per_inference_no_input", "spikes_total", "spikes_total_no_input"),
+    *("synaptic_operations", "macs", "input_spike_rate_hz", "spike_rate_hz"),
+    *("recall_macro", "precision_macro", "f1_macro"),
+    *("recall_macro_test", "precision_macro_test", "f1_macro_test"),
     *("itr_bits", "itr_bits_per_s", "t_c_ms", "t_p_ms", "t_h_ms"),
+    *("accuracy_at_t_c_test", "t_p_test_ms", "accuracy_at_t_p_test", "t_h_test_ms", "accuracy_at_t_h_test"),
+    *("t_p_on_border", "output_spikes_most"),
     *("energy_uj", "energy_uj_low", "energy_uj_high"),
     *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
     *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),

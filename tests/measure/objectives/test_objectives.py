@@ -31,7 +31,7 @@ def test_the_columns_of_the_record_are_declared():
 
 def test_units_stand_in_the_names():
     units = {
-        **{"ms": "_ms", "uJ": "_uj", "mW": "_mw", "s": "_s"},
+        **{"ms": "_ms", "uJ": "_uj", "mW": "_mw", "s": "_s", "W": "_w", "Hz": "_hz"},
         **{"bit": "_bits", "bit/s": "_bits_per_s", "bytes": "_bytes"},
     }
     for name, column in registry.columns().items():
