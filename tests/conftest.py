@@ -74,17 +74,25 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def chromium() -> Iterator[Any]:
-    """A headless Chromium driven by playwright; tests that need it are skipped where there is none."""
+def chromium_path() -> Path:
+    """The executable of a Chromium; tests that need it are skipped where there is none."""
     fetched = ROOT / ".venv" / "browser" / "chromium"
     candidates = [os.environ.get("DSE_CHROMIUM"), *map(shutil.which, BROWSERS), fetched]
     path = next((Path(name) for name in candidates if name and Path(name).exists()), None)
     if path is None:
         pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on PATH, DSE_CHROMIUM is not set")
+    return path
+
+
+@pytest.fixture(scope="session")
+def chromium(chromium_path: Path) -> Iterator[Any]:
+    """A headless Chromium driven by playwright."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=list(BROWSER_FLAGS), timeout=PATIENCE_MS)
+        browser = driver.chromium.launch(
+            executable_path=chromium_path, args=list(BROWSER_FLAGS), timeout=PATIENCE_MS
+        )
         yield browser
         browser.close()
 

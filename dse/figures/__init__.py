@@ -99,6 +99,20 @@ def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFram
     return points[points["hardware"] == (hardware or chips[0])]
 
 
+def with_value(points: pandas.DataFrame, column: str, value: str) -> pandas.DataFrame:
+    """Return the points with a value in a column; all of them where the value is ''.
+
+    Raises:
+        ValueError: no point has it.
+    """
+    if not value:
+        return points
+    values = list(dict.fromkeys(map(str, points[column]))) if column in points else []
+    if value not in values:
+        raise ValueError(f"{column} must be one of {', '.join(values)}, got '{value}'")
+    return points[points[column].astype(str) == value]
+
+
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the points that answer at the end of the window, as trained."""
     frame = points
@@ -111,6 +125,18 @@ def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
 def trial_of(results: Results, trial: int | None) -> int:
     """Return a trial, or the most accurate one where none is given."""
     return results.best_trial() if trial is None else trial
+
+
+def recorded(results: Results, trial: int, name: str) -> list[dict[str, Array]]:
+    """Return the arrays of a file of every run of a trial.
+
+    Raises:
+        ValueError: no run has the file.
+    """
+    runs = results.arrays(trial, name)
+    if not runs:
+        raise ValueError(f"trial {trial} recorded no {name}")
+    return runs
 
 
 def mean_of(runs: Sequence[Mapping[str, Array]], name: str) -> Array:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, trial_of
+from dse.figures import Results, recorded, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT, short
 from dse.hardware.cost import Cost, cost
 from dse.records import Floats
@@ -53,7 +53,7 @@ class EnergyFigure:
     trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> Breakdown:
-        runs = results.arrays(trial_of(results, self.trial), "read_out.npz")
+        runs = recorded(results, trial_of(results, self.trial), "read_out.npz")
         chip = results.chip(self.hardware)
         loads = [store.work_of(run).mapped(lambda counts: counts[-1:]) for run in runs]
         return gather_breakdown([cost(chip, load) for load in loads])

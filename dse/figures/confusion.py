@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, trial_of
+from dse.figures import Results, recorded, trial_of
 from dse.records import Array
 from dse.registry import param, register
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Confusion:
-    """Counts and rates of a confusion matrix; rows are what was true, columns what was said.
+    """Counts and rates of a confusion matrix; rows are true classes, columns the answers.
 
     counts: (class, class) int64.
     rates: (class, class) float64, each row sums to 1; a class without samples has a row of 0.
@@ -39,7 +39,7 @@ class ConfusionFigure:
 
     def gather(self, results: Results) -> Confusion:
         trial = trial_of(results, self.trial)
-        counts = [run["validation"] for run in results.arrays(trial, "confusion.npz")]
+        counts = [run["validation"] for run in recorded(results, trial, "confusion.npz")]
         return gather_confusion(np.sum(counts, axis=0), results.classes(trial))
 
     def draw(self, record: Confusion) -> plotly.graph_objects.Figure:
@@ -85,7 +85,7 @@ def draw_confusion(confusion: Confusion) -> plotly.graph_objects.Figure:
     )
     ticks = {"tickvals": places, "ticktext": names}
     figure.update_layout(
-        xaxis={"title": {"text": "said"}, **ticks},
+        xaxis={"title": {"text": "answered"}, **ticks},
         yaxis={"title": {"text": "true"}, "autorange": "reversed", **ticks},
     )
     return figure

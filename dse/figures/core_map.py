@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, trial_of
+from dse.figures import Results, recorded, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
@@ -56,7 +56,7 @@ class CoresFigure:
     trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> CoreMap:
-        load = store.work_of(results.arrays(trial_of(results, self.trial), "read_out.npz")[0])
+        load = store.work_of(recorded(results, trial_of(results, self.trial), "read_out.npz")[0])
         if not isinstance(load, Workload):
             raise NotApplicable(f"{self.hardware} runs networks of spiking layers only")
         return gather_core_map(results.chip(self.hardware), load.mapped(lambda counts: counts[-1:]))

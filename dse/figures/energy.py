@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, on_one_chip
+from dse.figures import Results, full_read_outs, on_one_chip, with_value
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
@@ -19,6 +19,9 @@ from dse.skyline.front import front_mask
 if TYPE_CHECKING:
     import pandas
     import plotly.graph_objects
+
+
+_SPANS_DECADES = 100.0
 
 
 @dataclass(frozen=True)
@@ -55,9 +58,12 @@ class TradeFigure:
     hardware: str = param(
         "", doc="hardware profile of the costs (default: the first of the study)", axis=False
     )
+    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
 
     def gather(self, results: Results) -> Trade:
         frame = full_read_outs(on_one_chip(results.points(), self.hardware))
+        if "task" in frame and len(frame):
+            frame = with_value(frame, "task", self.task or str(frame["task"].iloc[0]))
         return gather_energy(frame, self.parameter, self.x, self.y)
 
     def draw(self, record: Trade) -> plotly.graph_objects.Figure:
@@ -129,15 +135,19 @@ def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
             y=trade.values[rows, 1],
             error_x={**bars, "array": trade.high[rows, 0], "arrayminus": trade.low[rows, 0]},
             error_y={**bars, "array": trade.high[rows, 1], "arrayminus": trade.low[rows, 1]},
+            cliponaxis=False,
             text=[html.escape(trade.labels[row], quote=False) for row in rows],
-            textposition="top center",
+            textposition="bottom right",
             mode="lines+markers+text" if best else "markers",
             marker={"color": colour, "size": 9 if best else 6, "opacity": 1.0 if best else 0.4},
             line={"color": colour, "width": 1.5},
             name="front" if best else "dominated",
             hovertemplate=f"{axis_title(trade.parameter)} %{{text}}<extra></extra>",
         )
+    x = trade.values[:, 0]
+    wide = bool(len(x)) and x.min() > 0 and x.max() / x.min() > _SPANS_DECADES
     figure.update_layout(
-        xaxis={"title": {"text": axis_title(trade.x)}}, yaxis={"title": {"text": axis_title(trade.y)}}
+        xaxis={"title": {"text": axis_title(trade.x)}, "type": "log" if wide else "linear"},
+        yaxis={"title": {"text": axis_title(trade.y)}},
     )
     return figure

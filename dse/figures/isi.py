@@ -219,7 +219,7 @@ def draw_isi(intervals: Intervals) -> plotly.graph_objects.Figure:
             )
     figure.update_xaxes(title={"text": "interval (ms)"})
     # The shortest interval is most of them; the others would lie on the axis.
-    figure.update_yaxes(type="log")
+    figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     figure.update_yaxes(title={"text": "fraction of intervals"}, col=1)
     return figure
 
@@ -271,7 +271,14 @@ def draw_distances(distances: Distances) -> plotly.graph_objects.Figure:
     figure.update_layout(
         xaxis={"title": {"text": "time since the start (ms)"}},
         yaxis={"title": {"text": "distance of spike counts"}, "rangemode": "tozero"},
-        yaxis2={"title": {"text": "ratio"}, "overlaying": "y", "side": "right", "showgrid": False},
+        yaxis2={
+            "title": {"text": "ratio"},
+            "overlaying": "y",
+            "side": "right",
+            "showgrid": False,
+            "rangemode": "tozero",
+            "tickmode": "auto",
+        },
         legend={"orientation": "h", "y": 1.08},  # the right side is the second axis's
     )
     return figure

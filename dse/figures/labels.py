@@ -12,6 +12,9 @@ OKABE_ITO_DARK = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E0
 
 _UNITS = {
     "_mm_s": "mm/s",
+    "_bits_per_s": "bit/s",
+    "_hz": "Hz",
+    "_w": "W",
     "_ms": "ms",
     "_us": "µs",
     "_mv": "mV",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, trial_of
+from dse.figures import Results, recorded, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
 from dse.registry import param, register
@@ -41,7 +41,7 @@ class LearningFigure:
     trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
 
     def gather(self, results: Results) -> Learning:
-        return gather_learning(results.arrays(trial_of(results, self.trial), "history.npz"))
+        return gather_learning(recorded(results, trial_of(results, self.trial), "history.npz"))
 
     def draw(self, record: Learning) -> plotly.graph_objects.Figure:
         return draw_learning(record)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results
+from dse.figures import Results, recorded
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
 from dse.records import Array
@@ -46,7 +46,7 @@ class LengthsFigure:
 
     def gather(self, results: Results) -> Lengths:
         trials = results.trials
-        return gather_lengths(trials, results.arrays(longest(trials), "read_out.npz"))
+        return gather_lengths(trials, recorded(results, longest(trials), "read_out.npz"))
 
     def draw(self, record: Lengths) -> plotly.graph_objects.Figure:
         return draw_lengths(record)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, trial_of
+from dse.figures import Results, recorded, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.measure.decision import decide
 from dse.records import Array
@@ -71,8 +71,8 @@ class RecordingFigure:
 
     def gather(self, results: Results) -> Recording:
         trial = trial_of(results, self.trial)
-        runs = results.arrays(trial, "response.npz")
-        if not runs or "output" not in runs[0]:
+        runs = recorded(results, trial, "response.npz")
+        if "output" not in runs[0]:
             raise ValueError(f"trial {trial} has no output spikes")
         response = store.response_of(runs[0])
         if self.sample >= len(response.output):

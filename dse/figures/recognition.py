@@ -50,10 +50,13 @@ class RecognitionFigure:
         n_tasks = best["task"].nunique()
         read_outs = {}
         for trial, task, family in zip(best["trial"], best["task"], best["family"], strict=True):
-            runs = results.arrays(int(trial), "read_out.npz")
+            runs = results.arrays(int(trial), f"read_out_{task}.npz")  # of a head of a joint network
+            runs = runs or results.arrays(int(trial), "read_out.npz")
             if runs:
                 name = f"{family} {task}" if n_tasks > 1 else str(family)
                 read_outs[name] = mean_of(runs, "decision_latency_ms"), mean_of(runs, "accuracy")
+        if not read_outs:
+            raise ValueError("a finished trial must have recorded a read_out.npz, got none")
         return gather_recognition(read_outs)
 
     def draw(self, record: tuple[Recognition, ...]) -> plotly.graph_objects.Figure:

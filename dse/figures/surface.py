@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, trial_of
+from dse.figures import Results, recorded, trial_of
 from dse.figures.labels import axis_title
 from dse.records import Array, DecisionSurface
 from dse.registry import param, register
@@ -45,9 +45,9 @@ class SurfaceFigure:
 
     def gather(self, results: Results) -> SurfaceMap:
         trial = trial_of(results, self.trial)
-        runs = results.arrays(trial, "surface.npz")
+        runs = recorded(results, trial, "surface.npz")
         if self.repeat >= len(runs):
-            raise ValueError(f"trial {trial} has no decision surface of repeat {self.repeat}")
+            raise ValueError(f"repeat must be below {len(runs)} in trial {trial}, got {self.repeat}")
         return gather_surface(stored_surface(runs[self.repeat]), self.quantity)
 
     def draw(self, record: SurfaceMap) -> plotly.graph_objects.Figure:

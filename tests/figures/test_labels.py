@@ -10,6 +10,8 @@ from dse.figures.labels import axis_title, label, short
         ("decision_latency_ms", ("decision latency", "ms")),
         ("velocity_mm_s", ("velocity", "mm/s")),
         ("train_s", ("train", "s")),
+        ("itr_bits_per_s", ("itr", "bit/s")),
+        ("power_idle_w", ("power idle", "W")),
         ("n_weights", ("weights", "")),
         ("model.true_rate", ("model.true_rate", "")),
         ("preprocessing.bin_ms", ("preprocessing.bin", "ms")),

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from dse import registry
+from dse import registry, store
 from dse.dashboard.sources import sources
 from dse.encoders.threshold import Threshold
 from dse.hardware import profile
+from dse.records import Array, Parameters
 from dse.testing import (
     check_chip_kind,
     check_encoder,
@@ -20,6 +23,7 @@ from dse.testing import (
     check_sampler,
     check_view,
 )
+from dse.testing.small import SmallStudy
 from tests.joint_data import joint
 
 # Keys that a component needs, and those that keep its check small.
@@ -49,7 +53,27 @@ FIGURES: dict[str, dict[str, Any]] = {
     "trade": {"parameter": "model.hidden"},
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
+    "sweep": {"x": "model.hidden"},
 }
+
+
+class WithPower(SmallStudy):
+    """The power that no profile of the small study has."""
+
+    def points(self) -> pd.DataFrame:
+        return super().points().assign(power_idle_w=0.5, power_w=2.25)
+
+
+class WithHistograms(SmallStudy):
+    """What a HOTS of the small study would have learnt."""
+
+    def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
+        signatures = np.ones((1, 3, 4), np.float32)
+        learnt = Parameters({"signatures": signatures, "signature_class": np.arange(3)}, 6)
+        return [store.record_arrays(learnt)] if name == "weights.npz" else super().arrays(trial, name)
+
+
+STUDIES: dict[str, type[SmallStudy]] = {"power": WithPower, "histograms": WithHistograms}
 
 
 def names(section: str) -> list[str]:
@@ -91,7 +115,8 @@ def test_objective(name: str) -> None:
 
 @pytest.mark.parametrize("name", names("figures"))
 def test_figure(name: str) -> None:
-    check_figure(registry.known("figures")[name](**FIGURES.get(name, {})))
+    study = STUDIES.get(name, SmallStudy)()
+    check_figure(registry.known("figures")[name](**FIGURES.get(name, {})), study)
 
 
 @pytest.mark.parametrize("name", profile.names())

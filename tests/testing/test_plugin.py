@@ -145,7 +145,13 @@ def test_its_components_keep_their_contracts(installed: Path) -> None:
     ("arguments", "text"),
     [
         (("bras", "--out", "x.json"), "unknown figure 'bras'; known: bars"),
-        (("bars", "--out", "x.png"), "--out must end in .html or .json, got 'x.png'"),
+        (("bars", "--out", "x.gif"), "--out must end in .pdf, .svg, .png, .html or .json, got 'x.gif'"),
+        (
+            ("bars", "--out", "x.pdf", "--size", "700"),
+            "--size must be WIDTHxHEIGHT, such as 700x450, got '700'",
+        ),
+        (("bars", "--out", "x.pdf", "--size", "9x450"), "--size must have sides of 50 to 10000 pixels, got"),
+        (("histograms", "--out", "x.json"), "has no class histograms: trials of family hots have them"),
         (("bars", "--out", "x.json", "--set", "colum=a"), "unknown key 'bars.colum'"),
         (("grid", "--out", "x.json", "--set", "x=a", "--set", "y=b"), "figure grid: columns must be in"),
         (("bars", "--out", "x.json", "--plugin", "no.py"), "plugin 'no.py': cannot read"),

@@ -10,14 +10,16 @@ from dse.cli.answer import Answer
 from dse.cli.options import add_set
 from dse.config import ConfigError, Fault, known_names
 
+_SIZES_PX = (50, 10_000)
+
 if TYPE_CHECKING:
     import plotly.graph_objects
 
     from dse.figures import Figure
 
 GROUP = "choose"
-HELP = "draw a figure of a study into a file (HTML or JSON); `dse describe figures` lists the figures"
-SUFFIXES = (".html", ".json")
+HELP = "draw a figure of a study into a file (PDF, SVG, PNG, HTML or JSON); `dse describe figures` lists them"
+SUFFIXES = (".pdf", ".svg", ".png", ".html", ".json")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         type=Path,
         metavar="FILE",
-        help="file to write: .html (a page that works offline and saves SVG) or .json (plotly's own format)",
+        help="file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and Chromium), "
+        ".html (a page that works offline and saves SVG) or .json (plotly's own format)",
+    )
+    parser.add_argument(
+        "--size",
+        metavar="WIDTHxHEIGHT",
+        help="size of a .pdf, .svg or .png in pixels of 1/96 inch (default: the figure's own, else 700x450)",
     )
     add_set(parser, "x=model.hidden; `dse describe figures NAME` lists the keys")
     parser.add_argument(
@@ -46,16 +54,17 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Draw the figure into the file.
 
     Raises:
-        ConfigError: the figure, one of its keys or the file's ending is unknown, or it has nothing to show.
+        ConfigError: the figure, one of its keys or the file's ending is unknown, it has nothing to show, or
+            what draws images is not installed.
         StoreError: the study is missing or damaged.
     """
     from dse.registry import PluginError, load_plugin
-    from dse.store import write_text
     from dse.study.results import open as open_study
 
     out: Path = arguments.out
     if out.suffix not in SUFFIXES:
-        raise _fault(f"--out must end in {' or '.join(SUFFIXES)}, got '{out}'")
+        raise _fault(f"--out must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, got '{out}'")
+    size_px = None if arguments.size is None else _size(arguments.size)
     study = open_study(arguments.results)
     try:
         for name in arguments.plugins:
@@ -67,12 +76,38 @@ def answer(arguments: argparse.Namespace) -> Answer:
         drawn: plotly.graph_objects.Figure = figure.draw(figure.gather(study))
     except ValueError as error:
         raise _fault(f"figure {arguments.figure}: {error}") from None
-    saves_svg = {"toImageButtonOptions": {"format": "svg", "filename": arguments.figure}}
-    write_text(
-        out,
-        drawn.to_json() if out.suffix == ".json" else drawn.to_html(config=saves_svg, include_plotlyjs=True),
-    )
+    _write(drawn, out, size_px, arguments.figure)
     return Answer([{"figure": arguments.figure, "file": str(out)}])
+
+
+def _write(drawn: plotly.graph_objects.Figure, out: Path, size_px: tuple[int, int] | None, name: str) -> None:
+    from dse.figures.image import static_image
+    from dse.native.extras import MissingExtra
+    from dse.store import published, write_text
+
+    if out.suffix == ".json":
+        write_text(out, drawn.to_json())
+    elif out.suffix == ".html":
+        saves_svg = {"toImageButtonOptions": {"format": "svg", "filename": name}}
+        write_text(out, drawn.to_html(config=saves_svg, include_plotlyjs=True))
+    else:
+        try:
+            content = static_image(drawn, out.suffix[1:], size_px)
+        except MissingExtra as error:
+            raise _fault(str(error)) from None
+        with published(out) as temporary:
+            temporary.write_bytes(content)
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Return width and height of `--size`."""
+    width, _, height = text.partition("x")
+    if not (width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
+        raise _fault(f"--size must be WIDTHxHEIGHT, such as 700x450, got '{text}'")
+    size_px = int(width), int(height)
+    if not all(_SIZES_PX[0] <= side <= _SIZES_PX[1] for side in size_px):
+        raise _fault(f"--size must have sides of {_SIZES_PX[0]} to {_SIZES_PX[1]} pixels, got '{text}'")
+    return size_px
 
 
 def _figure(name: str, settings: list[str]) -> Figure[Any]:

@@ -1,0 +1,85 @@
+"""A figure as a static image for print: PDF, SVG or PNG, drawn by an installed Chrome or Chromium.
+
+Nothing is fetched: the drawing library is plotly's own copy, and the browser is that of DSE_CHROMIUM, else
+one that kaleido finds on this machine.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from dse.native.extras import MissingExtra
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+FORMATS = ("pdf", "svg", "png")
+SIZE_PX = (700, 450)
+"""Width and height of a figure that has none of its own."""
+
+_PNG_SCALE = 3  # dots per pixel: 288 dpi
+_INK, _RULE = "#1B1E22", "#DFE3E8"
+_AXIS: dict[str, Any] = {
+    "showline": True,
+    "linecolor": _INK,
+    "ticks": "outside",
+    "tickcolor": _INK,
+    "ticklen": 4,
+    "gridcolor": _RULE,
+    "zeroline": False,
+    "automargin": True,
+    "title": {"standoff": 8},
+}
+_SCENE_AXIS: dict[str, Any] = {"backgroundcolor": "white", "gridcolor": _RULE, "linecolor": _INK}
+_LAYOUT: dict[str, Any] = {
+    "paper_bgcolor": "white",
+    "plot_bgcolor": "white",
+    "font": {"family": "Helvetica, Arial, sans-serif", "size": 12, "color": _INK},
+    "margin": {"l": 64, "r": 24, "t": 32, "b": 56},
+    "legend": {"font": {"size": 11}, "tracegroupgap": 2},
+    "xaxis": _AXIS,
+    "yaxis": _AXIS,
+    "scene": {f"{axis}axis": _SCENE_AXIS for axis in "xyz"},
+}
+
+
+def static_image(
+    figure: plotly.graph_objects.Figure, form: str, size_px: tuple[int, int] | None = None
+) -> bytes:
+    """Return a figure as the content of a file, on white.
+
+    Args:
+        figure: what is drawn.
+        form: one of `FORMATS`.
+        size_px: width and height, 96 px to the inch; None: those of its layout, else `SIZE_PX`.
+
+    Raises:
+        MissingExtra: kaleido or a browser is missing.
+    """
+    if find_spec("kaleido") is None:
+        raise MissingExtra("a figure as PDF, SVG or PNG needs kaleido: pip install 'dse[figures]'")
+    import kaleido
+    from choreographer.errors import ChromeNotFoundError
+
+    layout = figure.layout
+    width, height = size_px or (layout.width or SIZE_PX[0], layout.height or SIZE_PX[1])
+    options = {"format": form, "width": width, "height": height, "scale": _PNG_SCALE if form == "png" else 1}
+    browser = {"path": os.environ["DSE_CHROMIUM"]} if os.environ.get("DSE_CHROMIUM") else {}
+    try:
+        content: bytes = kaleido.calc_fig_sync(
+            on_white(figure).to_dict(), options, kopts={"mathjax": False, **browser}
+        )
+    except ChromeNotFoundError:
+        raise MissingExtra(
+            "a figure as PDF, SVG or PNG needs Chrome or Chromium: install one, or name it in DSE_CHROMIUM"
+        ) from None
+    return content
+
+
+def on_white(figure: plotly.graph_objects.Figure) -> plotly.graph_objects.Figure:
+    """Return a copy in the style of print; what its layout says itself stays."""
+    import plotly.graph_objects as go
+
+    return go.Figure(figure).update_layout(template={"layout": _LAYOUT})

@@ -1,0 +1,115 @@
+"""Power of one design on every hardware: at rest, and beyond it while it runs.
+
+Source: Brayshaw et al., real-time texture classification, Fig. 5 (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse.figures import Results, full_read_outs, trial_of
+from dse.figures.front import interval, numbers
+from dse.figures.labels import OKABE_ITO_LIGHT, short
+from dse.records import Array
+from dse.registry import param, register
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
+IDLE, RUNNING = "power_idle_w", "power_w"
+
+
+@dataclass(frozen=True)
+class Power:
+    """Power of one design, (hardware,) each.
+
+    idle_w: at rest. beyond_w: what running adds to it.
+    low_w, high_w: distance from the power while running to the ends of its interval, 0 where none is known.
+    without: hardware whose power is not known.
+    """
+
+    hardware: tuple[str, ...]
+    idle_w: Array
+    beyond_w: Array
+    low_w: Array
+    high_w: Array
+    without: tuple[str, ...]
+
+
+@register("figures", "power")
+@dataclass(frozen=True)
+class PowerFigure:
+    """Power of a trial on every hardware profile of the study: at rest, and beyond it while it runs."""
+
+    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+
+    def gather(self, results: Results) -> Power:
+        points = results.points()
+        return gather_power(full_read_outs(points[points["trial"] == trial_of(results, self.trial)]))
+
+    def draw(self, record: Power) -> plotly.graph_objects.Figure:
+        return draw_power(record)
+
+
+def gather_power(points: pandas.DataFrame) -> Power:
+    """Gather the power of one design on every hardware.
+
+    Args:
+        points: full read-outs of one trial, one row per hardware (of several tasks the first counts).
+
+    Raises:
+        ValueError: the study recorded no power.
+    """
+    for column in ("hardware", IDLE, RUNNING):
+        if column not in points:
+            raise ValueError(f"points must have a column {column}, got a study without it")
+    rows = points.drop_duplicates("hardware")
+    idle_w, power_w = numbers(rows, IDLE), numbers(rows, RUNNING)
+    known = np.isfinite(idle_w) & np.isfinite(power_w)
+    names = rows["hardware"].astype(str).to_numpy()
+    if not known.any():
+        raise ValueError(
+            f"{IDLE} and {RUNNING} must be known on some hardware, got none on {', '.join(names)}"
+        )
+    low, high = interval(rows, RUNNING)
+    return Power(
+        hardware=tuple(names[known].tolist()),
+        idle_w=idle_w[known],
+        beyond_w=power_w[known] - idle_w[known],
+        low_w=low[known],
+        high_w=high[known],
+        without=tuple(names[~known].tolist()),
+    )
+
+
+def draw_power(power: Power) -> plotly.graph_objects.Figure:
+    """Draw a bar per hardware: at rest, and on top what running adds; the interval is that of the sum."""
+    import plotly.graph_objects as go
+
+    names = [html.escape(name, quote=False) for name in power.hardware]
+    places = list(range(len(names)))
+    parts = (("at rest", power.idle_w), ("beyond, running", power.beyond_w))
+    figure = go.Figure()
+    for (name, watts), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
+        figure.add_bar(
+            x=places,
+            y=watts,
+            name=name,
+            marker={"color": colour},
+            text=[f"{short(value)} W" for value in watts.tolist()],
+            hovertemplate=f"{name}: %{{text}}<extra></extra>",
+        )
+    bars = {"type": "data", "symmetric": False, "array": power.high_w, "arrayminus": power.low_w}
+    figure.data[1].error_y = {**bars, "thickness": 1, "width": 4}
+    figure.update_layout(
+        barmode="stack",
+        xaxis={"tickvals": places, "ticktext": names, "showgrid": False},
+        yaxis={"title": {"text": "power (W)"}, "rangemode": "tozero"},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+    )
+    return figure

@@ -1,0 +1,152 @@
+"""What a parameter does: columns over it, such as accuracy and transferred information over T_w.
+
+Sources: Rasouli et al., an extreme learning machine for texture recognition, Figs. 12 and 15; Brayshaw et
+al., temporal and spatio-temporal domains, Fig. 5a (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse.figures import Results, full_read_outs, on_one_chip, with_value
+from dse.figures.front import interval, numbers
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
+from dse.records import Array
+from dse.registry import param, register
+
+if TYPE_CHECKING:
+    import pandas
+    import plotly.graph_objects
+
+_DASHES = ("solid", "dash", "dot", "dashdot")
+_SYMBOLS = ("circle", "x", "square", "triangle-up")
+_PANEL_PX, _MARGIN_PX = 190, 110
+
+
+@dataclass(frozen=True)
+class Line:
+    """The best design at every value of the parameter, for one family and task.
+
+    x: (k,) values of the parameter, rising. trial: (k,) the design of each.
+    values: column -> (k,), NaN where there is none.
+    low, high: column -> (k,) distance from the value to the ends of its interval.
+    """
+
+    name: str
+    x: Array
+    trial: Array
+    values: Mapping[str, Array]
+    low: Mapping[str, Array]
+    high: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Columns over a parameter. n_left_out: rows without a number of the parameter or of the first column."""
+
+    x: str
+    columns: tuple[str, ...]
+    lines: tuple[Line, ...]
+    n_left_out: int
+
+
+@register("figures", "sweep")
+@dataclass(frozen=True)
+class SweepFigure:
+    """Columns over a parameter, a panel each: the design best in the first column at each of its values."""
+
+    x: str = param(doc="column of numbers, such as model.window_ms", axis=False)
+    columns: tuple[str, ...] = param(("accuracy",), doc="columns of numbers, a panel each", axis=False)
+    family: str = param("", doc="family of classifiers (default: a line for each)", axis=False)
+    task: str = param("", doc="what is predicted (default: a line for each)", axis=False)
+    hardware: str = param(
+        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
+    )
+
+    def gather(self, results: Results) -> Sweep:
+        points = full_read_outs(on_one_chip(results.points(), self.hardware))
+        for column, name in (("family", self.family), ("task", self.task)):
+            points = with_value(points, column, name)
+        return gather_sweep(points, self.x, self.columns)
+
+    def draw(self, record: Sweep) -> plotly.graph_objects.Figure:
+        return draw_sweep(record)
+
+
+def gather_sweep(points: pandas.DataFrame, x: str, columns: Sequence[str]) -> Sweep:
+    """Gather, for every family and task and every value of a parameter, the design best in the first column.
+
+    Args:
+        points: full read-outs on one hardware.
+        x: column of the parameter.
+        columns: at least one; of the first, the largest number is best, and the first trial of several.
+
+    Raises:
+        ValueError: a column is not in the table or listed twice, or no row has numbers of x and of the first.
+    """
+    if not columns or len({x, *columns}) <= len(columns):
+        raise ValueError(f"columns must be one or more, none twice and none the x '{x}', got {list(columns)}")
+    if unknown := [name for name in (x, *columns) if name not in points.columns]:
+        raise ValueError(f"columns must be in the table, got {unknown}")
+    known = np.isfinite(numbers(points, x)) & np.isfinite(numbers(points, columns[0]))
+    rows = points[known].assign(_x=numbers(points, x)[known], _first=-numbers(points, columns[0])[known])
+    if rows.empty:
+        raise ValueError(f"a row must have numbers of {x} and {columns[0]}, got none")
+    groups = [name for name in ("family", "task") if name in rows and rows[name].nunique() > 1]
+    each = rows.groupby(groups, sort=False) if groups else [((), rows)]
+    return Sweep(
+        x=x,
+        columns=tuple(columns),
+        lines=tuple(_line(" ".join(map(str, name)), of_line, columns) for name, of_line in each),
+        n_left_out=int((~known).sum()),
+    )
+
+
+def _line(name: str, rows: pandas.DataFrame, columns: Sequence[str]) -> Line:
+    best = rows.sort_values(["_x", "_first", "trial"], kind="stable").drop_duplicates("_x")
+    ends = {column: interval(best, column) for column in columns}
+    return Line(
+        name=name,
+        x=best["_x"].to_numpy(np.float64),
+        trial=best["trial"].to_numpy(np.int64),
+        values={column: numbers(best, column) for column in columns},
+        low={column: low for column, (low, _) in ends.items()},
+        high={column: high for column, (_, high) in ends.items()},
+    )
+
+
+def draw_sweep(sweep: Sweep) -> plotly.graph_objects.Figure:
+    """Draw the columns below each other over the parameter, a line per family and task."""
+    from plotly.subplots import make_subplots
+
+    n = len(sweep.columns)
+    figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.08 / n)
+    for row, column in enumerate(sweep.columns, 1):
+        for index, line in enumerate(sweep.lines):
+            colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
+            style = index // len(OKABE_ITO_LIGHT) % len(_DASHES)
+            bars = {"type": "data", "symmetric": False, "thickness": 1, "width": 3}
+            figure.add_scatter(
+                x=line.x,
+                y=line.values[column],
+                error_y={**bars, "array": line.high[column], "arrayminus": line.low[column]},
+                mode="lines+markers",
+                name=html.escape(line.name, quote=False),
+                legendgroup=str(index),
+                showlegend=row == 1 and len(sweep.lines) > 1,
+                line={"color": colour, "width": 1.5, "dash": _DASHES[style]},
+                marker={"symbol": _SYMBOLS[style], "size": 6},
+                customdata=line.trial,
+                hovertemplate="%{x:.4g}: %{y:.4g}, trial %{customdata}<extra></extra>",
+                row=row,
+                col=1,
+            )
+        figure.update_yaxes(title_text=axis_title(column), row=row, col=1)
+    figure.update_xaxes(title_text=axis_title(sweep.x), row=n, col=1)
+    figure.update_layout(height=max(2, n) * _PANEL_PX + _MARGIN_PX)
+    return figure

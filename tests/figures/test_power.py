@@ -1,0 +1,43 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.figures.power import draw_power, gather_power
+
+
+def points() -> pd.DataFrame:
+    """The printed figures of three platforms, and a chip whose power nobody knows."""
+    return pd.DataFrame(
+        {
+            "hardware": ["CPU", "GPU", "<Loihi 2>", "other", "GPU"],
+            "power_idle_w": [56.0, 28.0, 0.5, np.nan, 1.0],
+            "power_w": [56.005, 46.0, 2.25, 3.0, 1.0],
+            "power_w_low": [56.0, 44.0, 2.0, 2.0, 1.0],
+            "power_w_high": [56.005, 47.0, 2.75, 4.0, 1.0],
+        }
+    )
+
+
+def test_at_rest_and_beyond():
+    found = gather_power(points())
+    assert found.hardware == ("CPU", "GPU", "<Loihi 2>")
+    assert found.idle_w.tolist() == [56, 28, 0.5]
+    assert found.beyond_w == pytest.approx([0.005, 18, 1.75])
+    assert found.low_w == pytest.approx([0.005, 2, 0.25]) and found.high_w == pytest.approx([0, 1, 0.5])
+    assert found.without == ("other",)
+
+
+def test_bars_on_each_other():
+    figure = draw_power(gather_power(points()))
+    assert [bar.name for bar in figure.data] == ["at rest", "beyond, running"]
+    assert figure.layout.barmode == "stack"
+    assert list(figure.data[1].text) == ["0.005 W", "18 W", "1.75 W"]
+    assert list(figure.layout.xaxis.ticktext) == ["CPU", "GPU", "&lt;Loihi 2&gt;"]
+    assert list(figure.data[1].error_y.array) == pytest.approx([0, 1, 0.5])
+
+
+def test_what_it_refuses():
+    with pytest.raises(ValueError, match="points must have a column power_idle_w, got a study without it"):
+        gather_power(points().drop(columns="power_idle_w"))
+    with pytest.raises(ValueError, match="must be known on some hardware, got none on other"):
+        gather_power(points().iloc[3:4])

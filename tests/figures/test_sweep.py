@@ -1,0 +1,62 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.figures.sweep import SweepFigure, draw_sweep, gather_sweep
+from dse.testing.small import SmallStudy
+
+
+def points() -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "trial": [0, 1, 2, 3, 4, 5],
+            "family": ["elm", "elm", "elm", "elm", "<knn>", "elm"],
+            "window_ms": [200.0, 50.0, 200.0, 200.0, 100.0, np.nan],
+            "accuracy": [0.6, 0.5, 0.8, 0.8, 0.7, 0.9],
+            "accuracy_se": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6],
+            "itr_bits_per_s": [3.0, 2.0, np.nan, 5.0, 1.0, 9.0],
+        }
+    )
+
+
+def test_the_best_design_at_every_value():
+    found = gather_sweep(points(), "window_ms", ["accuracy", "itr_bits_per_s"])
+    elm, knn = found.lines
+    assert (elm.name, elm.x.tolist()) == ("elm", [50, 200])
+    assert elm.trial.tolist() == [1, 2], "the first of equal ones"
+    assert elm.values["accuracy"].tolist() == [0.5, 0.8]
+    assert elm.low["accuracy"].tolist() == elm.high["accuracy"].tolist() == [0.2, 0.3]
+    assert elm.values["itr_bits_per_s"][0] == 2 and np.isnan(elm.values["itr_bits_per_s"][1])
+    assert (knn.name, knn.x.tolist()) == ("<knn>", [100])
+    assert found.n_left_out == 1
+
+
+def test_a_panel_per_column():
+    figure = draw_sweep(gather_sweep(points(), "window_ms", ["accuracy", "itr_bits_per_s"]))
+    assert [trace.name for trace in figure.data] == ["elm", "&lt;knn&gt;"] * 2
+    assert (figure.layout.yaxis.title.text, figure.layout.yaxis2.title.text) == ("accuracy", "itr (bit/s)")
+    assert figure.layout.xaxis2.title.text == "window (ms)"
+    assert [trace.showlegend for trace in figure.data] == [True, True, False, False]
+
+
+def test_one_line_needs_no_legend():
+    [line] = draw_sweep(gather_sweep(points()[:3], "window_ms", ["accuracy"])).data
+    assert not line.showlegend
+
+
+def test_of_one_family():
+    found = SweepFigure(x="model.hidden", family="snn", task="texture").gather(SmallStudy())
+    assert [line.x.tolist() for line in found.lines] == [[4, 6, 9]]
+    with pytest.raises(ValueError, match="family must be one of snn, got 'elm'"):
+        SweepFigure(x="model.hidden", family="elm").gather(SmallStudy())
+
+
+def test_what_it_refuses():
+    with pytest.raises(ValueError, match=r"columns must be in the table, got \['gain'\]"):
+        gather_sweep(points(), "gain", ["accuracy"])
+    with pytest.raises(ValueError, match=r"none the x 'trial', got \['accuracy', 'accuracy'\]"):
+        gather_sweep(points(), "trial", ["accuracy", "accuracy"])
+    with pytest.raises(ValueError, match=r"got \[\]"):
+        gather_sweep(points(), "trial", [])
+    with pytest.raises(ValueError, match="a row must have numbers of window_ms and accuracy, got none"):
+        gather_sweep(points()[5:], "window_ms", ["accuracy"])
