@@ -16,7 +16,7 @@ const Budgets = (() => {
       for (const cost of costs) if (cost[a] !== cost[b]) return cost[a] - cost[b];
       return a - b;
     });
-    const found = [];
+    const best = [];
     const beats = (a, b) => {
       let better = false;
       for (const cost of costs) {
@@ -26,11 +26,11 @@ const Budgets = (() => {
       return better;
     };
     for (const row of order) { // only rows before it can beat a row
-      const at = found.findIndex((other) => beats(other, row));
-      if (at < 0) found.push(row);
-      else if (at > 0) [found[0], found[at]] = [found[at], found[0]]; // who beats one beats many
+      const at = best.findIndex((other) => beats(other, row));
+      if (at < 0) best.push(row);
+      else if (at > 0) [best[0], best[at]] = [best[at], best[0]]; // who beats one beats many
     }
-    return found.sort((a, b) => a - b);
+    return best.sort((a, b) => a - b);
   }
 
   function undominated(points) {
@@ -51,8 +51,8 @@ const Budgets = (() => {
     const order = [...inside].sort((a, b) => b[last] - a[last]);
     for (const [k, point] of order.entries()) {
       const limited = order.slice(k + 1).map((other) => point.slice(0, last).map((x, j) => Math.max(x, other[j])));
-      const own = point.slice(0, last).reduce((product, x) => product * (1 - x), 1);
-      yield (1 - point[last]) * (own - (limited.length ? hypervolume(last > 2 ? undominated(limited) : limited) : 0));
+      const volume = point.slice(0, last).reduce((product, x) => product * (1 - x), 1);
+      yield (1 - point[last]) * (volume - (limited.length ? hypervolume(last > 2 ? undominated(limited) : limited) : 0));
     }
   }
 
@@ -130,35 +130,35 @@ const Budgets = (() => {
     const [task, family, hardware] = ["task", "family", "hardware"].map(text);
     const tasks = task ? [...new Set(task)] : [""];
     const several = (names) => names !== undefined && new Set(names).size > 1;
-    const kept = new Map();
+    const results = new Map();
 
     // The last result of each kind; a slider at work asks for the same selection again and again.
     function remembered(kind, key, make) {
-      const known = kept.get(kind);
-      if (known?.key === key) return known.value;
+      const last = results.get(kind);
+      if (last?.key === key) return last.value;
       const value = make();
-      kept.set(kind, { key, value });
+      results.set(kind, { key, value });
       return value;
     }
 
-    const chosenOnly = (names, wanted) => (names && names.includes(wanted) ? wanted : null);
+    const chosenOnly = (names, value) => (names && names.includes(value) ? value : null);
     const filters = (state) => ({
       task: chosenOnly(task, state.task), family: chosenOnly(family, state.family), hardware: chosenOnly(hardware, state.hardware),
     });
 
     // Rows of the filters, without those that have seen the labels or do not fit their hardware where others do.
     function select(chosen) {
-      const found = [];
+      const rows = [];
       for (let row = 0; row < nRows; row += 1) {
         if ((chosen.task === null || task[row] === chosen.task) && (chosen.family === null || family[row] === chosen.family)
           && (chosen.hardware === null || hardware[row] === chosen.hardware)
-          && columns.transductive?.values[row] !== true) found.push(row);
+          && columns.transductive?.values[row] !== true) rows.push(row);
       }
       // A row that has no answer where others of its hardware have one cannot run there.
-      const answered = new Set(found.filter((row) => typeof columns.fits?.values[row] === "boolean").map((row) => hardware?.[row]));
+      const answered = new Set(rows.filter((row) => typeof columns.fits?.values[row] === "boolean").map((row) => hardware?.[row]));
       const fits = (row) => columns.fits?.values[row] ?? !answered.has(hardware?.[row]);
-      const chips = new Set(found.filter(fits).map((row) => hardware?.[row]));
-      return found.filter((row) => fits(row) || !chips.has(hardware?.[row]));
+      const chips = new Set(rows.filter(fits).map((row) => hardware?.[row]));
+      return rows.filter((row) => fits(row) || !chips.has(hardware?.[row]));
     }
 
     function rangesOf(chosen) {
@@ -198,8 +198,8 @@ const Budgets = (() => {
         if (missed === 0) { within[row] = 1; count += weight; } else if (missed === 1) alone[which] += weight;
       }
       const rivals = remembered("rivals", key, () => {
-        const mine = new Set(selected);
-        return budgets.contenders.filter((row) => mine.has(row));
+        const among = new Set(selected);
+        return budgets.contenders.filter((row) => among.has(row));
       });
       // A budget on an objective never adds to the front: who beats a row within it is within it too.
       const beside = limits.filter(({ column }) => !Object.hasOwn(page.objectives, column));
@@ -342,13 +342,13 @@ const Budgets = (() => {
       write("#n-front", `${many(result.front.length)} on the front`);
       sum(result);
       part("#clear").disabled = result.limits.length === 0;
-      const [heading, ...said] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
+      const [heading, ...nodes] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
         : result.pick >= 0
           ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
           : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
             : ["Nothing is feasible", element("p", { textContent: "No design has values for all budgets." })];
       write("#pick h2", heading);
-      tell(said);
+      writePick(nodes);
       part("#export").hidden = result.pick < 0;
       part("#command").textContent = result.command;
     }
@@ -358,21 +358,21 @@ const Budgets = (() => {
       if (part(name).textContent !== text) part(name).textContent = text;
     }
 
-    function tell(said) {
+    function writePick(nodes) {
       const place = part("#pick > div");
-      if (place.innerHTML === said.map((node) => node.outerHTML).join("")) return;
+      if (place.innerHTML === nodes.map((node) => node.outerHTML).join("")) return;
       const focused = [...place.querySelectorAll("button")].indexOf(document.activeElement);
-      place.replaceChildren(...said);
+      place.replaceChildren(...nodes);
       place.querySelectorAll("button")[focused]?.focus();
     }
 
     // The hypervolume of a large front takes longer than a slider may: it is summed between other work.
     function sum(result) {
-      const said = JSON.stringify([result.front, result.chosen]);
-      if (summed.page === result.page && summed.said === said) return;
-      summed = { page: result.page, said };
+      const key = JSON.stringify([result.front, result.chosen]);
+      if (summed.page === result.page && summed.key === key) return;
+      summed = { page: result.page, key };
       turn += 1;
-      const mine = turn;
+      const thisTurn = turn;
       const fronts = result.normalised();
       const out = part("#hypervolume");
       if (!fronts.length || fronts.length > MAX_FRONTS) {
@@ -382,7 +382,7 @@ const Budgets = (() => {
       const sums = fronts.map(() => 0);
       const work = fronts.flatMap(({ points }, k) => (points.length ? [[k, parts(points)]] : []));
       const step = () => {
-        if (mine !== turn) return;
+        if (thisTurn !== turn) return;
         const until = performance.now() + SUM_MS;
         while (work.length && performance.now() < until) {
           const next = work[0][1].next();
@@ -404,13 +404,13 @@ const Budgets = (() => {
   }
 
   // A page from disk may have no clipboard of its own; the selection always works.
-  async function copy(from, said) {
+  async function copy(from, status) {
     try {
       await navigator.clipboard.writeText(from.textContent);
-      said.textContent = "copied";
+      status.textContent = "copied";
     } catch {
       getSelection().selectAllChildren(from);
-      said.textContent = document.execCommand("copy") ? "copied" : "selected; copy it with the keyboard";
+      status.textContent = document.execCommand("copy") ? "copied" : "selected; copy it with the keyboard";
     }
   }
 

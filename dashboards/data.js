@@ -10,7 +10,7 @@ const Data = (() => {
   }
 
   // What is wrong, in place of a page that cannot be shown.
-  function say(text) {
+  function showError(text) {
     const line = document.createElement("p");
     line.className = "note";
     line.setAttribute("role", "alert");
@@ -23,7 +23,7 @@ const Data = (() => {
     try {
       return type === "application/json" ? JSON.parse(textContent) : await unpacked(textContent);
     } catch (error) {
-      say(typeof DecompressionStream === "undefined"
+      showError(typeof DecompressionStream === "undefined"
         ? "This browser cannot decompress the page. Use Chrome or Edge 80, Firefox 113, Safari 16.4, or a later version."
         : "The data of this page cannot be read; the file may be truncated. Write or copy it again.");
       throw error;

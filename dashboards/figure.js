@@ -58,9 +58,9 @@ const Figure = (() => {
     hoverlabel: { align: "left", bgcolor: look.page, bordercolor: look.text, font: { color: look.text } },
   });
 
-  // Draws {data, layout}; `own` returns what the page lays out otherwise. Resolves to the plot, or to null when
+  // Draws {data, layout}; `overrides` returns what the page lays out otherwise. Resolves to the plot, or to null when
   // another figure was asked for on the node meanwhile.
-  async function draw(node, figure, look, own = () => ({})) {
+  async function draw(node, figure, look, overrides = () => ({})) {
     const turn = {};
     turns.set(node, turn);
     await library();
@@ -73,7 +73,7 @@ const Figure = (() => {
       layout[key].title = { ...layout[key].title, standoff: 4 };
     }
     Object.assign(layout, face(look, node.clientWidth < 480));
-    Object.assign(layout, own(layout));
+    Object.assign(layout, overrides(layout));
     return Plotly.react(node, recoloured(figure.data, look), layout, config);
   }
 

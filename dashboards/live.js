@@ -5,13 +5,13 @@
   const EVERY_MS = 2000;
   const PATIENCE_MS = 60000;
   let page = await Data.read();
-  let heard = new Date();
+  let updated = new Date();
   const line = document.createElement("p");
   line.id = "live";
   line.setAttribute("role", "status");
   document.querySelector("header").append(line);
 
-  function say(text, kind) {
+  function setStatus(text, kind) {
     if (line.textContent !== text) line.textContent = text;
     line.className = kind;
   }
@@ -31,14 +31,14 @@
       for (const one of parts) page = { ...page, ...one, tags: { ...page.tags, ...one.tags } };
       // Once a connection is back, what was asked for meanwhile can be asked for again.
       if (parts.length || line.className === "note") dispatchEvent(new CustomEvent("live", { detail: page }));
-      heard = new Date();
-      say("live", "");
+      updated = new Date();
+      setStatus("live", "");
     } catch {
-      say(`Connection lost. The page shows the study as of ${heard.toLocaleTimeString()}; it keeps trying to reconnect.`, "note");
+      setStatus(`Connection lost. The page shows the study as of ${updated.toLocaleTimeString()}; it keeps trying to reconnect.`, "note");
     }
     setTimeout(ask, EVERY_MS);
   }
 
-  say("live", "");
+  setStatus("live", "");
   setTimeout(ask, EVERY_MS);
 })();

@@ -106,26 +106,26 @@
   const log = (column) => (column && (page.definition.front.log.includes(column) || spansDecades(column)) ? "1" : "0");
 
   function initialState() {
-    const asked = page.definition;
-    const given = ["y", "x", "z"].map((axis) => (axes.includes(asked.front[axis]) ? asked.front[axis] : null));
+    const definition = page.definition;
+    const fixed = ["y", "x", "z"].map((axis) => (axes.includes(definition.front[axis]) ? definition.front[axis] : null));
     const preferred = [...objectives.slice(0, 1), ...objectives.filter((c) => c === "energy_uj"), ...objectives];
-    const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !given.includes(column));
-    const [y, x, z] = given.map((column) => column ?? left.shift() ?? axes[0]);
-    const sort = asked.sort ?? objectives[0] ?? "";
+    const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !fixed.includes(column));
+    const [y, x, z] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
+    const sort = definition.sort ?? objectives[0] ?? "";
     return {
-      view: String(asked.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
+      view: String(definition.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: asked.design[0] ?? "", rows: "", family: BOTH, ...Budgets.plain(page),
+      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, ...Budgets.plain(page),
     };
   }
 
   function readState() {
-    const found = { ...plain };
+    const read = { ...plain };
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
-      if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) found[key] = value;
+      if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) read[key] = value;
     }
-    return found;
+    return read;
   }
 
   take(await Data.read());
@@ -157,9 +157,9 @@
     const before = { state, plain, empty: page.state !== null };
     take(data);
     // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
-    const kept = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
+    const valid = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
       !(key === "task" && value === before.plain.task));
-    state = before.empty ? readState() : { ...plain, ...Object.fromEntries(kept) };
+    state = before.empty ? readState() : { ...plain, ...Object.fromEntries(valid) };
     if (page.state === null) writeState();
     render();
   }
@@ -173,9 +173,9 @@
 
   // A point by its key; its numbers come from its row, or, off the page, from what its surface says (design.js).
   function point(key) {
-    const told = surfaces.get(`${key}@${state.hardware}`);
-    const row = told ? -1 : rowOf(key);
-    return { key, row, value: (column) => (told ? told[column] : columns[column]?.values[row]) ?? null };
+    const values = surfaces.get(`${key}@${state.hardware}`);
+    const row = values ? -1 : rowOf(key);
+    return { key, row, value: (column) => (values ? values[column] : columns[column]?.values[row]) ?? null };
   }
   const surfaces = new Map();
 
@@ -209,9 +209,9 @@
     element("a", { href: address, download: name }).click();
   }
 
-  // Values of a point that is no row of the page; `told` is {column: value}.
-  function tell(key, told) {
-    surfaces.set(`${key}@${state.hardware}`, told);
+  // Values of a point that is no row of the page; `values` is {column: value}.
+  function setPoint(key, values) {
+    surfaces.set(`${key}@${state.hardware}`, values);
   }
 
   const toggleCompared = (key) => {
@@ -220,7 +220,7 @@
   };
 
   const app = {
-    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, taskOf, colourOf, tell,
+    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, taskOf, colourOf, setPoint,
     toggleCompared, download, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
@@ -258,9 +258,9 @@
 
   function fillSelect(id, options, names) {
     const select = byId(id);
-    const said = JSON.stringify([options, names]);
-    if (select.dataset.said !== said) {
-      select.dataset.said = said;
+    const content = JSON.stringify([options, names]);
+    if (select.dataset.content !== content) {
+      select.dataset.content = content;
       select.replaceChildren(...options.map((value, k) => element("option", { value, textContent: clip(names[k], 40) })));
     }
     select.value = state[id];
@@ -310,17 +310,17 @@
 
   function render(moving = false) {
     const empty = page.state !== null;
-    const wanted = page.definition.views;
+    const names = page.definition.views;
     byId("state").hidden = !empty;
     byId("budgets").hidden = empty;
     for (const { name, root, whenEmpty } of views) {
-      if (!wanted.includes(name) || !whenEmpty) root.hidden = empty || !wanted.includes(name);
-      root.style.order = wanted.indexOf(name);
+      if (!names.includes(name) || !whenEmpty) root.hidden = empty || !names.includes(name);
+      root.style.order = names.indexOf(name);
     }
     const shown = selection(moving);
     renderHeader(shown);
     renderFailures();
-    for (const { name, view, whenEmpty } of views) if (whenEmpty && wanted.includes(name)) view.render(shown);
+    for (const { name, view, whenEmpty } of views) if (whenEmpty && names.includes(name)) view.render(shown);
     if (empty) {
       byId("state").querySelector("h2").textContent = page.state.title;
       byId("state").querySelector("p").textContent = page.state.text;
@@ -329,7 +329,7 @@
     showBudgets(state, shown.budgeted);
     renderBundle(shown);
     renderControls();
-    for (const { name, view, whenEmpty } of views) if (!whenEmpty && wanted.includes(name)) view.render(shown);
+    for (const { name, view, whenEmpty } of views) if (!whenEmpty && names.includes(name)) view.render(shown);
   }
 
   // ---- what a reader does

@@ -32,11 +32,11 @@ const Compare = (() => {
 
   // What an axis must reach over: what it says itself, or else its numbers.
   function reach({ data, layout }, axis) {
-    const asked = layout[axis].range;
-    if (asked) return asked;
+    const range = layout[axis].range;
+    if (range) return range;
     const letter = axis[0];
-    const own = data.filter((trace) => (trace[`${letter}axis`] ?? letter) === axis.replace("axis", ""));
-    const values = own.flatMap((trace) => Design.listed(trace[letter])).filter(Number.isFinite);
+    const traces = data.filter((trace) => (trace[`${letter}axis`] ?? letter) === axis.replace("axis", ""));
+    const values = traces.flatMap((trace) => Design.listed(trace[letter])).filter(Number.isFinite);
     if (!values.length) return null;
     const log = layout[axis].type === "log";
     const ends = [Math.min(...values), Math.max(...values)].map((value) => (log ? Math.log10(Math.max(value, Number.MIN_VALUE)) : value));
@@ -85,7 +85,7 @@ const Compare = (() => {
     root.append(element("h2", {}, "Compare ", element("small")), element("div", { className: "scroll" }, table), same, choice, figures);
     root.querySelector(".scroll").tabIndex = 0;
     let shown = null;
-    let drawn = { said: "", details: [] };
+    let drawn = { key: "", details: [] };
     const loaded = new Map(); // trial -> {page, text, details}
 
     const trialOf = (at) => Design.named(shown, at.key)[0] ?? at.value("trial");
@@ -141,8 +141,8 @@ const Compare = (() => {
       const { page, columns, compared, objectives } = shown;
       const focused = table.contains(document.activeElement) ? document.activeElement : null;
       const [does, place] = [focused?.dataset.does, focused?.closest("th")?.cellIndex];
-      const said = (at, column) => element("td", { textContent: words(at, column), title: String(at.value(column) ?? "") });
-      const plainRow = (column) => row(app.title(column), compared.map((at) => said(at, column)));
+      const cell = (at, column) => element("td", { textContent: words(at, column), title: String(at.value(column) ?? "") });
+      const plainRow = (column) => row(app.title(column), compared.map((at) => cell(at, column)));
       const known = (column) => compared.some((at) => at.value(column) !== null);
       const ways = { ...page.objectives, ...page.budgets.columns };
       const numbered = [...new Set([...objectives, ...Object.keys(page.budgets.columns)])].filter(known);
@@ -176,12 +176,12 @@ const Compare = (() => {
       const { page, compared } = shown;
       for (const trial of new Set(compared.map(trialOf))) {
         if (trial === null || (loaded.get(trial)?.page === page && loaded.get(trial).details)) continue;
-        const mine = { ...loaded.get(trial), page };
-        loaded.set(trial, mine);
+        const entry = { ...loaded.get(trial), page };
+        loaded.set(trial, entry);
         Details.of(page, trial).then((details) => {
-          if (loaded.get(trial) !== mine) return;
+          if (loaded.get(trial) !== entry) return;
           const text = JSON.stringify(details);
-          if (text !== mine.text) Object.assign(mine, { text, details });
+          if (text !== entry.text) Object.assign(entry, { text, details });
           // A link may name points that are no rows of the page.
           const news = shown.compared.filter((at) => trialOf(at) === trial && Design.restore(app, shown, at, details));
           if (news.length) app.change({});
@@ -196,24 +196,24 @@ const Compare = (() => {
     function renderFigures() {
       const { state, compared } = shown;
       const offered = TABS.filter((tab) => compared.some((at) => Design.figureOf(partAt(at), tab, state.hardware)));
-      const kept = select.value;
+      const selected = select.value;
       if ([...select.options].map(({ value }) => value).join() !== offered.join()) {
         select.replaceChildren(...offered.map((tab) => element("option", { value: tab, textContent: tab })));
-        if (offered.includes(kept)) select.value = kept;
+        if (offered.includes(selected)) select.value = selected;
       }
       choice.hidden = offered.length === 0;
       figures.hidden = offered.length === 0;
       const details = compared.map(detailsOf);
-      const said = JSON.stringify([select.value, state.hardware, app.style().dark, compared.map((at) => [trialOf(at), at.value("task")])]);
-      if (!offered.length || (drawn.said === said && details.every((one, k) => one === drawn.details[k]))) return;
-      drawn = { said, details };
-      const found = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware));
-      const wide = SCALED.includes(select.value) ? scaled(found.filter(Boolean)) : found.filter(Boolean);
+      const key = JSON.stringify([select.value, state.hardware, app.style().dark, compared.map((at) => [trialOf(at), at.value("task")])]);
+      if (!offered.length || (drawn.key === key && details.every((one, k) => one === drawn.details[k]))) return;
+      drawn = { key, details };
+      const drawings = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware));
+      const wide = SCALED.includes(select.value) ? scaled(drawings.filter(Boolean)) : drawings.filter(Boolean);
       const high = Math.max(...wide.map(({ layout }) => layout.height ?? 320));
       const nodes = compared.map((at, k) => {
         const caption = element("figcaption", {}, element("span", { className: "square", textContent: String(k + 1) }), ` ${clip(nameAt(at), 40)}`);
         const node = element("div", { className: "plot" });
-        if (!found[k]) {
+        if (!drawings[k]) {
           const text = details[k] === undefined ? "…" 
             : details[k] === null ? Details.absent(shown.page, trialOf(at))
               : ["energy", "cores"].includes(select.value) ? "No numbers on this hardware." : "Nothing was recorded.";
@@ -221,7 +221,7 @@ const Compare = (() => {
         }
         node.style.height = `${high}px`;
         node.setAttribute("role", "img");
-        node.setAttribute("aria-label", `${k + 1}, ${nameAt(at)}. ${Design.words[select.value](found[k], number)}`);
+        node.setAttribute("aria-label", `${k + 1}, ${nameAt(at)}. ${Design.words[select.value](drawings[k], number)}`);
         return element("figure", {}, caption, node);
       });
       Figure.replace(figures, ...nodes);

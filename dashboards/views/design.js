@@ -14,7 +14,7 @@ const Design = (() => {
 
   // ---- pure: a trial's document in, numbers and words out
 
-  const own = (object, name) => (object && Object.hasOwn(object, name) ? object[name] : undefined);
+  const entryOf = (object, name) => (object && Object.hasOwn(object, name) ? object[name] : undefined);
 
   // What output spikes answer under a setting, the rule of dse.decision: the first step with more than phi spikes, a
   // share theta or more of them of one class. Undecided: the leading class at the last step. Ties: the lowest class.
@@ -54,7 +54,7 @@ const Design = (() => {
     return best;
   }
 
-  const partOf = (details, task) => own(details.tasks, String(task)) ?? Object.values(details.tasks)[0] ?? {};
+  const partOf = (details, task) => entryOf(details.tasks, String(task)) ?? Object.values(details.tasks)[0] ?? {};
 
   // A file may carry the surface of the weights as trained alone.
   const isOf = (surface, precision) => ["weight_bits", "pruned_after"].every((name) => (surface[name] ?? null) === precision(name));
@@ -66,7 +66,7 @@ const Design = (() => {
       ?? all.find((one) => isOf(one, precision)) ?? all[0] ?? null;
   }
 
-  const columnsOn = (surface, hardware) => own(surface.hardware, hardware) ?? own(surface.hardware, "") ?? null;
+  const columnsOn = (surface, hardware) => entryOf(surface.hardware, hardware) ?? entryOf(surface.hardware, "") ?? null;
 
   // A point's trial and number, where it is named by them.
   function named({ columns }, key) {
@@ -74,7 +74,7 @@ const Design = (() => {
   }
 
   // The numbers of a point of a surface on the hardware shown, with what its design has on the page; null if there is none.
-  function toldOf(shown, details, key) {
+  function valuesOf(shown, details, key) {
     const [trial, point] = named(shown, key);
     const { columns, page, state } = shown;
     for (const [task, part] of Object.entries(details.tasks)) {
@@ -111,13 +111,13 @@ const Design = (() => {
   const withUnit = (app, shown, at, column) => `${app.clip(worded(app, shown, at, column), 120)}\u00a0${shown.columns[column].unit}`.trim();
 
   // A link may name points that are no rows of the page; returns whether the numbers of one are news.
-  const told = new Set();
+  const restored = new Set();
   function restore(app, shown, { key, row }, details) {
     const name = `${key}@${shown.state.hardware}`;
-    if (!details || isRow(shown, row) || told.has(name)) return false;
-    told.add(name);
-    const numbers = toldOf(shown, details, key);
-    if (numbers !== null) app.tell(key, numbers);
+    if (!details || isRow(shown, row) || restored.has(name)) return false;
+    restored.add(name);
+    const numbers = valuesOf(shown, details, key);
+    if (numbers !== null) app.setPoint(key, numbers);
     return numbers !== null;
   }
 
@@ -150,8 +150,8 @@ const Design = (() => {
     learning({ data, layout }, number) {
       const curves = data.map((trace) => [trace, listed(trace.y)]).filter(([, y]) => y.length);
       const whose = (trace) => (data.length > 1 ? ` of ${plain(trace.name)}` : "");
-      const told = curves.map(([trace, y]) => `${axisOf(layout, trace)}${whose(trace)} ${number(y[0])} to ${number(y.at(-1))}`);
-      return `Learning curves over ${Math.max(0, ...curves.map(([, y]) => y.length))} epochs: ${told.join(", ")}.`;
+      const curveWords = curves.map(([trace, y]) => `${axisOf(layout, trace)}${whose(trace)} ${number(y[0])} to ${number(y.at(-1))}`);
+      return `Learning curves over ${Math.max(0, ...curves.map(([, y]) => y.length))} epochs: ${curveWords.join(", ")}.`;
     },
     energy({ data: [bars] }) {
       return `Energy of an inference: ${listed(bars.customdata).map(plain).join(", ")}.`;
@@ -161,23 +161,23 @@ const Design = (() => {
       return `Cores in use: ${[...counted, data.map((trace) => plain(trace.name)).join(", ")].join(". ")}.`;
     },
     bits({ data, layout }, number) {
-      const told = data.map((trace) => {
+      const lineWords = data.map((trace) => {
         const [bits, accuracy] = [listed(trace.customdata ?? trace.x), listed(trace.y)];
         return `${plain(trace.name)} ${accuracy.map((value, k) => `${number(value, true)} at ${number(bits[k])} bits`).join(", ")}`;
       });
-      return `${axisOf(layout, data[0] ?? {}) || "accuracy"} against bits per weight: ${told.join("; ")}.`;
+      return `${axisOf(layout, data[0] ?? {}) || "accuracy"} against bits per weight: ${lineWords.join("; ")}.`;
     },
   };
 
   // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none.
   function figureOf(part, tab, hardware) {
-    const found = own(part.figures, tab);
-    return tab === "energy" || tab === "cores" ? own(found, hardware) : found;
+    const figure = entryOf(part.figures, tab);
+    return tab === "energy" || tab === "cores" ? entryOf(figure, hardware) : figure;
   }
 
-  function tabsOf(part, hardware, wanted) {
+  function tabsOf(part, hardware, order) {
     const has = { surface: () => (part.surfaces ?? []).some((one) => columnsOn(one, hardware)), raster: () => (part.examples ?? []).length > 0 };
-    return (wanted ?? Object.keys(TABS)).filter((tab) => Object.hasOwn(TABS, tab) && (has[tab]?.() ?? figureOf(part, tab, hardware) !== undefined));
+    return (order ?? Object.keys(TABS)).filter((tab) => Object.hasOwn(TABS, tab) && (has[tab]?.() ?? figureOf(part, tab, hardware) !== undefined));
   }
 
   // ---- the panel
@@ -207,7 +207,7 @@ const Design = (() => {
 
     let shown = null;
     let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
-    let drawn = null; // what is in the pane: {said, figure(), draw(), move()}
+    let drawn = null; // what is in the pane: {key, figure(), draw(), move()}
 
     compare.addEventListener("click", () => app.toggleCompared(shown.chosen.key));
 
@@ -244,9 +244,9 @@ const Design = (() => {
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
       const measured = [...new Set([...aims, ...Object.keys(page.budgets.columns)])];
       list(objectives, measured.filter(has));
-      const said = ["trial", "task", "hardware"];
-      list(parameters, page.design.filter((column) => !said.includes(column) && has(column)));
-      list(others, Object.keys(columns).filter((column) => ![...measured, ...page.design, ...said].includes(column) && has(column)));
+      const inHead = ["trial", "task", "hardware"];
+      list(parameters, page.design.filter((column) => !inHead.includes(column) && has(column)));
+      list(others, Object.keys(columns).filter((column) => ![...measured, ...page.design, ...inHead].includes(column) && has(column)));
       const [, point] = named(shown, chosen.key);
       const deployable = point !== null && chosen.value("transductive") !== true;
       bundle.hidden = !deployable || !Details.isServed(page);
@@ -270,12 +270,12 @@ const Design = (() => {
       const trial = named(shown, chosen.key)[0] ?? (columns.trial ? chosen.value("trial") : null);
       if (trial !== loaded.trial) loaded = { trial, page: null, details: trial === null ? null : undefined, text: "" };
       if (trial === null || (loaded.page === page && loaded.details)) return;
-      const mine = loaded = { ...loaded, page };
+      const entry = loaded = { ...loaded, page };
       Details.of(page, trial).then((details) => {
-        if (mine !== loaded) return; // another design was chosen meanwhile
+        if (entry !== loaded) return; // another design was chosen meanwhile
         // What a running study says again is not drawn again.
         const text = JSON.stringify(details);
-        if (mine.details === undefined || text !== mine.text) Object.assign(loaded, { details, text });
+        if (entry.details === undefined || text !== entry.text) Object.assign(loaded, { details, text });
         if (restore(app, shown, shown.chosen, details)) change({});
         else renderParts();
       });
@@ -283,7 +283,7 @@ const Design = (() => {
 
     // ---- tabs
 
-    function say(text) {
+    function showText(text) {
       drawn = null;
       save.hidden = true;
       Figure.replace(pane, element("p", { className: "quiet", textContent: text }));
@@ -298,22 +298,22 @@ const Design = (() => {
       renderTabs(names, open);
       notes.replaceChildren(...(details?.notes ?? []).map((text) => element("p", { textContent: text })));
       pane.setAttribute("aria-busy", String(details === undefined));
-      if (details === undefined) return say("…");
-      if (details === null) return say(absent(page));
-      if (!open) return say(NO_PARTS);
+      if (details === undefined) return showText("…");
+      if (details === null) return showText(absent(page));
+      if (!open) return showText(NO_PARTS);
       const surface = surfaceOf(part, named(shown, chosen.key)[1], chosen.value, state.hardware);
-      const said = JSON.stringify([open, chosen.value("task"), state.hardware, surface?.first_point, app.style().dark]);
-      if (drawn?.said === said && drawn.details === details) {
+      const key = JSON.stringify([open, chosen.value("task"), state.hardware, surface?.first_point, app.style().dark]);
+      if (drawn?.key === key && drawn.details === details) {
         drawn.move();
         return;
       }
       const focused = pane.contains(document.activeElement) ? document.activeElement.dataset.name : undefined;
-      const kept = new Map([...pane.querySelectorAll("select")].map((select) => [select.dataset.name, select.value]));
+      const selected = new Map([...pane.querySelectorAll("select")].map((select) => [select.dataset.name, select.value]));
       const built = { surface: surfacePane, raster: rasterPane }[open] ?? figurePane;
-      drawn = { said, details, ...built(part, surface, open) };
+      drawn = { key, details, ...built(part, surface, open) };
       Figure.replace(pane, ...drawn.nodes);
       for (const select of pane.querySelectorAll("select")) {
-        if ([...select.options].some(({ value }) => value === kept.get(select.dataset.name))) select.value = kept.get(select.dataset.name);
+        if ([...select.options].some(({ value }) => value === selected.get(select.dataset.name))) select.value = selected.get(select.dataset.name);
       }
       if (focused) pane.querySelector(`[data-name=${focused}]`)?.focus({ preventScroll: true });
       save.hidden = false;
@@ -380,7 +380,7 @@ const Design = (() => {
       const figure = figureOf(part, tab, shown.state.hardware);
       const node = figureNode(tab, figure.layout.height ?? 320);
       node.setAttribute("aria-label", WORDS[tab](figure, number));
-      const misfits = tab === "energy" ? own(part.misfits, shown.state.hardware) ?? [] : [];
+      const misfits = tab === "energy" ? entryOf(part.misfits, shown.state.hardware) ?? [] : [];
       return {
         nodes: [
           node, ...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })),
@@ -397,7 +397,7 @@ const Design = (() => {
       const { theta } = surface;
       const best = bestPlace(surface, known);
       let place = -1;
-      let asked = 0;
+      let request = 0;
       const sliders = ["phi", "theta"].map((name) => {
         const [symbol, words] = name === "phi" ? ["φ", "φ: spikes before any decision"] : ["θ", "θ: share of spikes that decides"];
         const slider = set(element("input", { type: "range", min: 0, max: surface[name].length - 1, step: 1 }), { "aria-label": words });
@@ -408,7 +408,7 @@ const Design = (() => {
         slider.addEventListener("change", settle);
         return { name, slider, out, node: element("label", { title: words }, element("span", { textContent: symbol }), slider, out) };
       });
-      const summary = set(element("p", { className: "told" }), { role: "status" });
+      const summary = set(element("p", { className: "summary" }), { role: "status" });
 
       function show() {
         const at = place < 0 ? best : place;
@@ -431,26 +431,26 @@ const Design = (() => {
       }
 
       function summed(at) {
-        const wanted = [...new Set(["accuracy", "decision_latency_ms", ...["energy_uj"].filter((column) => known[column]), "undecided"])];
-        const said = (column, value) => (column === "undecided" ? `${number(100 * value)}\u00a0% undecided`
+        const names = [...new Set(["accuracy", "decision_latency_ms", ...["energy_uj"].filter((column) => known[column]), "undecided"])];
+        const phrase = (column, value) => (column === "undecided" ? `${number(100 * value)}\u00a0% undecided`
           : `${words(column)} ${number(value, column === "accuracy")}\u00a0${unit(column)}`.trim());
-        return wanted.filter((column) => typeof known[column]?.[at] === "number").map((column) => said(column, known[column][at])).join(" · ");
+        return names.filter((column) => typeof known[column]?.[at] === "number").map((column) => phrase(column, known[column][at])).join(" · ");
       }
 
       // The marks move at once; the rest of the page, once per frame.
       function aim(at) {
         place = at;
         show();
-        if (!asked) asked = requestAnimationFrame(() => choose(true));
+        if (!request) request = requestAnimationFrame(() => choose(true));
       }
 
       function choose(moving) {
-        cancelAnimationFrame(asked);
-        asked = 0;
+        cancelAnimationFrame(request);
+        request = 0;
         const key = `${loaded.trial}.${surface.first_point + place}`;
         if (!isRow(shown, app.rowOf(key))) {
-          told.add(`${key}@${shown.state.hardware}`);
-          app.tell(key, toldOf(shown, loaded.details, key));
+          restored.add(`${key}@${shown.state.hardware}`);
+          app.setPoint(key, valuesOf(shown, loaded.details, key));
         }
         change({ chosen: key }, moving);
       }
@@ -462,7 +462,7 @@ const Design = (() => {
       return {
         nodes: [element("div", { className: "setting" }, ...sliders.map(({ node }) => node)), summary], best, aim(at) { aim(at); settle(); },
         move() {
-          if (asked) return; // the reader is ahead of the page
+          if (request) return; // the reader is ahead of the page
           place = placeOn(surface, named(shown, shown.chosen.key)[1]);
           show();
         },
@@ -525,12 +525,12 @@ const Design = (() => {
           marks(sliders.best, { symbol: "x-thin", size: 8, line: { color, width } }));
         const ringed = !whole || at < 0 ? [] : [["#000000", 4.5], ["#ffffff", 1.5]].flatMap(([color, width]) =>
           marks(at, { symbol: "circle-open", size: 14, color, line: { width } }));
-        const said = (column, value, i, j) =>
+        const cellText = (column, value, i, j) =>
           `φ ${number(phi[i])}, θ ${number(theta[j])}: ${app.escaped(words(column))} ${number(value)}\u00a0${app.escaped(unit(column))}`;
         const data = [
           ...quantities.map((column, k) => ({
             type: "heatmap", z: grid(known[column]), ...frame(k), colorscale: "Cividis", xgap: 1, ygap: 1, hoverinfo: "text",
-            text: grid(known[column]).map((row, i) => row.map((value, j) => said(column, value, i, j))),
+            text: grid(known[column]).map((row, i) => row.map((value, j) => cellText(column, value, i, j))),
             colorbar: {
               thickness: 8, len: HALVES[k][1] - HALVES[k][0], y: HALVES[k][0], yanchor: "bottom", ypad: 0, outlinewidth: 0,
               nticks: 5, exponentformat: "power", minexponent: 5,
@@ -560,10 +560,10 @@ const Design = (() => {
       function describe() {
         const values = (place) => ["accuracy", select.value].map((column) => `${words(column)} ${number(known[column][place])} ${unit(column)}`.trim());
         const setting = (place) => `φ ${number(phi[Math.floor(place / theta.length)])}, θ ${number(theta[place % theta.length])}`;
-        const said = (place) => `${setting(place)}: ${values(place).join(", ")}.`;
-        const chosen = at < 0 ? "" : ` Chosen, at the ring: ${said(at)}`;
+        const phrase = (place) => `${setting(place)}: ${values(place).join(", ")}.`;
+        const chosen = at < 0 ? "" : ` Chosen, at the ring: ${phrase(at)}`;
         node.setAttribute("aria-label",
-          `Accuracy and ${words(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${said(sliders.best)}${chosen}`);
+          `Accuracy and ${words(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${phrase(sliders.best)}${chosen}`);
       }
 
       async function draw() {
@@ -606,7 +606,7 @@ const Design = (() => {
       const select = set(element("select", {}, ...options), { "aria-label": "Recording" });
       select.dataset.name = "example";
       const node = figureNode("raster", examples[0].figure.layout.height ?? 320);
-      const summary = set(element("p", { className: "told" }), { role: "status" });
+      const summary = set(element("p", { className: "summary" }), { role: "status" });
       const known = surface && columnsOn(surface, shown.state.hardware);
       const sliders = known && isMovable() ? settings(surface, known, follow) : null;
       let rule = { phi: null, theta: null, after: null };
@@ -621,7 +621,7 @@ const Design = (() => {
         return decide(spikes, steps, classes.length, Infinity, 0);
       }
 
-      function said() {
+      function sentence() {
         const { classes, step_ms: stepMs, true: meant } = example();
         const { label, step, decided } = answer();
         const name = clip(String(classes[label]), 40);
@@ -649,10 +649,10 @@ const Design = (() => {
       const figure = () => ({ data: example().figure.data, layout: { ...example().figure.layout, ...marks() } });
 
       function describe() {
-        summary.textContent = said();
+        summary.textContent = sentence();
         const { title, spikes, classes, n_steps: nSteps, step_ms: stepMs } = example();
         const counted = `${app.plural(spikes.length, "output spike")} of ${number(classes.length)} classes in ${number(nSteps * stepMs)} ms`;
-        node.setAttribute("aria-label", `${title}: ${counted}; ${said()}.`);
+        node.setAttribute("aria-label", `${title}: ${counted}; ${sentence()}.`);
       }
 
       function follow(place) {

@@ -85,10 +85,10 @@ const Front = (() => {
       const points = drawable();
       const groups = shown.state.view === "s" && names.length > 1 ? names.map((name) => [name]) : [names];
       return groups.map((tasks, k) => {
-        const mine = tasks.length === names.length ? points : points.filter((row) => tasks.includes(taskOf(row)));
+        const ofTasks = tasks.length === names.length ? points : points.filter((row) => tasks.includes(taskOf(row)));
         const line = new Set((front ?? []).filter((row) => !shown.columns.task || tasks.includes(taskOf(row))));
-        const kinds = Uint8Array.from(mine, (row) => (line.has(row) ? JOINED : !shown.within(row) ? OUTSIDE : isOnFront(row) ? BEST : DIM));
-        return { tasks, suffix: k ? String(k + 1) : "", points: mine, kinds, line: [...line] };
+        const kinds = Uint8Array.from(ofTasks, (row) => (line.has(row) ? JOINED : !shown.within(row) ? OUTSIDE : isOnFront(row) ? BEST : DIM));
+        return { tasks, suffix: k ? String(k + 1) : "", points: ofTasks, kinds, line: [...line] };
       });
     }
 
@@ -109,14 +109,14 @@ const Front = (() => {
       const symbol = (kind, size, width, colour) => ({ symbol: kind, color: colour, size, line: { color: colour, width } });
       const inTask = (row) => row < 0 || shown.state.task === BOTH || !columns.task || taskOf(row) === shown.state.task;
       const taskAt = ({ row, value }) => String((row < 0 ? value("task") : columns.task?.values[row]) ?? "");
-      const found = [];
+      const marks = [];
       if (budgeted.limits.length && best >= 0) {
         const at = { row: best, value: (column) => columns[column].values[best] };
-        found.push({ at, task: taskAt(at), marker: symbol("diamond-open", 16, 2, look.text), name: budgeted.pick >= 0 ? "pick" : "nearest" });
+        marks.push({ at, task: taskAt(at), marker: symbol("diamond-open", 16, 2, look.text), name: budgeted.pick >= 0 ? "pick" : "nearest" });
       }
-      compared.forEach((at, k) => found.push({ at, task: taskAt(at), marker: symbol("square-open", 16, 1.5, look.text), name: String(k + 1), words: true }));
-      if (chosen) found.push({ at: chosen, task: taskAt(chosen), marker: symbol("circle-open", 18, 2, look.text), name: "chosen" });
-      return found.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(at.value(column))));
+      compared.forEach((at, k) => marks.push({ at, task: taskAt(at), marker: symbol("square-open", 16, 1.5, look.text), name: String(k + 1), words: true }));
+      if (chosen) marks.push({ at: chosen, task: taskAt(chosen), marker: symbol("circle-open", 18, 2, look.text), name: "chosen" });
+      return marks.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(at.value(column))));
     }
 
     const published = () => (shown.page.marks).filter(({ task, values }) =>
@@ -125,26 +125,26 @@ const Front = (() => {
     // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
     function planeTraces(look, whole) {
       const { state, page } = shown;
-      const found = [];
+      const traces = [];
       for (const panel of panels) {
         const on = { xaxis: `x${panel.suffix}`, yaxis: `y${panel.suffix}` };
-        const add = (trace) => found.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
+        const add = (trace) => traces.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
         if (panel.points.length) {
           const reach = axes().map((column) => ends(panel.points.map((row) => app.numbers(column)[row])));
           add({ x: reach[0], y: reach[1], marker: { opacity: 0 } }); // the axes reach over what the canvas draws
         }
         for (const name of panel.tasks) {
           const colour = colourOf(name, look);
-          const mine = (rows) => rows.filter((row) => taskOf(row) === name);
+          const ofTask = (rows) => rows.filter((row) => taskOf(row) === name);
           if (whole) {
             for (const { kind, size, alpha } of layers(panel)) {
-              const some = mine(panel.points.filter((_, k) => panel.kinds[k] === kind));
+              const some = ofTask(panel.points.filter((_, k) => panel.kinds[k] === kind));
               const marker = { color: kind === OUTSIDE ? look.quiet : colour, size: 2 * size, opacity: alpha, line: { width: 0 } };
               if (some.length) add({ ...coordinates(some), marker });
             }
           }
           const [xs, ys] = [state.x, state.y].map(app.numbers);
-          const line = mine(panel.line).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
+          const line = ofTask(panel.line).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
           if (!line.length) continue;
           // The staircase is what the front attains: nothing lies beyond it.
           add({ mode: "lines", ...coordinates(line), line: { color: colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh" } });
@@ -159,7 +159,7 @@ const Front = (() => {
           add({
             ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[column])])),
             marker: { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } },
-            hoverinfo: "text", hovertext: cited.map(({ name, says }) => `${escaped(clip(name, 60))}<br>${escaped(clip(says, 120))}`),
+            hoverinfo: "text", hovertext: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`),
             name: "published", showlegend: true,
           });
         }
@@ -170,31 +170,31 @@ const Front = (() => {
           });
         }
       }
-      return found;
+      return traces;
     }
 
     function spaceTraces(look) {
-      const found = [];
+      const traces = [];
       const front = shown.joined(axes());
       const points = drawable();
       for (const name of namesShown()) {
         const colour = colourOf(name, look);
-        const mine = points.filter((row) => taskOf(row) === name);
-        const visible = new Set(mine);
+        const ofTask = points.filter((row) => taskOf(row) === name);
+        const visible = new Set(ofTask);
         const line = (front ?? []).filter((row) => visible.has(row));
         const inLine = new Set(line);
         const thinned = (rows) => rows.filter((_, k) => k % Math.ceil(rows.length / SPACE_POINTS) === 0);
-        const add = (rows, marker, more = {}) => rows.length && found.push({
+        const add = (rows, marker, more = {}) => rows.length && traces.push({
           type: "scatter3d", mode: "markers", ...coordinates(rows), customdata: rows, legendgroup: name, showlegend: false,
           text: rows.map((row) => hoverText(row).map(escaped).join("<br>")), hovertemplate: "%{text}<extra></extra>", marker, ...more,
         });
-        const cloud = mine.filter((row) => !inLine.has(row));
+        const cloud = ofTask.filter((row) => !inLine.has(row));
         add(thinned(cloud.filter((row) => !shown.within(row))), { color: look.quiet, size: 2, opacity: 0.12, line: { width: 0 } });
         add(thinned(cloud.filter((row) => shown.within(row) && !isOnFront(row))), { color: colour, size: 3, opacity: 0.22, line: { width: 0 } });
         const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
         add(best, { color: colour, size: 4, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
         if (line.length > 3) {
-          found.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
+          traces.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
         }
         add(line, { color: colour, size: 6, line: { color: look.page, width: 1 } },
           { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 });
@@ -202,23 +202,23 @@ const Front = (() => {
       const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => value(column))]));
       const cited = published();
       if (cited.length) {
-        found.push({
+        traces.push({
           type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[column])), name: "published",
-          text: cited.map(({ name, says }) => `${escaped(clip(name, 60))}<br>${escaped(clip(says, 120))}`), hovertemplate: "%{text}<extra></extra>",
+          text: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`), hovertemplate: "%{text}<extra></extra>",
           marker: { symbol: "cross", size: 4, color: look.quiet }, showlegend: true,
         });
       }
       for (const { at: point, marker, name, words } of marked(look)) {
-        found.push({
+        traces.push({
           type: "scatter3d", mode: words ? "markers+text" : "markers", ...at([point.value]), hoverinfo: "skip", showlegend: false,
           marker: { ...marker, size: 0.65 * marker.size }, ...(words ? { text: [name], textfont: { color: look.text } } : {}),
         });
       }
-      found.push({
+      traces.push({
         type: "scatter3d", mode: "markers", x: [], y: [], z: [], name: POINTED, hoverinfo: "skip", showlegend: false,
         marker: { symbol: "circle-open", size: 12, color: look.text, line: { color: look.text, width: 2 } },
       });
-      return found;
+      return traces;
     }
 
     // ---- its frame
@@ -242,33 +242,33 @@ const Front = (() => {
     function layout(look) {
       const { state } = shown;
       const narrow = plot.clientWidth < 560;
-      const found = {
+      const figureLayout = {
         ...Figure.face(look, narrow),
         margin: flat() ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
         legend: { orientation: "h", x: 0, y: 1.08, itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
         uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
       };
       if (!flat()) {
-        found.scene = {
+        figureLayout.scene = {
           xaxis: axis("x", look), yaxis: axis("z", look), zaxis: axis("y", look), aspectmode: "manual",
           aspectratio: { x: 1.5, y: 1.5, z: 1 }, camera: camera(narrow),
         };
-        return found;
+        return figureLayout;
       }
       panels.forEach(({ suffix, tasks }, k) => {
         const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
         const room = Math.max(4, Math.floor(plot.clientWidth / panels.length / CHARACTER_PX));
-        found[`xaxis${suffix}`] = { ...axis("x", look), domain: [low, high], anchor: `y${suffix}` };
-        if (k && clip(title(state.x), 48).length > room) found[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
-        found[`yaxis${suffix}`] = { ...axis("y", look), anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
+        figureLayout[`xaxis${suffix}`] = { ...axis("x", look), domain: [low, high], anchor: `y${suffix}` };
+        if (k && clip(title(state.x), 48).length > room) figureLayout[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
+        figureLayout[`yaxis${suffix}`] = { ...axis("y", look), anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
         if (panels.length > 1) {
-          (found.annotations ??= []).push({
+          (figureLayout.annotations ??= []).push({
             text: escaped(clip(tasks[0], Math.min(40, room))), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
             showarrow: false, font: { color: colourOf(tasks[0], look) },
           });
         }
       });
-      return found;
+      return figureLayout;
     }
 
     // ---- the canvas behind the axes
@@ -420,7 +420,7 @@ const Front = (() => {
       return null;
     }
 
-    function say(row) {
+    function showTip(row) {
       const at = row >= 0 ? spot(row) : null;
       tip.hidden = at === null;
       if (at === null) return;
@@ -437,12 +437,12 @@ const Front = (() => {
       const row = nearest(event);
       if (row === pointed) return;
       pointed = row;
-      say(row);
+      showTip(row);
       app.hover(row < 0 ? null : app.keyOf(row));
     });
     plot.addEventListener("pointerleave", () => {
       pointed = -1;
-      say(-1);
+      showTip(-1);
       app.hover(null);
     });
     // Plotly covers the page while a button is held: what is pressed and let go on one spot is a choice.
@@ -508,9 +508,9 @@ const Front = (() => {
         plot.textContent = "The 3-D view needs WebGL, which this browser does not offer. The 2-D view works.";
         return;
       }
-      const mine = shown;
+      const current = shown;
       Figure.library().then(() => {
-        if (mine !== shown) return;
+        if (current !== shown) return;
         const look = app.style();
         const space = String(!flat());
         if (plot.dataset.space !== space) Plotly.purge(plot);
@@ -524,10 +524,10 @@ const Front = (() => {
     function describe() {
       const { columns, objectives, budgeted, state } = shown;
       const front = shown.joined(axes());
-      const said = axes().map((column) => columns[column].label);
+      const labels = axes().map((column) => columns[column].label);
       const every = app.plural(objectives.length, "objective");
       const words = front
-        ? `${flat() ? "Joined" : "Large"}: the front of ${said.slice(0, -1).join(", ")} and ${said.at(-1)} alone. ` +
+        ? `${flat() ? "Joined" : "Large"}: the front of ${labels.slice(0, -1).join(", ")} and ${labels.at(-1)} alone. ` +
           `Solid: the front over all ${every}. Dim: dominated. Bars: one standard error, or the model's interval.`
         : `Solid: the front over all ${every}. Dim: dominated.`;
       const limited = budgeted.limits.length ? ` Grey: outside the budgets. Diamond: the ${budgeted.pick >= 0 ? "pick" : "nearest"}.` : "";
@@ -538,7 +538,7 @@ const Front = (() => {
         const [low, high] = ends(rows.map((row) => app.numbers(column)[row]).filter((value) => !Number.isNaN(value)));
         return `${title(column)} ${number(low)} to ${number(high)}`;
       });
-      plot.setAttribute("aria-label", `${said.join(" against ")}: ${rows.length} points on the front, ${ranges.join(", ")}. The table below holds the numbers.`);
+      plot.setAttribute("aria-label", `${labels.join(" against ")}: ${rows.length} points on the front, ${ranges.join(", ")}. The table below holds the numbers.`);
     }
 
     function fresh() {

@@ -63,8 +63,8 @@ const Parallel = (() => {
     const sorted = [...known].sort((a, b) => String(a).localeCompare(String(b), "en", { numeric: true }));
     const places = new Map(sorted.map((value, k) => [value, sorted.length > 1 ? k / (sorted.length - 1) : 0.5]));
     const step = Math.ceil((sorted.length * LABEL_PX) / HEIGHT);
-    const said = (value) => (typeof value === "boolean" ? (value ? "yes" : "no") : String(value));
-    const ticks = sorted.filter((_, k) => k % step === 0).map((value) => ({ share: places.get(value), text: said(value) }));
+    const words = (value) => (typeof value === "boolean" ? (value ? "yes" : "no") : String(value));
+    const ticks = sorted.filter((_, k) => k % step === 0).map((value) => ({ share: places.get(value), text: words(value) }));
     return { numeric: false, share: (value) => places.get(value) ?? NaN, value: null, ticks };
   }
 
@@ -88,16 +88,16 @@ const Parallel = (() => {
 
   // At most `lines` lines of n characters; what is longer ends in an ellipsis.
   function wrapped(text, n, lines) {
-    const found = [""];
+    const result = [""];
     for (const piece of pieces(text)) {
       for (let letters = [...piece]; letters.length; letters = letters.slice(n)) {
         const next = letters.slice(0, n).join("");
-        const longer = found.at(-1) + next;
-        if ([...longer.trimEnd()].length <= n) found[found.length - 1] = longer;
-        else found.push(next);
+        const longer = result.at(-1) + next;
+        if ([...longer.trimEnd()].length <= n) result[result.length - 1] = longer;
+        else result.push(next);
       }
     }
-    return found.length <= lines ? found : [...found.slice(0, lines - 1), `${[...found[lines - 1]].slice(0, n - 1).join("")}…`];
+    return result.length <= lines ? result : [...result.slice(0, lines - 1), `${[...result[lines - 1]].slice(0, n - 1).join("")}…`];
   }
 
   // What XML cannot hold, such as control characters, is shown as such.
@@ -134,8 +134,8 @@ const Parallel = (() => {
 
     function columnsShown() {
       const { page, columns, objectives, rows } = shown;
-      const asked = (page.definition?.parallel ?? []).filter((column) => columns[column]);
-      if (asked.length) return asked;
+      const defined = (page.definition?.parallel ?? []).filter((column) => columns[column]);
+      if (defined.length) return defined;
       const differs = (column) => new Set(rows.map((row) => columns[column].values[row])).size > 1;
       const parameters = page.design.filter((column) => column !== "trial" && differs(column));
       return [...new Set([...Object.keys(page.budgets.columns), ...objectives, ...parameters])];
@@ -146,9 +146,9 @@ const Parallel = (() => {
       const { page, state, columns, rows, budgeted } = shown;
       const key = JSON.stringify([state.task, state.family, state.hardware]);
       if (made?.page === page && made.key === key) return false;
-      const wanted = columnsShown();
+      const candidates = columnsShown();
       const limited = page.budgets.columns;
-      const taken = page.definition?.parallel ? wanted : wanted.slice(0, MAX_AXES);
+      const taken = page.definition?.parallel ? candidates : candidates.slice(0, MAX_AXES);
       const axes = taken.map((column) => {
         const range = Object.hasOwn(limited, column) ? budgeted.ranges[column] : null;
         const axis = axisOf(rows.map((row) => columns[column].values[row]), range);
@@ -161,19 +161,19 @@ const Parallel = (() => {
         const { values } = columns[column];
         order.forEach((row, i) => { heights[i * axes.length + k] = heightOf(share(values[row])); });
       });
-      const [turn, unplaced, tasks] = [(made?.turn ?? 0) + 1, wanted.length - axes.length, [...new Set(rows.map(taskOf))]];
+      const [turn, unplaced, tasks] = [(made?.turn ?? 0) + 1, candidates.length - axes.length, [...new Set(rows.map(taskOf))]];
       made = { page, key, turn, axes, unplaced, order, heights, tasks };
       return true;
     }
 
     function sample(most) {
-      const found = { front: [], dominated: [], outside: [] };
+      const places = { front: [], dominated: [], outside: [] };
       const kindOf = (row) => (!shown.within(row) ? "outside" : shown.onFront.has(row) ? "front" : "dominated");
-      made.order.forEach((row, i) => found[kindOf(row)].push(i));
-      const others = found.dominated.length + found.outside.length;
+      made.order.forEach((row, i) => places[kindOf(row)].push(i));
+      const others = places.dominated.length + places.outside.length;
       const share = Math.min(1, most / others);
-      for (const kind of ["dominated", "outside"]) found[kind] = found[kind].slice(0, Math.round(found[kind].length * share));
-      return { ...found, others };
+      for (const kind of ["dominated", "outside"]) places[kind] = places[kind].slice(0, Math.round(places[kind].length * share));
+      return { ...places, others };
     }
 
     // A few lines are drawn strong, many so that where they meet can be seen.
@@ -181,16 +181,16 @@ const Parallel = (() => {
 
     // Lines of one colour, from the back to the front: {kind, colour, alpha, places}.
     function layers(colours, { front, dominated, outside }) {
-      const found = [{ kind: "outside", colour: colours.quiet, alpha: strength(outside.length, 0.25, 0.05, 1.5), places: outside }];
+      const groups = [{ kind: "outside", colour: colours.quiet, alpha: strength(outside.length, 0.25, 0.05, 1.5), places: outside }];
       for (const [kind, places, alpha] of [
         ["dominated", dominated, strength(dominated.length, 0.3, 0.04, 1.5)], ["front", front, strength(front.length, 0.9, 0.2, 7)],
       ]) {
         for (const task of made.tasks) {
-          const mine = made.tasks.length === 1 ? places : places.filter((i) => taskOf(made.order[i]) === task);
-          found.push({ kind, colour: colourOf(task, colours), alpha, places: mine });
+          const ofTask = made.tasks.length === 1 ? places : places.filter((i) => taskOf(made.order[i]) === task);
+          groups.push({ kind, colour: colourOf(task, colours), alpha, places: ofTask });
         }
       }
-      return found;
+      return groups;
     }
 
     // Heights of one point; of one that is no row of the page, null where nothing is known.
@@ -201,11 +201,11 @@ const Parallel = (() => {
     function marked(colours) {
       const { budgeted, chosen, compared } = shown;
       const best = budgeted.pick >= 0 ? budgeted.pick : budgeted.nearest[0]?.row ?? -1;
-      const found = compared.map((at, k) => ({ at, width: 1.5, dash: [], name: String(k + 1) }));
+      const marks = compared.map((at, k) => ({ at, width: 1.5, dash: [], name: String(k + 1) }));
       const name = budgeted.pick >= 0 ? "pick" : "nearest";
-      if (budgeted.limits.length && best >= 0) found.push({ at: pointAt(best), width: 2, dash: [6, 4], name });
-      if (chosen) found.push({ at: chosen, width: 2.5, dash: [], name: "chosen" });
-      return found.map((one) => ({ ...one, colour: colours.text, heights: heightsOf(one.at) }))
+      if (budgeted.limits.length && best >= 0) marks.push({ at: pointAt(best), width: 2, dash: [6, 4], name });
+      if (chosen) marks.push({ at: chosen, width: 2.5, dash: [], name: "chosen" });
+      return marks.map((one) => ({ ...one, colour: colours.text, heights: heightsOf(one.at) }))
         .filter(({ heights }) => heights.some((y) => y !== null));
     }
 
@@ -369,9 +369,9 @@ const Parallel = (() => {
       const columns = axes.map(({ column }) => column);
       for (const column of columns) if (!nodes.has(column)) nodes.set(column, axisNode(column));
       for (const column of [...nodes.keys()]) if (!columns.includes(column)) nodes.delete(column);
-      const wanted = columns.map((column) => nodes.get(column).node);
-      const isSame = wanted.length === frame.children.length && wanted.every((node, k) => node === frame.children[k]);
-      if (!isSame) frame.replaceChildren(...wanted); // which takes the focus
+      const axisNodes = columns.map((column) => nodes.get(column).node);
+      const isSame = axisNodes.length === frame.children.length && axisNodes.every((node, k) => node === frame.children[k]);
+      if (!isSame) frame.replaceChildren(...axisNodes); // which takes the focus
       axes.forEach((axis, k) => {
         const { node, name, ticks, rail } = nodes.get(axis.column);
         node.style.left = `${across(k)}px`;
@@ -379,8 +379,8 @@ const Parallel = (() => {
         name.replaceChildren(...pieces(clip(named(axis.column), 80)).flatMap((piece) => [piece, element("wbr")]));
         name.title = `${axis.column}${{ max: ": more is better", min: ": less is better" }[directionOf(axis.column)] ?? ""}`;
         rail.classList.toggle("free", axis.steps === null);
-        const said = [...axis.ticks, ...(axis.lacks ? [{ share: NaN, text: "none" }] : [])];
-        ticks.replaceChildren(...said.map(({ share, text }) => {
+        const labels = [...axis.ticks, ...(axis.lacks ? [{ share: NaN, text: "none" }] : [])];
+        ticks.replaceChildren(...labels.map(({ share, text }) => {
           const label = element("span", { textContent: clip(text, 60), title: text });
           label.style.top = `${heightOf(share) - TOP}px`;
           return label;
@@ -401,11 +401,11 @@ const Parallel = (() => {
     function moveHandles() {
       const { columns } = shown;
       for (const axis of made.axes) {
-        const found = limitOn(axis);
+        const bound = limitOn(axis);
         const { outside, handle, limit } = nodes.get(axis.column);
-        handle.hidden = outside.hidden = limit.hidden = found === null;
-        if (found === null) continue;
-        const { text, at, low, high, words } = found;
+        handle.hidden = outside.hidden = limit.hidden = bound === null;
+        if (bound === null) continue;
+        const { text, at, low, high, words } = bound;
         const { label, unit } = columns[axis.column];
         const side = axis.way === "max" ? "at least" : "at most";
         const now = Number(handle.getAttribute("aria-valuenow") ?? -1);
@@ -423,7 +423,7 @@ const Parallel = (() => {
 
     // ---- words
 
-    function said({ column, numeric }, rows) {
+    function rangeOf({ column, numeric }, rows) {
       const values = rows.map((row) => shown.columns[column].values[row]).filter(isKnown);
       const name = clip(title(column), 60);
       if (!values.length) return `${name}: none`;
@@ -436,7 +436,7 @@ const Parallel = (() => {
     const nAxes = () => `${many(made.axes.length)} ${made.axes.length === 1 ? "axis" : "axes"}`;
     const summary = () => {
       const rows = drawn.front.map((i) => made.order[i]);
-      const ranges = rows.length ? made.axes.map((axis) => said(axis, rows)).join("; ") : "nothing is within the budgets";
+      const ranges = rows.length ? made.axes.map((axis) => rangeOf(axis, rows)).join("; ") : "nothing is within the budgets";
       return `Parallel coordinates over ${nAxes()}: ` +
         `${many(rows.length)} of ${plural(made.order.length, "design")} on the front. ${ranges}. The table of the front holds the numbers.`;
     };

@@ -34,8 +34,8 @@ const Progress = (() => {
     const line = element("summary");
     const plot = element("div", { className: "plot" });
     plot.setAttribute("role", "img");
-    const said = element("p", { className: "said" });
-    const figure = element("div", { className: "growth" }, plot, said, element("span", { className: "save" }));
+    const caption = element("p", { className: "caption" });
+    const figure = element("div", { className: "growth" }, plot, caption, element("span", { className: "save" }));
     const lists = element("div", { className: "lists" });
     const box = element("details", {}, line, element("div", { className: "body" }, figure, lists));
     root.append(box);
@@ -68,11 +68,11 @@ const Progress = (() => {
       figure.hidden = !has;
       if (!has || !box.open) return;
       const look = app.style();
-      const asked = JSON.stringify([progress.hypervolume, progress.trials.done, words(), look.dark]);
-      if (asked === drawn) return;
-      drawn = asked;
+      const key = JSON.stringify([progress.hypervolume, progress.trials.done, words(), look.dark]);
+      if (key === drawn) return;
+      drawn = key;
       plot.setAttribute("aria-label", `How the front grew. ${words().join("; ")}.`);
-      said.textContent = `Hypervolume of the front, in steps: ${words().join("; ")}. ` +
+      caption.textContent = `Hypervolume of the front, in steps: ${words().join("; ")}. ` +
         "Normalised over all designs of a task and a chip, without budgets; 1 would be a design that is best in everything.";
       Figure.draw(plot, chosen(), look);
     }
@@ -82,12 +82,12 @@ const Progress = (() => {
     // Trials that ended alike, with their reasons; a list that was opened stays so.
     function reasons(word, count, groups) {
       if (!count) return [];
-      const told = groups.reduce((sum, group) => sum + group.count, 0);
+      const counted = groups.reduce((sum, group) => sum + group.count, 0);
       const items = groups.map(({ reason, count: n, trials }) => element("li", {}, element("details", {},
         element("summary", { title: reason }, element("b", { textContent: `${grouped(n)} × ` }), clip(reason, 120),
           element("small", { textContent: ` trial ${trials[0]}${n > 1 ? " first" : ""}` })),
         element("p", { textContent: `${n > 1 ? "trials" : "trial"} ${trials.join(", ")}${more(n - trials.length)}` }))));
-      if (told < count) items.push(element("li", { textContent: `${grouped(count - told)} more for other reasons` }));
+      if (counted < count) items.push(element("li", { textContent: `${grouped(count - counted)} more for other reasons` }));
       return [element("h2", { textContent: `${grouped(count)} ${word}` }), element("ul", {}, ...items)];
     }
 

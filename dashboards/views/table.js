@@ -8,15 +8,15 @@ const Table = (() => {
     const part = (name) => root.querySelector(name);
     const table = part("table");
     let shown = null;
-    let made = { page: null, said: "", lines: new Map() }; // lines of rows: a slider at work shows most of them again
+    let made = { page: null, key: "", lines: new Map() }; // lines of rows: a slider at work shows most of them again
 
     function columnsShown() {
       const { page, columns, objectives } = shown;
-      const asked = page.definition.table ?? [];
+      const defined = page.definition.table ?? [];
       const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && app.varies(column)));
       const several = columns.task && app.distinct("task").length > 1 ? ["task"] : [];
       const first = parameters.filter((column) => column === "trial");
-      return [...new Set([...first, ...several, ...(asked.length ? asked : [...objectives, ...parameters])])];
+      return [...new Set([...first, ...several, ...(defined.length ? defined : [...objectives, ...parameters])])];
     }
 
     function order(column, way) {
@@ -61,8 +61,8 @@ const Table = (() => {
       if (columns[state.sort]) front.sort(order(state.sort, state.order));
       const visible = state.rows === "all" ? front : front.slice(0, ROWS);
       const chosen = shown.chosen?.row;
-      const said = JSON.stringify(named);
-      if (made.page !== shown.page || made.said !== said) made = { page: shown.page, said, lines: new Map() };
+      const columnsKey = JSON.stringify(named);
+      if (made.page !== shown.page || made.key !== columnsKey) made = { page: shown.page, key: columnsKey, lines: new Map() };
       const body = visible.map((row) => {
         if (!made.lines.has(row)) made.lines.set(row, lineFor(row, named));
         const line = made.lines.get(row);

@@ -15,14 +15,14 @@ class Mark:
 
     name: its system and which of its designs. task: ours that it stands beside.
     values: the printed figures, by the column that holds the same of ours.
-    source: the paper, as in REFERENCES.md. says: a sentence that claims no more than that it was published.
+    source: the paper, as in REFERENCES.md. caption: one sentence; it claims no more than the publication.
     """
 
     name: str
     task: str
     values: Mapping[str, float]
     source: str
-    says: str
+    caption: str
 
 
 def mark(system: str, part: StudyTask, which: str, values: Mapping[str, float], more: str = "") -> Mark:
@@ -42,5 +42,5 @@ def mark(system: str, part: StudyTask, which: str, values: Mapping[str, float], 
     about = "; ".join(
         filter(None, [f"on recordings that {paper.recordings}; not reproduced here", other, more])
     )
-    says = f"{title}: published ({paper.source}), {about}"
-    return Mark(f"{system}, {which}" if which else system, part.task, values, paper.source, says)
+    caption = f"{title}: published ({paper.source}), {about}"
+    return Mark(f"{system}, {which}" if which else system, part.task, values, paper.source, caption)

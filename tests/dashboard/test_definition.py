@@ -190,7 +190,7 @@ def test_a_page_holds_what_its_study_has() -> None:
 
 def test_a_gathered_page_has_its_definition_and_marks() -> None:
     marks = [
-        {"name": "A", "task": "texture", "values": {"accuracy": 0.9}, "source": "s", "says": "published"}
+        {"name": "A", "task": "texture", "values": {"accuracy": 0.9}, "source": "s", "caption": "published"}
     ]
     wanted = Definition(
         title="</script>", front=FrontView(y="energy_uj", x="n_cores"), budgets={"accuracy": 0.7}

@@ -84,7 +84,7 @@ RINGS_SHOWN = "document.querySelectorAll('#design .ring:not([hidden])').length"
 def test_phi_and_theta_move_the_design_in_every_view(opened):
     page = opened(fragment="chosen=0.0&tab=surface")
     drawn(page, "surface")
-    assert "answers at the end" in page.tab.inner_text("#design .told")
+    assert "answers at the end" in page.tab.inner_text("#design .summary")
     assert listed(page)["accuracy"] == "0.850"
     assert page.tab.input_value("[data-name=phi]") == "1"  # the best setting, nothing moved yet
     assert hash_of(page)["chosen"] == "0.0"
@@ -102,8 +102,8 @@ def test_phi_and_theta_move_the_design_in_every_view(opened):
     shown = listed(page)
     assert (shown["accuracy"], shown["energy"]) == ("0.800 ± 0.02", "60 (30–120) µJ")
     assert (shown["φ"], shown["θ"], shown["model.hidden"]) == ("4", "0.8", "10")
-    told = page.tab.inner_text("#design .told").replace("\u00a0", " ")
-    assert told == "accuracy 0.800 · decision latency 60 ms · energy 60 µJ · 50 % undecided"
+    summary = page.tab.inner_text("#design .summary").replace("\u00a0", " ")
+    assert summary == "accuracy 0.800 · decision latency 60 ms · energy 60 µJ · 50 % undecided"
     assert page.tab.inner_text("#design .standing strong") == "dominated"
     assert "Chosen, at the ring: φ 4, θ 0.8: accuracy 0.8, decision latency 60 ms" in figure_says(page)
     assert page.tab.evaluate(RINGS) == [[1, 2], [1, 2]]
@@ -115,7 +115,7 @@ def test_a_link_restores_a_point_that_is_not_on_the_page(opened):
     wait_for_ring(page, 100, ACCURACY[5])
     assert listed(page)["energy"] == "60 (30–120) µJ"
     page.tab.select_option("#hardware", "small chip")
-    page.tab.wait_for_function("document.querySelector('#design .told').textContent.includes('180')")
+    page.tab.wait_for_function("document.querySelector('#design .summary').textContent.includes('180')")
     assert listed(page)["energy"] == "180 (90–360) µJ"
     assert page.tab.input_value("[data-name=phi]") == "2"
     for limit, standing in (("179", "outside the budgets"), ("180", "dominated")):
@@ -177,7 +177,7 @@ def test_a_surface_of_another_precision_than_the_point_says_so(opened):
     trained = details(surfaces=[surface(weight_bits=8, pruned_after=0, first_point=90)])
     page = opened({0: trained}, "chosen=0.1&tab=surface", frame=frame)
     drawn(page, "surface")
-    assert "of the weights as trained, at 8 bits" in page.tab.inner_text("#design .told")
+    assert "of the weights as trained, at 8 bits" in page.tab.inner_text("#design .summary")
     assert page.tab.evaluate(RINGS_SHOWN) == 0
 
 
@@ -205,19 +205,19 @@ def test_spikes_decide_as_in_python(opened):
 def test_an_example_is_decided_by_the_setting_chosen(opened):
     page = opened(fragment="chosen=0.0&tab=raster")
     drawn(page, "raster")
-    said = page.tab.locator("#design-pane > .told").last
-    assert said.inner_text().replace("\u00a0", " ") == "answers denim after 100 ms (right)"
+    answer = page.tab.locator("#design-pane > .summary").last
+    assert answer.inner_text().replace("\u00a0", " ") == "answers denim after 100 ms (right)"
     page.tab.focus("[data-name=phi]")
     page.tab.keyboard.press("Home")
     wait_for_ring(page, LATENCY_MS[0], ACCURACY[0])
     wrong = "decides silk & wool after 10 ms (wrong: it is denim)"
-    assert said.inner_text().replace("\u00a0", " ") == wrong
+    assert answer.inner_text().replace("\u00a0", " ") == wrong
     page.tab.keyboard.press("End")
     page.tab.focus("[data-name=theta]")
     page.tab.keyboard.press("End")
     wait_for_ring(page, LATENCY_MS[5], ACCURACY[5])
     undecided = "undecided: the largest count says denim after 100 ms (right)"
-    assert said.inner_text().replace("\u00a0", " ") == undecided
+    assert answer.inner_text().replace("\u00a0", " ") == undecided
     assert undecided in figure_says(page).replace("\u00a0", " ")
     page.tab.keyboard.press("Home")
     shapes = "document.querySelector('[data-figure=raster]').layout.shapes"
@@ -393,8 +393,8 @@ def test_nothing_in_a_document_can_run(opened):
         assert page.overflow() <= 0
     for k, name in enumerate(HOSTILE):
         page.tab.select_option("[data-name=example]", str(k))
-        said = page.tab.inner_text("#design-pane > .told >> nth=-1")
-        assert f"{name[:30]}" in said or "\u2028" in name
+        answer = page.tab.inner_text("#design-pane > .summary >> nth=-1")
+        assert f"{name[:30]}" in answer or "\u2028" in name
         assert figure_says(page).startswith(name)
     assert page.tab.evaluate("window.hacked") is None
 
@@ -432,5 +432,5 @@ def test_beside_its_study_the_line_that_exports_a_design_runs(opened, tmp_path):
     subprocess.run(
         line.replace("python", sys.executable, 1), shell=True, check=True, cwd=tmp_path, capture_output=True
     )
-    told = bundle.read(tmp_path / "bundle").record
-    assert (told["trial"], told["point"]) == (0, 3)
+    record = bundle.read(tmp_path / "bundle").record
+    assert (record["trial"], record["point"]) == (0, 3)

@@ -78,8 +78,8 @@ def test_marks_are_what_the_report_prints(tmp_path: Path, space: str, systems: s
             assert value in set().union(*map(printed, figures)), (mark["name"], column)
         assert mark["source"] == published()[mark["name"][0]].source
         assert (
-            f"published ({mark['source']}), on recordings that are " in mark["says"]
-            and "; not reproduced" in mark["says"]
+            f"published ({mark['source']}), on recordings that are " in mark["caption"]
+            and "; not reproduced" in mark["caption"]
         )
 
 
@@ -118,7 +118,7 @@ def test_ends_of_the_published_front(tmp_path: Path) -> None:
         "spikes_total_no_input": 0.08e6,
         "n_weights": 0.15e6,
     }
-    assert "hidden 450 and true_rate 0.3" in marks["E, best accuracy"]["says"]
+    assert "hidden 450 and true_rate 0.3" in marks["E, best accuracy"]["caption"]
 
 
 def test_a_joint_net_stands_beside_the_nets_of_one_task(tmp_path: Path) -> None:
@@ -135,8 +135,8 @@ def test_a_leak_and_another_task_are_told(tmp_path: Path) -> None:
         {"accuracy": 0.8, "task": "profile", "family": "knn", "macs": 1.0},
     ]
     marks = named(write(tmp_path / "other", designs, profile))
-    assert "transductive: it has seen the labels" in marks["G"]["says"]
-    assert all("for textures, not for movements" in mark["says"] for mark in marks.values())
+    assert "transductive: it has seen the labels" in marks["G"]["caption"]
+    assert all("for textures, not for movements" in mark["caption"] for mark in marks.values())
     assert marks["B, knn on natural textures"]["values"] == {"accuracy": 0.6875, "t_c_ms": 500}
 
 
