@@ -103,31 +103,60 @@ def patient(context: Any) -> Any:
     return context
 
 
+class WarmTab:
+    """A tab that has compiled the drawing library, which takes a new one four times as long as a page.
+
+    A new tab replaces one that a test has closed or that has crashed.
+    """
+
+    def __init__(self, browser: Any) -> None:
+        self._browser = browser
+        self._tab: Any = None
+
+    def get(self) -> Any:
+        if self._tab is None:
+            self._tab = patient(self._browser.new_context()).new_page()
+        return self._tab
+
+    def clear(self) -> None:
+        """Empty the tab for the next test; drop a tab that cannot be emptied."""
+        from playwright.sync_api import Error
+
+        if self._tab is None:
+            return
+        try:
+            self._tab.goto("about:blank")
+        except Error:
+            self.close()
+
+    def close(self) -> None:
+        if self._tab is not None:
+            self._tab.context.close()
+        self._tab = None
+
+
 @pytest.fixture(scope="session")
-def warm_tab(chromium: Any) -> Iterator[Any]:
-    """A tab that has compiled the drawing library, which takes a new one four times as long as a page."""
-    context = patient(chromium.new_context())
-    yield context.new_page()
-    context.close()
+def warm_tab(chromium: Any) -> Iterator[WarmTab]:
+    """The warm tab of the session."""
+    warm = WarmTab(chromium)
+    yield warm
+    warm.close()
 
 
 @pytest.fixture
-def new_tab(chromium: Any, warm_tab: Any) -> Iterator[Callable[..., Any]]:
+def new_tab(chromium: Any, warm_tab: WarmTab) -> Iterator[Callable[..., Any]]:
     """Return a function that returns an empty tab; the first of a test is warm, each other is new."""
-    free, contexts = [warm_tab], []
+    tabs: list[Any] = []
 
     def open_tab(size: tuple[int, int] = (1280, 720), scheme: str = "light") -> Any:
-        if free:
-            tab = free.pop()
-        else:
-            contexts.append(patient(chromium.new_context()))
-            tab = contexts[-1].new_page()
+        tabs.append(patient(chromium.new_context()).new_page() if tabs else warm_tab.get())
+        tab = tabs[-1]
         tab.set_viewport_size({"width": size[0], "height": size[1]})
         tab.emulate_media(color_scheme=scheme)
         tab.mouse.move(0, 0)
         return tab
 
     yield open_tab
-    for context in contexts:
-        context.close()
-    warm_tab.goto("about:blank")
+    for tab in tabs[1:]:
+        tab.context.close()
+    warm_tab.clear()
