@@ -38,10 +38,18 @@ LONGEST_ADDRESS = 1024
 LONGEST_HEADERS = 16_384
 """Characters of all headers of a request."""
 MOST_READERS = 64
-"""Connections at a time; more are closed unheard, so that nobody can fill the memory."""
+"""Largest number of open connections; further ones are closed unread, so that nobody can fill the memory."""
 _PATIENCE_S = 60.0
 _WORTH_PACKING = 1024
-_NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # what an answer that is no page may do
+_NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # policy of answers that are no page
+_GUARDS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",  # the address may hold the token
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""Headers of every answer."""
 _MOST_DOCUMENTS = 16
 """Number of trials with a document in memory, a few 100 kB each."""
 
@@ -349,15 +357,12 @@ class _Handler(BaseHTTPRequestHandler):
                 self._send_file(download)
 
     def _send_file(self, download: Download) -> None:
-        self.send_response(HTTPStatus.OK)
-        self._guard(_NOTHING)
         name = re.sub(r"[^A-Za-z0-9._-]", "_", download.name)
-        self.send_header("Content-Type", "application/zip")
-        self.send_header("Content-Disposition", f'attachment; filename="{name}"')
-        self.send_header("Content-Length", str(len(download.content)))
-        self.end_headers()
-        if self.command != "HEAD":
-            self.wfile.write(download.content)
+        headers = {
+            "Content-Type": "application/zip",
+            "Content-Disposition": f'attachment; filename="{name}"',
+        }
+        self._reply(HTTPStatus.OK, headers, download.content)
 
     def _refused(self) -> HTTPStatus | None:
         """Return why a request is not answered, or None."""
@@ -371,17 +376,15 @@ class _Handler(BaseHTTPRequestHandler):
             if len(named) != 1 or _without_port(named[0]) not in self.server.hosts:
                 return HTTPStatus.MISDIRECTED_REQUEST
             return None
-        token = _fields(self.path.partition("?")[2]).get("token", "")
+        query = parse_qs(self.path.partition("?")[2], errors="replace")
+        token = query.get("token", [""])[-1]
         right = hmac.compare_digest(token.encode(), self.server.token.encode())
         return None if right else HTTPStatus.FORBIDDEN
 
     def _send_document(self, document: Document) -> None:
         """Send a part of the page, or 304 if the reader has this version."""
         if self.headers.get("If-None-Match") == document.tag:
-            self.send_response(HTTPStatus.NOT_MODIFIED)
-            self._guard(_NOTHING)
-            self.send_header("ETag", document.tag)
-            self.end_headers()
+            self._reply(HTTPStatus.NOT_MODIFIED, {"ETag": document.tag})
             return
         self._send(
             "application/json", document.text.encode(), packed=lambda: document.packed, tag=document.tag
@@ -399,26 +402,26 @@ class _Handler(BaseHTTPRequestHandler):
         is_packed = len(body) > _WORTH_PACKING and "gzip" in self.headers.get("Accept-Encoding", "")
         if is_packed:
             body = packed() if packed else _packed(body)
-        self.send_response(HTTPStatus.OK)
-        self._guard(policy)
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Vary", "Accept-Encoding")
+        headers = {"Content-Type": f"{kind}; charset=utf-8", "Vary": "Accept-Encoding"}
         if is_packed:
-            self.send_header("Content-Encoding", "gzip")
+            headers["Content-Encoding"] = "gzip"
         if tag:
-            self.send_header("ETag", tag)
+            headers["ETag"] = tag
+        self._reply(HTTPStatus.OK, headers, body, policy)
+
+    def _reply(
+        self, status: HTTPStatus, headers: Mapping[str, str], body: bytes = b"", policy: str = _NOTHING
+    ) -> None:
+        """Send an answer; it has a length only if it has a body, as 304 has none."""
+        self.send_response(status)
+        self.send_header("Content-Security-Policy", f"{policy}; frame-ancestors 'none'")
+        for name, value in {**_GUARDS, **headers}.items():
+            self.send_header(name, value)
+        if body:
+            self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)
-
-    def _guard(self, policy: str) -> None:
-        self.send_header("Content-Security-Policy", f"{policy}; frame-ancestors 'none'")
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("X-Frame-Options", "DENY")
-        self.send_header("Referrer-Policy", "no-referrer")  # the address may hold the token
-        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-        self.send_header("Cache-Control", "no-store")
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Answer with the status alone: nothing that was sent comes back."""
@@ -428,16 +431,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, known: HTTPStatus, text: str) -> None:
         """Answer with one line of text."""
-        body = f"{text}\n".encode()
-        self.send_response(known)
-        self._guard(_NOTHING)
+        headers = {"Content-Type": "text/plain; charset=utf-8"}
         if known is HTTPStatus.METHOD_NOT_ALLOWED:
-            self.send_header("Allow", "GET, HEAD")
-        self.send_header("Content-Type", "text/plain; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        if self.command != "HEAD":
-            self.wfile.write(body)
+            headers["Allow"] = "GET, HEAD"
+        self._reply(known, headers, f"{text}\n".encode())
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep no log: an address may hold the token."""
@@ -445,11 +442,6 @@ class _Handler(BaseHTTPRequestHandler):
 
 def _packed(body: bytes) -> bytes:
     return gzip.compress(body, compresslevel=5, mtime=0)
-
-
-def _fields(query: str) -> dict[str, str]:
-    """Return the last value of each field of a query."""
-    return {name: values[-1] for name, values in parse_qs(query, errors="replace").items()}
 
 
 def _once(query: str, name: str) -> str:
