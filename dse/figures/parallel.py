@@ -1,4 +1,4 @@
-"""Parallel coordinates: every design a line across as many columns as are asked for, the front in colour."""
+"""Parallel coordinates: every design is a line across several columns, the front in colour."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""`dse report`: what the published systems print beside what our studies measured.
+"""`dse report`: published results of other systems beside the measurements of our studies.
 
-Each file of `systems/` turns what studies found for a task into rows for one published system; to add a
-system, add a file there and its printed figures to `published.yaml`. Designs are chosen on validation; test
-accuracy is printed beside. What holds without papers follows: families against each other, and chips.
+Each file of `systems/` turns the measurements of a task into rows for one published system; to add a system,
+add a file there and its published numbers to `published.yaml`. Designs are selected on validation; test
+accuracy is printed beside. Further rows compare model families, and chips.
 """
 
 from dse.report.gather import Report, gather_marks, report

@@ -1,4 +1,4 @@
-"""Designs on a chip: which ones fit, their energy in every draw of the chip's figures, and the cheapest."""
+"""Designs on a chip: which ones fit, their energy in every sample of the chip's numbers, and the cheapest."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 QUANTILES = (0.5, 0.05, 0.95)
 
 FLAT_OUT, AT_PERIOD = "energy_uj", "energy_throttled_uj"
-"""Energies: input all at once, or a step per period of the sensor, waiting included."""
+"""Energies: with all input at once, or with one step per period of the sensor, waiting included."""
 
 
 class Ratio(NamedTuple):
-    """The ratio of two energies over draws of the chips' figures.
+    """The ratio of two energies over samples of the chips' numbers.
 
-    median, low, high: with the 5 % and the 95 % quantile.
-    share: of the draws in which it is above 1.
+    median, low, high: median, 5 % and 95 % quantile.
+    share: fraction of the samples in which it is above 1.
     """
 
     median: float
@@ -43,7 +43,7 @@ class Ratio(NamedTuple):
 
 
 class Level(NamedTuple):
-    """An accuracy and its error; `least` is as accurate."""
+    """An accuracy and its error."""
 
     accuracy: float
     error: float
@@ -152,10 +152,10 @@ def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = (
     for name, rows_there in rows.groupby("hardware", sort=False):
         designs = rows_there.sort_values("trial").reset_index(drop=True)
         energies = pricing.drawn(part.study.folder, designs, (FLAT_OUT, AT_PERIOD), hardware=hardware)
-        # What counts operations alone has no limits.
-        held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
+        # Profiles that only count operations have no limits.
+        is_held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
         runs = np.isfinite(energies[FLAT_OUT]).all(axis=0)
-        of_chips.append(Chip(str(name), designs, energies, np.asarray(held & runs)))
+        of_chips.append(Chip(str(name), designs, energies, np.asarray(is_held & runs)))
     return of_chips
 
 

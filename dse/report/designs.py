@@ -33,10 +33,10 @@ class StudyTask:
 
     table: one row per design: the columns of its full read-out.
     target: label columns that the task predicts.
-    data: where the recordings lie.
+    data: path of the recordings.
     split: how recordings were divided, in words.
-    joint: whether a network answers this task beside another one.
-    n_validation: recordings behind an accuracy; 0 where records do not say.
+    joint: whether the task is one head of a joint network.
+    n_validation: number of validation recordings; 0 if it was not recorded.
     """
 
     study: Study
@@ -118,7 +118,7 @@ def tasks_of(study: Study) -> list[StudyTask]:
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the points that answer at the end of the window, at the precision of the training.
 
-    `transductive` is a claim of every row, False where nothing is said.
+    Every row has a value of `transductive`, False by default.
     """
     for name in _SETTINGS:
         if name in points:

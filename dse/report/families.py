@@ -1,4 +1,4 @@
-"""Spiking against other families: what accuracy costs in each, and which side wins."""
+"""Spiking and other model families: what accuracy costs in each, and which side wins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas
 
 WITHIN = 0.02
-"""How much accuracy below the best of its side a cheaper design may give up."""
+"""Largest loss of accuracy, against the best of the same side, for a cheaper design."""
 
 _SPIKES = "spikes_per_inference_no_input"
 _SHORT = {"n_weights": "W_t", _SPIKES: "own spikes", "energy_uj": "energy_uj"}
@@ -54,8 +54,8 @@ class _Side:
 def compared(parts: Sequence[StudyTask]) -> tuple[list[Row], list[str]]:
     """Return what accuracy costs on each side for one task on the same recordings, and the winner.
 
-    Designs meet where their recordings are divided alike. With designs of one side only there is nothing to
-    set against each other; a sentence says so where both sides exist, under different splits.
+    Only designs with the same split of the recordings are compared. If both sides exist, but under different
+    splits, the result is one sentence about that.
     """
     by_split: dict[str, list[StudyTask]] = {}
     for part in parts:

@@ -39,12 +39,12 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     """Return the results of studies beside the published ones, system by system.
 
     Args:
-        studies: what was found.
-        hardware: profiles to set against each other; none: those that a study was run with.
+        studies: with finished trials or without.
+        hardware: profiles to compare; empty: those of each study.
 
     Raises:
         ConfigError: a profile does not exist, or is wrong.
-        StoreError: a study's folder is damaged, or older than this.
+        StoreError: a study's folder is damaged.
     """
     parts = [part for study in studies for part in tasks_of(study)]
     rows: list[Row] = []
@@ -89,7 +89,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
 
 
 def gather_marks(study: Study) -> list[dict[str, object]]:
-    """Return the published designs that the report sets beside a study, as plain values (fields of `Mark`).
+    """Return the published designs that are compared with a study, as plain values (fields of `Mark`).
 
     Raises:
         StoreError: the study's folder is damaged.

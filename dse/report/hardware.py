@@ -1,8 +1,8 @@
 """One study on several chips: which design wins on each, by how much, and which chip is cheapest.
 
-On a chip, of designs that fit and are as accurate as the best that fits, the one of least energy wins. It is
-set against its runner-up and the winners of other chips under the same draws of this chip's figures. Chips
-are set against each other by their cheapest designs at an accuracy that all of them reach.
+On a chip, of the designs that fit and are as accurate as the best that fits, the one of least energy wins. It
+is compared with its runner-up and with the winners of other chips under the same samples of this chip's
+uncertain numbers. Chips are compared by their cheapest designs at an accuracy that all of them reach.
 """
 
 from __future__ import annotations
@@ -44,14 +44,13 @@ HOW = (
     "Wilson's error for the number of recordings; rivals are compared under the same samples of the chip's "
     "uncertain numbers",
     f"{HARDWARE}: equal accuracy is the highest accuracy that all chips with a fitting design reach; for "
-    "each "
-    "chip the cheapest design of that accuracy is compared; the uncertain numbers of two chips are sampled "
-    "independently",
+    "each chip the cheapest design of that accuracy is compared; the uncertain numbers of two chips are "
+    "sampled independently",
     f"{HARDWARE}: low and high are the ends of an energy interval, or the 5 % and 95 % quantiles of a ratio; "
     "beyond the uncertainty: both quantiles are on one side of 1; the uncertainty is that of the chips' "
     "numbers, not of the activity over runs",
 )
-"""What rows and sentences mean."""
+"""Explanations of the rows and sentences."""
 
 _MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
 
@@ -63,8 +62,8 @@ def on_chips(
 
     Args:
         part: a study's designs of one task.
-        points: its design points on one chip or several; fewer than two leave nothing to say.
-        hardware: names or files of the profiles that points are priced on; none: those of the study.
+        points: its design points; on fewer than two chips, the result is empty.
+        hardware: names or files of the profiles that points are priced on; empty: those of the study.
     """
     of_chips = chips(part, points, hardware)
     if len(of_chips) < 2:
@@ -94,8 +93,8 @@ def _winner(
     Args:
         part: a study's designs of one task.
         chip: some design fits it.
-        level: what it reaches.
-        ranks: of every chip that some design fits, the designs as accurate as its best, cheapest first.
+        level: the accuracy that it reaches.
+        ranks: for every chip that some design fits, the designs as accurate as its best, cheapest first.
     """
     first, *others = ranks[chip.name]
     winner = Choice(chip, first)
@@ -116,7 +115,7 @@ def _winner(
 def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[str]]:
     """Return the designs that a chip's winner is compared with, and the role of each.
 
-    The winner itself is there with the names of the other chips on which it wins.
+    The winner itself is included, with the names of the other chips on which it wins.
     """
     winner, *others = ranks[chip.name]
     family = chip.designs["family"]
@@ -160,16 +159,16 @@ def _verdict(part: StudyTask, level: Level, winner: Choice, rival: Choice) -> st
 
 
 def _at_equal_accuracy(
-    part: StudyTask, held: Sequence[Chip], levels: Sequence[Level]
+    part: StudyTask, fitting: Sequence[Chip], levels: Sequence[Level]
 ) -> tuple[list[Row], list[str]]:
     """Return the cheapest designs at an accuracy that all chips reach, flat out and at the sensor's period.
 
     Args:
         part: a study's designs of one task.
-        held: chips that some design fits; fewer than two leave nothing to say.
-        levels: what each of them reaches.
+        fitting: chips that some design fits; with fewer than two, the result is empty.
+        levels: the accuracy that each of them reaches.
     """
-    if len(held) < 2:
+    if len(fitting) < 2:
         return [], []
     level = common_level(levels)
     about = f"{part.name}, {part.task}: at accuracy {level.accuracy:.3g} ± {level.error:.2g}"
@@ -177,7 +176,7 @@ def _at_equal_accuracy(
     notes: list[str] = []
     orders: list[list[str]] = []
     for column, how in _MODES.items():
-        choices = cheapest(held, level.least, column)
+        choices = cheapest(fitting, level.least, column)
         rows += [row for one in choices for row in _figures(part, one, "equal accuracy", column)]
         rows += [_between(part, one, other, column) for one, other in combinations(choices, 2)]
         choices.sort(key=lambda one: one.median_uj(column))

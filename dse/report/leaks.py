@@ -25,8 +25,8 @@ def chosen(
     Args:
         parts: studies of one task.
         families: kinds of models.
-        transductive: whether the designs have seen their answers.
-        encoders: whether those count whose encoder reads labels, which is another leak than that of a split.
+        transductive: whether the designs have seen the labels.
+        encoders: whether to include designs whose encoder reads labels: another leak than that of a split.
     """
     several = [(part, part.of(families, transductive=transductive)) for part in parts]
     if not encoders:

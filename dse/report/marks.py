@@ -1,4 +1,4 @@
-"""Published designs as reference marks: the figures that their papers print, under our columns."""
+"""Published designs as reference marks: the numbers of their papers, under our column names."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from dse.report.papers import publication, systems
 class Mark:
     """A published design.
 
-    name: its system and which of its designs. task: ours that it stands beside.
-    values: the printed figures, by the column that holds the same of ours.
+    name: letter of its system, and which of its designs. task: our task that it is compared with.
+    values: the published numbers, by the name of our column.
     source: the paper, as in REFERENCES.md. caption: one sentence; it claims no more than the publication.
     """
 
@@ -30,10 +30,10 @@ def mark(system: str, part: StudyTask, which: str, values: Mapping[str, float], 
 
     Args:
         system: letter of the system.
-        part: what it stands beside.
-        which: of the designs of the system; '' where there is one.
-        values: printed figures by column.
-        more: what else must be known of it.
+        part: the task that it is compared with.
+        which: the design; '' if the system has only one.
+        values: published numbers by column.
+        more: a further remark.
     """
     of = systems()[system]
     paper = publication(of.paper)

@@ -1,4 +1,4 @@
-"""Rows of the report: each holds one figure of one published system beside ours."""
+"""Rows of the report: each holds one number of one published system beside ours."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ if TYPE_CHECKING:
     import pandas
 
 FAMILIES = "families"
-"""What `system` says in rows that set our families against each other."""
+"""Value of `system` in rows that compare our model families."""
 
 HARDWARE = "hardware"
-"""What `system` says in rows that set chips against each other."""
+"""Value of `system` in rows that compare chips."""
 
 
 @dataclass(frozen=True)
 class Row:
     """One figure.
 
-    system: row A to G, FAMILIES or HARDWARE. figure: what is compared, with its unit.
-    published, ours: the figures; None where one of them does not exist.
-    se: standard error of ours; test: the same design on the test set; runs: behind ours.
-    hardware: the chip that ours is of; low, high: the range that its figures give ours.
+    system: letter A to G, FAMILIES or HARDWARE. figure: name of the number, with its unit.
+    published, ours: the numbers; None where one of them does not exist.
+    se: standard error of ours; test: the same design on the test set; runs: number of runs behind ours.
+    hardware: the chip of ours; low, high: the range of ours, from the chip's uncertain numbers.
     """
 
     system: str
@@ -60,7 +60,7 @@ def measured(
     row: pandas.Series[Any] | None,
     column: str = "accuracy",
 ) -> Row:
-    """Return the row of one figure of one design; `ours` is missing where there is no such design."""
+    """Return the row of one number of a design; without a design, `ours` is None."""
     if row is None:
         return Row(system, figure, part.task, printed, split=part.split, study=part.name)
     of_design = Row(
