@@ -21,6 +21,7 @@ import numpy as np
 from dse import registry
 from dse.hardware.profile import Profile
 from dse.records import Array, Dataset
+from dse.registry import param
 
 if TYPE_CHECKING:
     import pandas
@@ -70,6 +71,16 @@ class Figure(Protocol[R]):
 
     def draw(self, record: R) -> plotly.graph_objects.Figure:
         """Return the record as a plotly figure."""
+
+
+def trial_key() -> Any:
+    """Declare the key `trial` of a figure (`trial_of`)."""
+    return param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+
+
+def hardware_key() -> Any:
+    """Declare the key `hardware` of a figure (`on_one_chip`)."""
+    return param("", doc="hardware profile of the costs (default: the first of the study)", axis=False)
 
 
 def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figure:

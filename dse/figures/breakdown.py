@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT, short
 from dse.hardware.cost import Cost, cost
 from dse.records import Floats
@@ -50,7 +50,7 @@ class EnergyFigure:
     """Energy per inference by cause, for the full read-out of a trial on a chip."""
 
     hardware: str = param(doc="profile that costs are on", axis=False)
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Breakdown:
         runs = recorded(results, trial_of(results, self.trial), "read_out.npz")

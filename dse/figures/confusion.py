@@ -1,4 +1,4 @@
-"""The confusion matrix: which class was taken for which."""
+"""The confusion matrix: true classes against predicted ones."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Confusion:
-    """Counts and rates of a confusion matrix; rows are true classes, columns the answers.
+    """Counts and rates of a confusion matrix; rows are true classes, columns predicted ones.
 
     counts: (class, class) int64.
     rates: (class, class) float64, each row sums to 1; a class without samples has a row of 0.
@@ -35,7 +35,7 @@ class Confusion:
 class ConfusionFigure:
     """Confusion matrix of a trial on the validation samples, summed over its runs."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Confusion:
         trial = trial_of(results, self.trial)
@@ -85,7 +85,7 @@ def draw_confusion(confusion: Confusion) -> plotly.graph_objects.Figure:
     )
     ticks = {"tickvals": places, "ticktext": names}
     figure.update_layout(
-        xaxis={"title": {"text": "answered"}, **ticks},
+        xaxis={"title": {"text": "predicted"}, **ticks},
         yaxis={"title": {"text": "true"}, "autorange": "reversed", **ticks},
     )
     return figure

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
@@ -53,7 +53,7 @@ class CoresFigure:
     """Cores of a chip that the layers of a trial occupy."""
 
     hardware: str = param(doc="profile of the chip", axis=False)
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
 
     def gather(self, results: Results) -> CoreMap:
         load = store.work_of(recorded(results, trial_of(results, self.trial), "read_out.npz")[0])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, on_one_chip, with_value
+from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
@@ -55,9 +55,7 @@ class TradeFigure:
     parameter: str = param(doc="column that labels the points, such as encoder.gain", axis=False)
     x: str = param("energy_uj", doc="column of the cost", axis=False)
     y: str = param("accuracy", doc="column of the quality", axis=False)
-    hardware: str = param(
-        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
-    )
+    hardware: str = hardware_key()
     task: str = param("", doc="what is predicted (default: the first task)", axis=False)
 
     def gather(self, results: Results) -> Trade:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import registry
-from dse.figures import Results, on_one_chip
+from dse.figures import Results, hardware_key, on_one_chip
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
 from dse.registry import param, register
@@ -85,9 +85,7 @@ class FrontFigure:
     columns: tuple[str, ...] = param(
         (), doc="two or three columns, x first (default: the first objectives of the study)", axis=False
     )
-    hardware: str = param(
-        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
-    )
+    hardware: str = hardware_key()
 
     def gather(self, results: Results) -> Front:
         objectives = {

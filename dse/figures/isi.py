@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, trial_of
+from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array, Dataset
 from dse.registry import param, register
@@ -68,7 +68,7 @@ class Distances:
 class IntervalsFigure:
     """Histograms of the intervals between spikes that a trial was trained on, per class and plane."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     bins: int = param(40, doc="bins of the histogram", low=1, axis=False)
 
     def gather(self, results: Results) -> Intervals:
@@ -95,7 +95,7 @@ class SampleIntervalsFigure(IntervalsFigure):
 class DistancesFigure:
     """Distance between classes over time, in the spikes that a trial was trained on."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     every_ms: float = param(20.0, doc="time between looks", unit="ms", low=0, low_open=True, axis=False)
 
     def gather(self, results: Results) -> Distances:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -38,7 +38,7 @@ class Learning:
 class LearningFigure:
     """Loss, accuracy and gradient norm of a trial over the epochs, one line per run."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Learning:
         return gather_learning(recorded(results, trial_of(results, self.trial), "history.npz"))

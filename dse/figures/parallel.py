@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, on_one_chip
+from dse.figures import Results, hardware_key, on_one_chip
 from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
@@ -62,9 +62,7 @@ class ParallelFigure:
         doc="columns, left to right (default: the axes of the search space and the objectives)",
         axis=False,
     )
-    hardware: str = param(
-        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
-    )
+    hardware: str = hardware_key()
 
     def gather(self, results: Results) -> Parallel:
         frame = on_one_chip(results.points(), self.hardware)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, on_one_chip, trial_of
+from dse.figures import Results, hardware_key, on_one_chip, trial_key, trial_of
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
 from dse.records import Array
@@ -43,11 +43,9 @@ class Precision:
 class PrecisionFigure:
     """Accuracy and cost of a trial with fewer bits per weight and pruned weights."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     task: str = param("", doc="head of a joint network (default: the first)", axis=False)
-    hardware: str = param(
-        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
-    )
+    hardware: str = hardware_key()
 
     def gather(self, results: Results) -> Precision:
         points = results.points()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.measure.decision import decide
 from dse.records import Array
@@ -62,7 +62,7 @@ class Recording:
 class RecordingFigure:
     """Activity of a network on one recording: output spikes, confidence, spikes of each layer."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     sample: int = param(0, doc="place among the validation recordings", low=0, axis=False)
     phi: float | None = param(
         None, doc="output spikes before a decision (default: decide at the end)", low=0, axis=False

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import axis_title
 from dse.records import Array, DecisionSurface
 from dse.registry import param, register
@@ -40,7 +40,7 @@ class SurfaceFigure:
     """Accuracy or latency of a trial over the decision parameters phi and theta."""
 
     quantity: str = param("accuracy", doc="what is drawn", choices=QUANTITIES, axis=False)
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     repeat: int = param(0, doc="run of the trial", low=0, axis=False)
 
     def gather(self, results: Results) -> SurfaceMap:
