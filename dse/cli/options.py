@@ -84,7 +84,7 @@ def overrides_of(arguments: argparse.Namespace) -> dict[str, str]:
     for text in arguments.overrides:
         key, equals, value = text.partition("=")
         if not equals:
-            faults.append(Fault(f"--set {text}", 0, "must be KEY=VALUE, e.g. execution.jobs=2"))
+            faults.append(Fault(f"--set {text}", 0, "must be KEY=VALUE"))
         overrides[key.strip()] = value
     if faults:
         raise ConfigError(faults)

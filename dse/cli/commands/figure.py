@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer
-from dse.cli.options import add_set
+from dse.cli.options import add_set, overrides_of
 from dse.config import ConfigError, Fault, known_names
 
 _SIZES_PX = (50, 10_000)
@@ -71,7 +72,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
             load_plugin(name)
     except PluginError as error:
         raise _fault(str(error)) from None
-    figure = _figure(arguments.figure, arguments.overrides)
+    figure = _figure(arguments.figure, overrides_of(arguments))
     try:
         drawn: plotly.graph_objects.Figure = figure.draw(figure.gather(study))
     except ValueError as error:
@@ -110,27 +111,24 @@ def _size(text: str) -> tuple[int, int]:
     return size_px
 
 
-def _figure(name: str, settings: list[str]) -> Figure[Any]:
+def _figure(name: str, settings: Mapping[str, str]) -> Figure[Any]:
     """Return the named figure with the keys of `--set`."""
-    import yaml
-
     from dse import registry
-    from dse.config.values import read_fields
+    from dse.config.values import read_object
+    from dse.config.yaml_lines import Document, override
 
-    figures = registry.known("figures")
+    figures: Mapping[str, type[Figure[Any]]] = registry.known("figures")
     if name not in figures:
         raise _fault(f"unknown figure '{name}'; {known_names(name, figures)}")
-    written = {}
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        if not equals:
-            raise _fault(f"--set must be KEY=VALUE, got '{setting}'")
-        written[key.strip()] = yaml.safe_load(text)
-    faults: list[str] = []
-    keys, good = read_fields(figures[name], written, (name,), lambda _, text: faults.append(text))
-    if not good:
-        raise ConfigError([Fault("dse figure", 0, text) for text in faults])
-    figure: Figure[Any] = figures[name](**keys)
+    document = override(Document({}, {}), settings)
+    faults = list(document.faults)
+
+    def report(_: object, text: str) -> None:
+        faults.append(Fault("dse figure", 0, text))
+
+    figure = read_object(figures[name], document.data, (name,), report)
+    if figure is None or faults:
+        raise ConfigError(faults)
     return figure
 
 
