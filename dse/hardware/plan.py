@@ -6,13 +6,13 @@ with the counts of any number of design points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dse.hardware.interval import Interval
-from dse.records import Bools, Floats
+from dse.records import Bools, Floats, Workload
 
 
 class NotApplicable(ValueError):
@@ -97,6 +97,21 @@ class Plan:
     placement: Placement | None
     congestion: Congestion | None = None
     share: float = 1.0
+
+
+def per_count(
+    load: Workload, *, step: float = 0.0, spike: Sequence[float] = (), update: Sequence[float] = ()
+) -> Floats:
+    """Return a number for each count of a network (`Workload.counts`), (F,).
+
+    Args:
+        load: the network.
+        step: number of a step.
+        spike: number of a spike of each layer, input first; empty: 0.
+        update: number of a neuron update of each layer after the input; empty: 0.
+    """
+    n_layers = len(load.sizes)
+    return np.array([step, *(spike or [0.0] * n_layers), *(update or [0.0] * (n_layers - 1))], np.float64)
 
 
 def energy_only(energy_pj: Mapping[str, Floats]) -> Plan:

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Plan, energy_only
+from dse.hardware.plan import Plan, energy_only, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Floats, Operations, Workload
 from dse.registry import register
@@ -78,7 +78,7 @@ def states_per_neuron(delay_bits: int) -> int:
 
 def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the energy per count by cause, (D..., F)."""
-    n_layers, bits = len(load.sizes), load.weight_bits + load.delay_bits
+    bits = load.weight_bits + load.delay_bits
     n_weights = sum(load.dense)
     reached: tuple[float, ...] = load.fan_out
     if load.stored is not None and as_lists(load, bits):
@@ -87,8 +87,8 @@ def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     n_states = sum(load.sizes[1:]) * states_per_neuron(load.delay_bits)
     weight = _access_pj(figures, n_weights * bits, bits)
     state = _access_pj(figures, n_states * STATE_BITS, STATE_BITS)
-    events = np.array([0.0, *reached, *[0.0] * (n_layers - 1)])
-    updates = np.array([0.0] * (1 + n_layers) + [1.0] * (n_layers - 1))
+    events = per_count(load, spike=reached)
+    updates = per_count(load, update=[1.0] * (len(load.sizes) - 1))
     return {
         "addition": np.multiply.outer(figures["int8_addition_pj"], events),
         "neuron_update": np.multiply.outer(figures["update_pj"], updates),

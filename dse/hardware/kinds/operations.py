@@ -35,7 +35,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Plan, energy_only
+from dse.hardware.plan import Plan, energy_only, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Operations, Workload
 from dse.registry import register
@@ -52,8 +52,8 @@ class CountedOperations(Profile):
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
         reached = load.fan_out if load.synapses is None else load.synapses
-        per_count = np.array([0.0, *reached, *[0.0] * (len(load.sizes) - 1)])
-        return energy_only({"addition": figures["addition_pj"][..., None] * per_count})
+        additions = per_count(load, spike=reached)
+        return energy_only({"addition": figures["addition_pj"][..., None] * additions})
 
     def plan_operations(self, load: Operations, figures: Figures) -> Plan:
         """Return the plan of any other classifier (`Profile.plan`)."""

@@ -26,14 +26,14 @@ Sources: those of the profiles; the rule for the crossbar is derived from what t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan, energy_only
+from dse.hardware.plan import Misfit, Placement, Plan, energy_only, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Floats, Workload
+from dse.records import Workload
 from dse.registry import register
 
 
@@ -47,10 +47,12 @@ class EventConvention(Profile):
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
+        reached = per_count(load, spike=load.fan_out)
+        neurons = per_count(load, step=sum(load.sizes[1:]))
         return energy_only(
             {
-                "synaptic_event": _per_spike(load, load.fan_out, figures["synaptic_event_pj"]),
-                "neuron_update": _per_step(load, sum(load.sizes[1:]), figures["neuron_update_pj"]),
+                "synaptic_event": np.multiply.outer(figures["synaptic_event_pj"], reached),
+                "neuron_update": np.multiply.outer(figures["neuron_update_pj"], neurons),
             }
         )
 
@@ -89,15 +91,16 @@ class PerEvent(Profile):
         onward = [n * copies for n, copies in zip(load.sizes[1:], mapping.copies, strict=True)]
         recurrent = [n if back else 0 for n, back in zip(onward, load.recurrent, strict=True)]
         copied = np.add((*onward, 0), (0, *recurrent)) * mapping.axons_per_source
-        events = [n * share for n, share in zip(copied, self._shares(load), strict=True)]
-        times = (0.0, *mapping.copies)
+        shares = zip(copied, self._shares(load), strict=True)
+        events = per_count(load, spike=[n * share for n, share in shares])
+        neurons = per_count(load, step=sum(onward))
         energy = {
-            "synaptic_event": _per_spike(load, events, figures["synaptic_event_pj"]),
-            "neuron_update": _per_step(load, sum(onward), figures["neuron_update_pj"]),
-            "spike": _per_spike(load, times, figures["spike_pj"]),
+            "synaptic_event": np.multiply.outer(figures["synaptic_event_pj"], events),
+            "neuron_update": np.multiply.outer(figures["neuron_update_pj"], neurons),
+            "spike": np.multiply.outer(figures["spike_pj"], per_count(load, spike=(0.0, *mapping.copies))),
         }
-        time_ns = _per_step(load, 1e3, figures["tick_us"])
-        time_ns += _per_spike(load, events, figures["synaptic_event_ns"])
+        time_ns = np.multiply.outer(figures["tick_us"], per_count(load, step=1e3))
+        time_ns += np.multiply.outer(figures["synaptic_event_ns"], events)
         chips = -(-sum(mapping.cores) // int(self.cores.value))
         static_mw = figures["static_mw"] * chips
         placement = Placement(
@@ -280,14 +283,3 @@ def _largest(most: int, fits: Callable[[int], bool]) -> int:
         else:
             high = middle - 1
     return low
-
-
-def _per_spike(load: Workload, times: Sequence[float], figure: Floats) -> Floats:
-    """Return a figure (D...) times a number for each layer's spikes, (D..., F)."""
-    n_layers = len(load.sizes)
-    return np.asarray(figure[..., None] * np.array([0.0, *times, *[0.0] * (n_layers - 1)]))
-
-
-def _per_step(load: Workload, times: float, figure: Floats) -> Floats:
-    """Return a figure (D...) times a number for each step, (D..., F)."""
-    return np.asarray(figure[..., None] * np.array([times, *[0.0] * (2 * len(load.sizes) - 1)]))

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.hardware.kinds.memory_hierarchy import INDEX_BITS, STATE_BITS, as_lists, states_per_neuron
-from dse.hardware.plan import Misfit, Placement, Plan
+from dse.hardware.plan import Misfit, Placement, Plan, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Floats, Operations, Workload
 from dse.registry import register
@@ -108,12 +108,11 @@ class Processor(Profile):
 
 def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., F)."""
-    n_layers = len(load.sizes)
     lists = as_lists(load, _stored_bits(load))
     event = figures["event_cycles"] + figures["index_cycles"] * float(lists)
     reached = load.synapses if lists and load.synapses is not None else load.fan_out
-    events = np.array([0.0, *reached, *[0.0] * (n_layers - 1)])
-    neurons = np.array([float(sum(load.sizes[1:])), *[0.0] * (2 * n_layers - 1)])
+    events = per_count(load, spike=reached)
+    neurons = per_count(load, step=sum(load.sizes[1:]))
     return {
         "synaptic_event": np.multiply.outer(event, events),
         "neuron_update": np.multiply.outer(figures["update_macs"] * figures["mac_cycles"], neurons),
