@@ -26,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "results", nargs="+", metavar="RESULTS", help="folders of studies, or a folder that contains some"
     )
     parser.add_argument(
-        "--system", metavar="LETTERS", help="print the rows of these published systems only, e.g. A or DE"
+        "--system",
+        metavar="LETTERS",
+        help="print only the rows of these published systems, by their letters in the report, e.g. A or DE",
     )
     parser.add_argument(
         "--hardware",
