@@ -159,7 +159,9 @@ def register(section: str, name: str) -> Callable[[type[T]], type[T]]:
         components = _components.setdefault(section, {})
         holder = components.get(name, cls)
         if (holder.__module__, holder.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise ValueError(f"{section} '{name}' is already registered by {holder.__module__}")
+            plugin = plugin_of(holder)
+            by = f"plugin '{plugin.name}'" if plugin else holder.__module__
+            raise ValueError(f"{section} '{name}' is already registered by {by}")
         if section == "objectives":
             _check_columns(name, cls, components)
         components[name] = cls
@@ -182,7 +184,9 @@ def known(section: str) -> dict[str, type]:
 
 
 def _check_columns(name: str, objective: Any, others: Mapping[str, Any]) -> None:
-    """Refuse an objective that declares a column of another one."""
+    """Refuse an objective without its declarations, or with a column of another one."""
+    if lacks := [key for key in ("needs", "columns") if not hasattr(objective, key)]:
+        raise TypeError(f"objective '{name}' must declare {' and '.join(lacks)}")
     taken = {c.name: other for other, cls in others.items() if other != name for c in cls.columns}
     for column in objective.columns:
         if column.name in taken:
@@ -282,7 +286,7 @@ def _load(plugin: Plugin, module: str, import_module: Callable[[], object]) -> P
             sys.modules.pop(cls.__module__, None)  # so that the next import registers again
         _replace(before)
         if isinstance(error, Exception | SystemExit):
-            raise PluginError(f"plugin '{plugin.name}': {_reason(error, plugin)}") from error
+            raise PluginError(f"plugin '{plugin.name}': {failure(error, plugin)}") from error
         raise
     for name in older:
         del _plugins[name]
@@ -307,8 +311,8 @@ def _run_file(path: Path, code: bytes, name: str) -> None:
         raise
 
 
-def _reason(error: BaseException, plugin: Plugin) -> str:
-    """Return why a plugin's import failed, and in which line."""
+def failure(error: BaseException, plugin: Plugin) -> str:
+    """Return the error of a plugin's code as one sentence, with the line."""
     if isinstance(error, ModuleNotFoundError) and f"{plugin.source}.".startswith(f"{error.name}."):
         return f"no module '{error.name}' is installed; a file is named with its ending, {plugin.name}.py"
     kind = type(error).__name__

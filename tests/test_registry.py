@@ -223,7 +223,12 @@ def test_a_shipped_name_is_taken_before_it_is_imported(tmp_path):
 def test_the_name_of_another_plugin_is_taken(tmp_path):
     load_plugin("mine.py", write(tmp_path, encoder()))
     write(tmp_path, encoder(gain=2.0), "other.py")
-    assert "encoders 'mine' is already registered by dse_plugin_mine_" in fault("other.py", tmp_path)
+    assert "encoders 'mine' is already registered by plugin 'mine.py'" in fault("other.py", tmp_path)
+
+
+def test_an_objective_declares_what_it_needs_and_its_columns(tmp_path):
+    write(tmp_path, encoder().replace('"encoders"', '"objectives"'))
+    assert fault("mine.py", tmp_path).endswith("objective 'mine' must declare needs and columns")
 
 
 @pytest.fixture

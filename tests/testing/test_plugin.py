@@ -154,6 +154,7 @@ def test_its_components_keep_their_contracts(installed: Path) -> None:
         (("histograms", "--out", "x.json"), "has no class histograms: trials of family hots have them"),
         (("bars", "--out", "x.json", "--set", "colum=a"), "unknown key 'bars.colum'"),
         (("bars", "--out", "x.json", "--set", "column=[a"), "--set column: not valid YAML"),
+        (("bars", "--out", "x.json", "--set", "column=none"), "figure bars: KeyError in line"),
         (("bars", "--out", "x.json", "--set", "column"), "--set column: must be KEY=VALUE"),
         (("grid", "--out", "x.json", "--set", "x=a", "--set", "y=b"), "figure grid: columns must be in"),
         (("bars", "--out", "x.json", "--plugin", "no.py"), "plugin 'no.py': cannot read"),

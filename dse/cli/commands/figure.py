@@ -59,7 +59,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
             what draws images is not installed.
         StoreError: the study is missing or damaged.
     """
-    from dse.registry import PluginError, load_plugin
+    from dse.registry import PluginError, failure, load_plugin, plugin_of
     from dse.study.results import open as open_study
 
     out: Path = arguments.out
@@ -77,6 +77,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
         drawn: plotly.graph_objects.Figure = figure.draw(figure.gather(study))
     except ValueError as error:
         raise _fault(f"figure {arguments.figure}: {error}") from None
+    except Exception as error:
+        plugin = plugin_of(type(figure))
+        if plugin is None:
+            raise
+        raise _fault(f"figure {arguments.figure}: {failure(error, plugin)}") from error
     _write(drawn, out, size_px, arguments.figure)
     return Answer([{"figure": arguments.figure, "file": str(out)}])
 
