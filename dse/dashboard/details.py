@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,7 +21,7 @@ import numpy as np
 from dse import store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
-from dse.dashboard.write import packed
+from dse.dashboard.write import packed, plain_figure
 from dse.figures.breakdown import draw_breakdown, gather_breakdown
 from dse.figures.confusion import draw_confusion, gather_confusion
 from dse.figures.core_map import draw_core_map, gather_core_map
@@ -42,7 +41,6 @@ from dse.study.results import Study
 
 if TYPE_CHECKING:
     import pandas
-    import plotly.graph_objects
 
 MOST_EXAMPLES = 6
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
@@ -382,7 +380,7 @@ def _bits(rows: pandas.DataFrame) -> dict[str, Any] | None:
     precisions = gather_precision(on_first)
     figure = draw_precision(replace(precisions, costs={BITS: precisions.costs[BITS]}))
     figure.update_layout(height=_HEIGHT, margin=_MARGIN, legend=_LEGEND)
-    return _plain(figure)
+    return plain_figure(figure)
 
 
 def _confusion(runs: Sequence[_Run], head: str, classes: Sequence[str]) -> dict[str, Any] | None:
@@ -394,7 +392,7 @@ def _confusion(runs: Sequence[_Run], head: str, classes: Sequence[str]) -> dict[
     figure.update_traces(showscale=False)
     figure.update_layout(height=_HEIGHT, margin=_MARGIN)
     figure.update_xaxes(tickangle=-45)  # at other angles the last name leaves the panel
-    return _plain(figure)
+    return plain_figure(figure)
 
 
 def _learning(runs: Sequence[_Run]) -> dict[str, Any] | None:
@@ -405,7 +403,7 @@ def _learning(runs: Sequence[_Run]) -> dict[str, Any] | None:
     for trace in figure.data:
         every = -(-len(trace.x) // _MOST_EPOCHS)
         trace.update(x=trace.x[::every], y=trace.y[::every])
-    return _plain(figure)
+    return plain_figure(figure)
 
 
 def _loads(runs: Sequence[_Run], head: str) -> list[Workload | Operations]:
@@ -430,8 +428,8 @@ def _on(profiles: Callable[[str], Profile], name: str, loads: Sequence[Workload 
     cores = None
     if isinstance(loads[0], Workload):
         with contextlib.suppress(NotApplicable):  # the chip is not divided into cores
-            cores = _plain(draw_core_map(gather_core_map(chip, loads[0])))
-    energy = _plain(draw_breakdown(gather_breakdown(costs)))
+            cores = plain_figure(draw_core_map(gather_core_map(chip, loads[0])))
+    energy = plain_figure(draw_breakdown(gather_breakdown(costs)))
     return _OnHardware(energy, cores, [str(misfit) for misfit in costs[0].misfits])
 
 
@@ -470,7 +468,7 @@ def _examples(
             {
                 "title": _title(int(index[sample]), classes, target, int(answers[sample])),
                 "true": classes[target],
-                "figure": _plain(draw_recording(drawn)),
+                "figure": plain_figure(draw_recording(drawn)),
                 "step_ms": response.step_ms,
                 "n_steps": len(output[sample]),
                 "spikes": drawn.spikes.tolist(),
@@ -490,10 +488,3 @@ def _first_of_each(label: Array, among: Array, most: int) -> list[int]:
     """Return the first sample of each class among some samples, at most `most`, in ascending order."""
     _, first = np.unique(label[among], return_index=True)
     return [int(sample) for sample in np.sort(among[first])[:most]]
-
-
-def _plain(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
-    """Return a figure as JSON holds it, without the template: the page has its own style."""
-    figure.layout.template = None
-    plain: dict[str, Any] = json.loads(figure.to_json(validate=False))
-    return plain

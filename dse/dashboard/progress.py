@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import math
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dse.dashboard.write import plain_figure
 from dse.figures.progress import draw_progress
+from dse.store import plain_cell
 from dse.study.status import ENDED_BADLY, Status, status
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 MAX_LISTED = 50
 """Largest number of running trials, of reasons, and of trials per reason in a list; counts include all."""
@@ -44,7 +41,7 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         | {how: sum(outcome.status == how for outcome in now.outcomes.values()) for how in ENDED_BADLY},
         "runs": {"total": now.n_runs, "done": now.n_runs_done},
         "running": [
-            {"trial": entry.trial, "design": _without_nan(entry.design)} for entry in now.running[:MAX_LISTED]
+            {"trial": entry.trial, "design": plain_cell(entry.design)} for entry in now.running[:MAX_LISTED]
         ],
         **{how: _by_reason(now, how) for how in ENDED_BADLY},
         "hours": now.hours,
@@ -60,7 +57,7 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
             }
             for curve in now.growth.curves
         ],
-        "figure": _plain(draw_progress(now.growth)) if now.growth.curves else None,
+        "figure": plain_figure(draw_progress(now.growth)) if now.growth.curves else None,
     }
 
 
@@ -69,18 +66,3 @@ def _by_reason(now: Status, how: str) -> list[dict[str, Any]]:
         {"reason": reason, "count": len(trials), "trials": trials[:MAX_LISTED]}
         for reason, trials in now.trials_by_reason(how)[:MAX_LISTED]
     ]
-
-
-def _without_nan(value: object) -> object:
-    """Return a value of a design with None in place of NaN and infinity, which JSON lacks."""
-    if isinstance(value, dict):
-        return {name: _without_nan(inner) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _plain(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
-    plain: dict[str, Any] = json.loads(figure.to_json())
-    plain["layout"].pop("template", None)
-    return plain

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dse.dashboard.write import write_filled
+from dse.dashboard.write import plain_figure, write_filled
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT
 from dse.figures.trial import OUTLINE, TrialView, draw_course, draw_pins
 from dse.records import Array
@@ -49,8 +48,8 @@ def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
         "name": view.name,
         "notes": [*notes, *_remarks(view)],
         "facts": _facts(view),
-        "pins": json.loads(draw_pins(view, view.busiest).to_json()),
-        "course": json.loads(draw_course(view).to_json()),
+        "pins": plain_figure(draw_pins(view, view.busiest)),
+        "course": plain_figure(draw_course(view)),
         "moment": view.busiest,
         "step_ms": view.step_ms,
         "n_moments": len(view.t_s),

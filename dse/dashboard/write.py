@@ -21,6 +21,7 @@ from dse.store import atomic
 
 if TYPE_CHECKING:
     import pandas
+    import plotly.graph_objects
 
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
 _MODULES = {"page": ("data", "figure", "details", "budgets", "views"), "trial": ("data", "figure")}
@@ -148,6 +149,13 @@ def packed(document: Mapping[str, Any]) -> str:
     """Return a document as base64 of gzipped JSON: text that holds no mark-up, a sixth of the length."""
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(gzip.compress(text.encode(), compresslevel=6, mtime=0)).decode("ascii")
+
+
+def plain_figure(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+    """Return a figure as JSON holds it, without its template: a page has its own style."""
+    figure.layout.template = None
+    plain: dict[str, Any] = json.loads(figure.to_json(validate=False))
+    return plain
 
 
 def as_json(page: Mapping[str, Any]) -> str:
