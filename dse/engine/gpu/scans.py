@@ -43,7 +43,7 @@ def scan(
     MASKED: tl.constexpr,
     STEPWISE: tl.constexpr,
 ) -> None:
-    """Run neurons over some steps; z becomes the surrogate gradient (dse.neurons.fixed_point.step).
+    """Run neurons over some steps; z becomes the surrogate gradient (dse.neurons.cuba_lif.Population.step).
 
     Spikes are stored one step later, as the next layer (`passed`) and the layer itself (`raw`) see them.
 
@@ -169,7 +169,7 @@ def scan_back(
     MASKED: tl.constexpr,
     STEPWISE: tl.constexpr,
 ) -> None:
-    """Set dL/dz of some steps, backward in time, the reset ignored (dse.neurons.fixed_point.backward).
+    """Set dL/dz of some steps, backward in time, the reset ignored (dse.neurons.cuba_lif.backward).
 
     Args:
         slope: (tile, sample * step, WIDTH) surrogate gradient.
