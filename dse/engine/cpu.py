@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -220,9 +219,6 @@ class CpuEngine:
         }
         self._spaces = [spaces[kind] for kind in kinds]
 
-    def _of(self, kind: Any, kinds: Sequence[Any]) -> list[_Network]:
-        return [network for network, k in zip(self._networks, kinds, strict=True) if k is kind]
-
     def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` on a batch; the others do not move."""
         batch = batch_of(rows)
@@ -248,8 +244,8 @@ def _workspace(networks: Sequence[_Network], n_rows: int, thread: int) -> Worksp
         return [max(elements(x, d) for x in networks if d < len(x.sizes)) for d in depths]
 
     def ring(network: _Network, depth: int) -> int:
-        found = network.rings[depth]
-        return 0 if found is None else found.gradient.size
+        matrix = network.rings[depth]
+        return 0 if matrix is None else matrix.gradient.size
 
     weights = largest(lambda network, depth: network.matrices[depth].gradient.size)
     if thread == 0:
