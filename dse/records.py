@@ -360,8 +360,8 @@ class Workload:
     def fan_out(self) -> tuple[int, ...]:
         """Synapses that one spike of each layer reaches, input first; output spikes leave the network."""
         forward = (*self.sizes[1:], 0)
-        own = (0, *(n * back for n, back in zip(self.sizes[1:], self.recurrent, strict=True)))
-        return tuple(a + b for a, b in zip(forward, own, strict=True))
+        within = (0, *(n * back for n, back in zip(self.sizes[1:], self.recurrent, strict=True)))
+        return tuple(a + b for a, b in zip(forward, within, strict=True))
 
     @property
     def dense(self) -> tuple[int, ...]:
@@ -468,14 +468,14 @@ class Workload:
                 "sizes must hold an input and at least one layer, and recurrent one value less, "
                 f"got {sizes} and {self.recurrent}"
             )
-        for name, given, most in (
+        for name, counts, most in (
             ("synapses", self.synapses, self.fan_out),
             ("stored", self.stored, self.dense),
         ):
-            if given is not None and (
-                len(given) != len(most) or not all(0 <= a <= b for a, b in zip(given, most, strict=True))
+            if counts is not None and (
+                len(counts) != len(most) or not all(0 <= a <= b for a, b in zip(counts, most, strict=True))
             ):
-                raise ValueError(f"{name} must be between 0 and {most} in each layer, got {given}")
+                raise ValueError(f"{name} must be between 0 and {most} in each layer, got {counts}")
         if self.cores is not None and (
             len(self.cores) != n_layers - 1
             or not all(1 <= n <= size for n, size in zip(self.cores, sizes[1:], strict=True))

@@ -639,9 +639,9 @@ def adam(
             for i in range(n_rows):
                 at = n_rows * column + i * width + LANES * group
                 w, m, v = load(weights, at, LANES_16), load(first, at, LANES_16), load(second, at, LANES_16)
-                found = load(gradient, at, LANES_16)
-                g = as_type_of(found * splat(factor, found), weights)
-                store(gradient, at, splat(0.0, found))
+                summed = load(gradient, at, LANES_16)
+                g = as_type_of(summed * splat(factor, summed), weights)
+                store(gradient, at, splat(0.0, summed))
                 if grid > 0:
                     q = rint(w * splat(grid, w))
                     outside = either(greater(splat(low, q), q), greater(q, splat(high, q)))

@@ -41,11 +41,11 @@ def aligned(n: int, kind: Any, *, zeroed: bool = True) -> Array:
 
 
 def _blocks(n_columns: int) -> list[tuple[int, int]]:
-    found, column = [], 0
+    blocks, column = [], 0
     while column < n_columns:
-        found.append((column, width_at(column, n_columns)))
-        column += found[-1][1]
-    return found
+        blocks.append((column, width_at(column, n_columns)))
+        column += blocks[-1][1]
+    return blocks
 
 
 def packed(matrix: Array, kind: Any) -> Array:

@@ -44,5 +44,5 @@ def n_correct(counts: Array, labels: Array, heads: tuple[int, ...] = ()) -> int:
     if not heads:
         return int((counts.argmax(axis=1) == labels).sum())
     ends = np.cumsum(heads)
-    found = [counts[:, end - n : end].argmax(axis=1) + end - n for n, end in zip(heads, ends, strict=True)]
-    return int((np.stack(found, axis=1) == labels).all(axis=1).sum())
+    answers = [counts[:, end - n : end].argmax(axis=1) + end - n for n, end in zip(heads, ends, strict=True)]
+    return int((np.stack(answers, axis=1) == labels).all(axis=1).sum())

@@ -67,10 +67,10 @@ def gradients(
     ready = [laid_out(w, arithmetic, s) for w, s in zip(layers, surrogates, strict=True)]
     kind = precision(arithmetic)
     sizes = [w.n_neurons for w in layers]
-    found = [aligned(x.n_inputs * x.n_columns, kind) for x in ready]
+    feed_forward = [aligned(x.n_inputs * x.n_columns, kind) for x in ready]
     rings = [aligned(x.ring.size, kind) for x in ready]
     n_rows = chunk_samples(rows.n_samples, rows.n_steps) * rows.n_steps
-    deeper = [0, *(g.size for g in found[1:])]
+    deeper = [0, *(g.size for g in feed_forward[1:])]
     space = Workspace(n_rows, sizes, deeper, [r.size for r in rings], kind)
     done = learn(
         ready,
@@ -82,7 +82,7 @@ def gradients(
         gains,
         int(shift),
         [space],
-        found,
+        feed_forward,
         rings,
         heads=heads,
     )
@@ -92,7 +92,7 @@ def gradients(
         done.loss,
         tuple(
             unpacked(g, x.n_inputs, n) * kind(f)
-            for g, x, n, f in zip(found, ready, sizes, factors, strict=True)
+            for g, x, n, f in zip(feed_forward, ready, sizes, factors, strict=True)
         ),
         tuple(
             unpacked(g, x.n_columns, n)[:n] if g.size else g.reshape(0, 0)

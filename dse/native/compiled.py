@@ -19,10 +19,10 @@ _INLINED = (_HERE, _HERE.parent / "preprocessing", _HERE.parent / "neurons")
 @cache
 def _sources(folder: Path) -> str:
     """Return a hash of every source file of a package and of those whose kernels it may call."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in sorted({path for place in (folder, *_INLINED) for path in place.glob("*.py")}):
-        found.update(path.read_bytes())
-    return found.hexdigest()
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -37,13 +37,13 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        found = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        kept: Any = getattr(getattr(found, "_cache", None), "_cache_file", None)
-        if hasattr(kept, "_source_stamp"):
+        dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        index: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        if hasattr(index, "_source_stamp"):
             source = sys.modules[function.__module__].__file__ or __file__
-            kept._source_stamp = _sources(Path(source).parent)
-            kept._load_index = _readable(kept._load_index)
-        return found
+            index._source_stamp = _sources(Path(source).parent)
+            index._load_index = _readable(index._load_index)
+        return dispatcher
 
     return decorate
 

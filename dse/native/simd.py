@@ -100,9 +100,9 @@ def load(typing_context: Any, array: Any, offset: Any, lanes: Any) -> Any:
     vector = Vector(array.dtype, lanes.n)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        found = builder.load(_place(context, builder, array, values[0], values[1], vector))
-        found.align = vector.n_bytes
-        return found
+        loaded = builder.load(_place(context, builder, array, values[0], values[1], vector))
+        loaded.align = vector.n_bytes
+        return loaded
 
     return vector(array, types.intp, lanes), generate
 

@@ -181,14 +181,14 @@ def reference(current: Array, params: Params, step_ms: float = 1.0, tolerance: f
     for k, now in enumerate(current):
         t, end = k * step_ms, (k + 1) * step_ms
         while t < end:
-            found = solve_ivp(
+            solution = solve_ivp(
                 derivative, (t, end), x, "DOP853", args=(float(now),), events=peak,
                 rtol=tolerance, atol=tolerance,
             )  # fmt: skip
-            if found.status < 0:
-                raise ArithmeticError(f"no solution after {t:g} ms: {found.message}")
-            t, x = float(found.t[-1]), found.y[:, -1]
-            if found.status == 1:
+            if solution.status < 0:
+                raise ArithmeticError(f"no solution after {t:g} ms: {solution.message}")
+            t, x = float(solution.t[-1]), solution.y[:, -1]
+            if solution.status == 1:
                 times.append(t)
                 x = np.array([params.c, x[1] + params.d])
     return np.array(times)

@@ -97,14 +97,16 @@ class Cascade(Stack):
         start = np.zeros(n, np.int32)
         window = cut(dataset.spikes, samples, dataset.start[samples], np.full(n, dataset.n_steps))
         data = replace(dataset, spikes=window, start=start)
-        said, counts = respond_and_count(first, data, np.arange(n))
-        after = replace(data, spikes=beside(window, _arriving(said.output, self.steps_per_sample)))
-        then, counts_then = respond_and_count(second, after, np.arange(n))
+        of_first, counts = respond_and_count(first, data, np.arange(n))
+        after = replace(data, spikes=beside(window, _arriving(of_first.output, self.steps_per_sample)))
+        of_second, counts_second = respond_and_count(second, after, np.arange(n))
         sizes = head_sizes(dataset)
-        sizes_then = sizes[:number] + sizes[number + 1 :]
-        parts = np.split(then.output, np.cumsum(sizes_then)[:-1], axis=2)
-        parts.insert(number, said.output)
-        return _together(np.concatenate(parts, axis=2), (first, second), (said, then), (counts, counts_then))
+        sizes_second = sizes[:number] + sizes[number + 1 :]
+        parts = np.split(of_second.output, np.cumsum(sizes_second)[:-1], axis=2)
+        parts.insert(number, of_first.output)
+        return _together(
+            np.concatenate(parts, axis=2), (first, second), (of_first, of_second), (counts, counts_second)
+        )
 
     def _first_of(self, dataset: Dataset) -> int:
         """Return the number of the head that comes first."""
@@ -143,13 +145,13 @@ class Cascade(Stack):
         for part in range(parts):
             held = np.sort(order[part::parts])
             others = replace(data, train=np.setdiff1d(data.train, held), validation=held, test=held[:0])
-            found = self._stack(self.first_hidden).fit(
+            without = self._stack(self.first_hidden).fit(
                 others, training, _named(rngs, f"first without {part}")
             )
-            assert isinstance(found.network, Network) and isinstance(found.validation, Response)
-            answers = head_answers(data, found.validation.output.sum(axis=1, dtype=np.int64))
+            assert isinstance(without.network, Network) and isinstance(without.validation, Response)
+            answers = head_answers(data, without.validation.output.sum(axis=1, dtype=np.int64))
             correct += int((answers == head_targets(data, held)).sum())
-            output[held] = _arriving(respond(found.network, whole, held).output, self.steps_per_sample)
+            output[held] = _arriving(respond(without.network, whole, held).output, self.steps_per_sample)
         return output, correct / data.train.size
 
 
@@ -221,7 +223,7 @@ def _stored(first: Network, second: Network, n_channels: int) -> Parameters:
 def _together(
     output: Array,
     networks: tuple[Network, Network],
-    said: tuple[Response, Response],
+    responses: tuple[Response, Response],
     counts: tuple[list[Array], list[Array]],
 ) -> Response:
     """Return what both stacks did as one response; the module says what its layers are.
@@ -229,10 +231,10 @@ def _together(
     Args:
         output: of all heads.
         networks: the first stack and the second.
-        said: what either did.
+        responses: of either.
         counts: per stack and layer, input copies first, (neuron,) spikes.
     """
-    (first, second), (one, two), (fired, fired_then) = networks, said, counts
+    (first, second), (one, two), (fired, fired_then) = networks, responses, counts
     place = np.arange(second.sizes[0])
     is_data = place % second.n_channels < first.n_channels
     is_output = ~is_data & (np.asarray(second.delays)[place // second.n_channels] == 0)

@@ -92,10 +92,10 @@ def _rounded_layer(layer: Layer, weight_bits: int, pruned: float) -> Layer:
 
 def _stored(weights: Array, weight_bits: int, shared: int) -> Array:
     """Return one matrix on its grid; one without a 0 keeps what rounds to 0 as a number that deploys as 0."""
-    found = (_whole(_in_steps(weights), weight_bits, shared) * 2.0**shared / _STEPS).astype(np.float32)
+    on_grid = (_whole(_in_steps(weights), weight_bits, shared) * 2.0**shared / _STEPS).astype(np.float32)
     if (weights == 0).any():
-        return found
-    return np.where(found == 0, np.clip(weights, -_ROUNDS_TO_0, _ROUNDS_TO_0), found)
+        return on_grid
+    return np.where(on_grid == 0, np.clip(weights, -_ROUNDS_TO_0, _ROUNDS_TO_0), on_grid)
 
 
 def _in_steps(weights: Array) -> Array:

@@ -72,16 +72,16 @@ def synapses(network: Network, fired: Sequence[Array]) -> tuple[float, ...]:
         network: a trained network.
         fired: per layer, input copies first, (neuron,) spikes. A layer without any has the mean over neurons.
     """
-    found = []
+    means = []
     for reached, spikes in zip(fan_outs(network), fired, strict=True):
         total = spikes.sum()
-        found.append(float(reached @ spikes / total if total else reached.mean()))
-    return tuple(found)
+        means.append(float(reached @ spikes / total if total else reached.mean()))
+    return tuple(means)
 
 
 def fan_outs(network: Network) -> list[Array]:
     """Return per layer, input copies first, (neuron,) weights other than 0 that a spike of it reaches."""
     forward = [np.count_nonzero(layer.weight, axis=0) for layer in network.layers]
-    own = [0 if x.recurrent is None else np.count_nonzero(x.recurrent, axis=0) for x in network.layers]
+    back = [0 if x.recurrent is None else np.count_nonzero(x.recurrent, axis=0) for x in network.layers]
     none = np.zeros(network.sizes[-1], np.int64)
-    return [a + b for a, b in zip([*forward, none], [0, *own], strict=True)]
+    return [a + b for a, b in zip([*forward, none], [0, *back], strict=True)]

@@ -117,10 +117,10 @@ class ThresholdLIF:
             weight, threshold = structural_weights(n_channels, n_outputs), self.threshold
         else:
             counts = mean_spikes(dataset, dataset.train)
-            own = np.zeros((len(counts), n_outputs))
+            target = np.zeros((len(counts), n_outputs))
             neurons = output_labels(dataset, dataset.train).reshape(len(counts), -1)
-            np.put_along_axis(own, neurons, 1.0, axis=1)
-            weight = ridge_weights(counts, own, self.ridge)
+            np.put_along_axis(target, neurons, 1.0, axis=1)
+            weight = ridge_weights(counts, target, self.ridge)
             scale = min(
                 _LARGEST_WEIGHT / max(np.abs(weight).max(), 1e-9), _LARGEST_THRESHOLD / self.threshold
             )
@@ -149,17 +149,17 @@ def structural_weights(n_channels: int, n_classes: int) -> Array:
     return np.repeat(np.eye(n_classes), n_channels // n_classes, axis=1)
 
 
-def ridge_weights(inputs: Array, wanted: Array, ridge: float) -> Array:
-    """Return W (output, input) that minimises |inputs W' - wanted|^2 + ridge mean(s^2) |W|^2.
+def ridge_weights(inputs: Array, target: Array, ridge: float) -> Array:
+    """Return W (output, input) that minimises |inputs W' - target|^2 + ridge mean(s^2) |W|^2.
 
     Args:
         inputs: (sample, input); s are its singular values. Rank deficient ones, and all zeros, are fine.
-        wanted: (sample, output).
+        target: (sample, output).
         ridge: > 0.
     """
     left, s, right = np.linalg.svd(inputs, full_matrices=False)
     shrunk = np.divide(s, s**2 + ridge * (s**2).mean(), out=np.zeros_like(s), where=s > 0)
-    return np.asarray((wanted.T @ left * shrunk) @ right)
+    return np.asarray((target.T @ left * shrunk) @ right)
 
 
 def mean_spikes(dataset: Dataset, samples: Array) -> Array:
@@ -177,5 +177,5 @@ def first_spike(output: Array) -> Array:
         output: (n, T, class) output spikes, one-step shift included.
     """
     winner = output.sum(axis=1, dtype=np.int64).argmax(axis=1)
-    own = output[np.arange(len(output)), :, winner] > 0
-    return np.where(own.any(axis=1), own.argmax(axis=1), -1)
+    fired = output[np.arange(len(output)), :, winner] > 0
+    return np.where(fired.any(axis=1), fired.argmax(axis=1), -1)
