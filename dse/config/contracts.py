@@ -232,7 +232,10 @@ class SamplerSettings(Protocol):
 
 
 def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:
-    """Return whether a family's designs can train on the same batches."""
+    """Return whether a family's designs can train on the same batches: it has `fit_cohort`.
+
+    Such a family is a whole `CohortFamily`; `dse.testing.check_family` says so where it is not.
+    """
     return hasattr(family, "fit_cohort")
 
 

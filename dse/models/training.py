@@ -1,4 +1,4 @@
-"""How a network is trained: what every trainable family shares."""
+"""What families train with: settings, random generators, requests of a cohort; and how training fails."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dse import store
-from dse.config.contracts import CohortFamily, Family, FitRequest
+from dse.config.contracts import CohortFamily, Family, FitRequest, trains_in_cohorts
 from dse.config.settings import Training
 from dse.measure.heads import head_sizes
 from dse.records import Answers, Dataset, Ints, Network, Outcome, Response
@@ -35,6 +35,10 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
     """
     expect_component(family)
     name = type(family).__name__
+    expect(
+        isinstance(family, CohortFamily) or not trains_in_cohorts(family),
+        f"{name} has `fit_cohort` and must have the other methods of `CohortFamily` too",
+    )
     data = small.dataset() if dataset is None else dataset
     with Unchanged(f"the data set that {name} is trained on", data):
         outcome = family.fit(data, training, small.generators(1))
@@ -44,7 +48,7 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
     _check_counts(name, family, outcome, data)
     _check_answers(name, family, outcome, data)
     _check_causal(name, family, outcome, data)
-    if isinstance(family, CohortFamily):
+    if trains_in_cohorts(family):
         _check_cohort(name, family, outcome, data, training)
 
 
@@ -71,13 +75,11 @@ def _check_counts(name: str, family: Family, outcome: Outcome, data: Dataset) ->
         f"{name} must answer every validation sample by an output per class, got {answers.output.shape}",
     )
     network = outcome.network
-    n_weights = network.n_weights if isinstance(network, Network) else int(network.arrays["n_weights"])
-    expect(n_weights > 0, f"{name} must count its weights")
-    if isinstance(network, Network):
-        expect(network.n_channels == data.spikes.n_channels, f"{name} must be of the data set's channels")
-    else:
+    expect(network.n_weights > 0, f"{name} must count its weights")
+    expect(network.n_channels == data.spikes.n_channels, f"{name} must be of the data set's channels")
+    if not isinstance(network, Network):
         expect(answers.synapses is not None, f"{name} must count the synapses that a spike reaches")
-    if isinstance(family, CohortFamily) and isinstance(network, Network):
+    elif trains_in_cohorts(family):
         predicted = family.n_weights(data.spikes.n_channels, sum(head_sizes(data)))
         expect(
             predicted == network.n_weights_dense,

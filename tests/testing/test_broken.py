@@ -56,9 +56,17 @@ class ForgetfulKNN(KNN):
         return dataclasses.replace(outcome, validation=dataclasses.replace(outcome.validation, label=other))
 
 
+@dataclass(frozen=True)
+class UncountedKNN(KNN):
+    """It trains in cohorts, and does not say what that takes."""
+
+    fit_cohort = None
+
+
 @pytest.mark.parametrize(
     ("family", "text"),
     [
+        (UncountedKNN(), "has `fit_cohort` and must have the other methods of `CohortFamily` too"),
         (UnseededKNN(), "must train to the same result by the same seed"),
         (ForgetfulKNN(), "respond must give the validation answers of its fit"),
     ],
