@@ -27,7 +27,7 @@ from rich.table import Table
 
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
-from dse.engine.layers import forward, weights
+from dse.engine.layers import prepare, weights
 from dse.engine.loss import spike_rate
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif, fixed_point
@@ -173,7 +173,7 @@ def by_engine(case: Case) -> Found:
     rows = inputs = rows_of(case.given("x"))
     states, fired = {}, []
     for k, layer in enumerate(layers, 1):
-        done = forward(inputs, layer, "integer" if case.integer else "ideal", keep_voltage=True)
+        done = prepare(layer, "integer" if case.integer else "ideal").forward(inputs, keep_voltage=True)
         states[f"vol{k}"] = done.voltage
         fired.append(dense(done.fired))
         inputs = delayed(done.fired) if shifts else done.fired

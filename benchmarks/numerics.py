@@ -48,7 +48,7 @@ from dse import dataset, seeds
 from dse.config.settings import Preprocessing
 from dse.encoders.receptors import Receptors, parameters
 from dse.engine.events import Rows, dense, gather
-from dse.engine.layers import Weights, forward, prepare, weights
+from dse.engine.layers import Weights, prepare, weights
 from dse.measure import decision
 from dse.models.counts.elm import reduced, ridge_solutions, single_threaded
 from dse.models.counts.rate_windows import window_counts, window_edges
@@ -266,7 +266,7 @@ def decay_rows(
     for (source, rows), (kind, decays_uv) in product(inputs.items(), neurons.items()):
         layer = started(rows, *decays_uv, n_hidden)
         exact = exact_decays(layer, *decays_uv)
-        expected = forward(rows, exact, "ideal", keep_voltage=True)
+        expected = prepare(exact, "ideal").forward(rows, keep_voltage=True)
         threshold = layer.population.to_threshold
         of = f"{source}{kind}" + (
             f", threshold {threshold:g}" if threshold != cuba_lif.CubaLif().threshold else ""
@@ -276,8 +276,8 @@ def decay_rows(
             ("12 bits, ideal", layer, "ideal"),
             ("exact, float32", exact, "float32"),
         ):
-            found = forward(rows, run, arithmetic, keep_voltage=True)
-            cost_s, _ = least_s(partial(forward, rows, prepare(run, arithmetic)), rounds)
+            found = prepare(run, arithmetic).forward(rows, keep_voltage=True)
+            cost_s, _ = least_s(partial(prepare(run, arithmetic).forward, rows), rounds)
             like = match(trains(found.fired), trains(expected.fired))
             together = np.cumsum(dense(found.fired) != dense(expected.fired), axis=1) == 0
             errors = {

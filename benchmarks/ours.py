@@ -19,7 +19,7 @@ from benchmarks.cases import (
 )
 from dse.engine import cpu
 from dse.engine.events import Rows, delayed
-from dse.engine.layers import Weights, forward, prepare, weights
+from dse.engine.layers import Weights, prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif
@@ -79,7 +79,7 @@ class Ours:
         for _ in self._turns:
             rows = self._rows
             for layer in self._prepared:
-                rows = delayed(forward(rows, layer).fired)
+                rows = delayed(layer.forward(rows).fired)
             sample = np.repeat(np.arange(rows.n_samples), rows.per_step().sum(axis=1))
             counts = np.zeros((rows.n_samples, rows.n_inputs), np.int64)
             np.add.at(counts, (sample, rows.index), 1)

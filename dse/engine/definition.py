@@ -35,7 +35,7 @@ class DefinedLayer:
         return self.weights.n_neurons
 
     def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
-        """Run the layer from rest over a batch; arguments as in `dse.engine.layers.forward`."""
+        """Run the layer from rest over a batch; arguments as in `dse.engine.layers.CompiledLayer.forward`."""
         check_inputs(rows, self.weights.feed_forward.shape[0])
         n, t, h = rows.n_samples, rows.n_steps, self.n_neurons
         fired = np.zeros((n, t, h), bool)

@@ -20,7 +20,7 @@ class Prepared(Protocol):
     def n_neurons(self) -> int: ...
 
     def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
-        """Run the layer from rest over a batch; arguments as in `dse.engine.layers.forward`."""
+        """Run the layer from rest over a batch; arguments as in `dse.engine.layers.CompiledLayer.forward`."""
         ...
 
 

@@ -154,23 +154,6 @@ def layer_of(
     )
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons."""
-
-    layer: KernelLayer
-    n_neurons: int
-
-    def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
-        """Run the layer from rest over a batch; arguments as in `forward`."""
-        return forward(rows, self, keep_voltage=keep_voltage, count=count)
-
-
-def prepare(weights: Weights, arithmetic: Arithmetic) -> Prepared:
-    """Return a layer laid out for an arithmetic."""
-    return Prepared(laid_out(weights, arithmetic), weights.n_neurons)
-
-
 def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | None = None) -> KernelLayer:
     """Return a layer as the kernels read it; weights on the 8-bit grid run as int8."""
 
@@ -291,61 +274,63 @@ class Forward:
     peak: float
 
 
-def forward(
-    rows: Rows,
-    layer: Weights | Prepared,
-    arithmetic: Arithmetic = "integer",
-    *,
-    keep_voltage: bool = False,
-    count: bool = False,
-) -> Forward:
-    """Run a layer from rest over a batch.
+@dataclass(frozen=True)
+class CompiledLayer:
+    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons."""
 
-    Args:
-        rows: input spikes.
-        layer: weights as they run (already rounded where they are deployed), laid out or not.
-        arithmetic: of the states, where the layer is not laid out yet.
-        keep_voltage: keep the membrane potential.
-        count: count neuron updates and the largest state.
+    layer: KernelLayer
+    n_neurons: int
 
-    Raises:
-        ValueError: the rows' inputs differ from the layer's.
-    """
-    done = prepare(layer, arithmetic) if isinstance(layer, Weights) else layer
-    ready, h = done.layer, done.n_neurons
-    check_inputs(rows, ready.n_inputs)
-    n, t = rows.n_samples, rows.n_steps
-    size = chunk_samples(n, t)
-    z = aligned(size * t * ready.n_columns, ready.back_u.dtype, zeroed=False)
-    n_groups = ready.n_columns // LANES
-    fired = np.empty(n * t * n_groups, np.uint16)
-    updates = np.zeros(n * t if count else 0, np.int32)
-    peak = np.zeros(LANES, ready.keep_u.dtype)
-    voltage = np.empty((n, t, h) if keep_voltage else (0, 0, 0), z.dtype)
-    total = 0
-    for first in range(0, n, size):
-        m = min(size, n - first)
-        row, end = first * t, (first + m) * t
-        total += run(
-            ready,
-            rows.offsets,
-            rows.index,
-            row,
-            m,
-            t,
-            kernels.VOLTAGE if keep_voltage else kernels.NOTHING,
-            z,
-            fired[row * n_groups : end * n_groups],
-            updates[row:end],
-            peak,
-        )
-        if keep_voltage:
-            voltage[first : first + m] = unpacked(z[: m * t * ready.n_columns], m * t, h).reshape(m, t, h)
-    offsets = np.empty(n * t + 1, np.int64)
-    index = np.empty(total, np.int32)
-    kernels.decode(fired, n, t, n_groups, 0, _NONE, offsets, index)
-    counted = updates.reshape(n, t) if count else np.zeros((0, 0), np.int32)
-    return Forward(voltage, Rows(offsets, index, n, t, h), counted, float(peak.max()) / ready.scale)
+    def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
+        """Run the layer from rest over a batch.
+
+        Args:
+            rows: input spikes.
+            keep_voltage: keep the membrane potential.
+            count: count neuron updates and the largest state.
+
+        Raises:
+            ValueError: the rows' inputs differ from the layer's.
+        """
+        ready, h = self.layer, self.n_neurons
+        check_inputs(rows, ready.n_inputs)
+        n, t = rows.n_samples, rows.n_steps
+        size = chunk_samples(n, t)
+        z = aligned(size * t * ready.n_columns, ready.back_u.dtype, zeroed=False)
+        n_groups = ready.n_columns // LANES
+        fired = np.empty(n * t * n_groups, np.uint16)
+        updates = np.zeros(n * t if count else 0, np.int32)
+        peak = np.zeros(LANES, ready.keep_u.dtype)
+        voltage = np.empty((n, t, h) if keep_voltage else (0, 0, 0), z.dtype)
+        total = 0
+        for first in range(0, n, size):
+            m = min(size, n - first)
+            row, end = first * t, (first + m) * t
+            total += run(
+                ready,
+                rows.offsets,
+                rows.index,
+                row,
+                m,
+                t,
+                kernels.VOLTAGE if keep_voltage else kernels.NOTHING,
+                z,
+                fired[row * n_groups : end * n_groups],
+                updates[row:end],
+                peak,
+            )
+            if keep_voltage:
+                voltage[first : first + m] = unpacked(z[: m * t * ready.n_columns], m * t, h).reshape(m, t, h)
+        offsets = np.empty(n * t + 1, np.int64)
+        index = np.empty(total, np.int32)
+        kernels.decode(fired, n, t, n_groups, 0, _NONE, offsets, index)
+        counted = updates.reshape(n, t) if count else np.zeros((0, 0), np.int32)
+        return Forward(voltage, Rows(offsets, index, n, t, h), counted, float(peak.max()) / ready.scale)
+
+
+def prepare(weights: Weights, arithmetic: Arithmetic) -> CompiledLayer:
+    """Return a layer laid out for an arithmetic; its weights are as they run, rounded if deployed."""
+    return CompiledLayer(laid_out(weights, arithmetic), weights.n_neurons)
 
 
 def check_inputs(rows: Rows, n_inputs: int) -> None:

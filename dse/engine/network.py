@@ -1,4 +1,4 @@
-"""A stack of CUBA-LIF layers: forward for answers, forward and backward for gradients."""
+"""A stack of layers: forward for answers; of CUBA-LIF layers, forward and backward for gradients."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from dse.engine.batch import batch_of, chunk_samples
 from dse.engine.events import Rows, delayed, dense
-from dse.engine.forward import Prepared, prepare
+from dse.engine.forward import Prepared
 from dse.engine.layers import Weights, check_inputs, laid_out, precision
 from dse.engine.layout import aligned, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
@@ -121,12 +121,11 @@ class Answer:
     peak: float
 
 
-def answer(rows: Rows, layers: Sequence[Weights | Prepared], arithmetic: Arithmetic = "integer") -> Answer:
-    """Run a stack over a batch and count what it costs (arguments as in `layers.forward`)."""
+def answer(rows: Rows, layers: Sequence[Prepared]) -> Answer:
+    """Run a stack over a batch, and count its spikes and updates."""
     spikes, updates, fired = [rows.per_step()], [], []
     peak = 0.0
-    for given in layers:
-        layer = prepare(given, arithmetic) if isinstance(given, Weights) else given
+    for layer in layers:
         done = layer.forward(rows, count=True)
         spikes.append(done.fired.per_step())
         updates.append(done.updates)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import hots, numerics
 from benchmarks.numerics import Match, Row, match
-from dse.engine.layers import forward, weights
+from dse.engine.layers import prepare, weights
 from dse.models.surfaces.time_surfaces import Memory, Stream, nearest
 from dse.neurons import cuba_lif, lif
 
@@ -62,7 +62,7 @@ def test_exact_decays_are_those_of_lif_neurons() -> None:
     layer = numerics.exact_decays(
         weights(weight, None, cuba_lif.Population(np.int32(4096), np.int32(50), 80)), 1.0, decay
     )
-    found = forward(rows, layer, "ideal", keep_voltage=True)
+    found = prepare(layer, "ideal").forward(rows, keep_voltage=True)
     population = lif.Lif(tau_m_ms=-1 / np.log1p(-decay), r_m=1 / decay, threshold=80 / 64)
     potential, spikes = lif.run(numerics.dense(rows) @ weight.astype(np.float64), population, 1.0)
     assert spikes.any()
@@ -90,7 +90,7 @@ def test_slow_neurons_start_with_a_threshold_at_which_they_fire() -> None:
     rows = numerics.drawn_rows(4, 400, 50, 0.03, np.random.default_rng(0))
     layer = numerics.started(rows, 0.001, 0.001, 16)
     assert layer.population.threshold > 80
-    assert len(forward(rows, layer, "integer").fired.index) > 0.02 * 4 * 400 * 16
+    assert len(prepare(layer, "integer").forward(rows).fired.index) > 0.02 * 4 * 400 * 16
 
 
 def test_exact_solutions_are_those_of_a_diagonal() -> None:

@@ -10,7 +10,7 @@ from dse.engine import autograd, cpu
 from dse.engine.definition import DefinedLayer
 from dse.engine.engines import start
 from dse.engine.events import dense
-from dse.engine.layers import forward, weights
+from dse.engine.layers import prepare, weights
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import quantise
@@ -51,7 +51,7 @@ def test_a_definition_answers_bit_for_bit_as_its_kernel(arithmetic: Arithmetic, 
     x = (rng.random((3, 2100, N_IN)) < 0.1).astype(np.uint8)  # two chunks
     ring = quantise(rng.normal(0, 0.4, (N_HIDDEN, N_HIDDEN))) if recurrent else None
     layer = weights(quantise(rng.normal(0.1, 0.5, (N_IN, N_HIDDEN))), ring, population(rng, N_HIDDEN))
-    by_kernel = forward(rows_of(x), layer, arithmetic, keep_voltage=True, count=True)
+    by_kernel = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True, count=True)
     by_definition = DefinedLayer(layer, arithmetic).forward(rows_of(x), keep_voltage=True, count=True)
     np.testing.assert_array_equal(dense(by_definition.fired), dense(by_kernel.fired))
     kind = by_kernel.voltage.dtype

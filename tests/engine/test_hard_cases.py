@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
 from dse.engine.events import dense
-from dse.engine.layers import Weights, forward, weights
+from dse.engine.layers import Weights, prepare, weights
 from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
@@ -22,7 +22,7 @@ def assert_defined(x: np.ndarray, layer: Weights, arithmetic: Arithmetic) -> np.
     """Check potentials and spikes against dse.neurons; return the potentials in weight units."""
     z = x.astype(np.float64) @ layer.feed_forward.astype(np.float64)
     _, voltage, spikes = cuba_lif.run(z, layer.population, arithmetic)
-    found = forward(rows_of(x), layer, arithmetic, keep_voltage=True)
+    found = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True)
     np.testing.assert_array_equal(dense(found.fired), spikes)
     np.testing.assert_array_equal(found.voltage, voltage.astype(found.voltage.dtype))
     return voltage
@@ -64,7 +64,7 @@ def test_states_beyond_24_bits_stay_exact_and_are_reported() -> None:
     x = np.ones((1, 200, 300), np.uint8)
     voltage = assert_defined(x, layer, "integer")
     assert np.abs(voltage).max() * 4096 > fixed_point.STATE_LIMIT
-    assert answer(rows_of(x), [layer]).peak * 4096 > fixed_point.STATE_LIMIT
+    assert answer(rows_of(x), [prepare(layer, "integer")]).peak * 4096 > fixed_point.STATE_LIMIT
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
@@ -82,7 +82,7 @@ def test_a_trace_ends_at_zero_before_it_becomes_denormal() -> None:
         np.full((1, 2), 1.0, np.float32), None, cuba_lif.Population(np.int32(400), np.int32(400), 1000)
     )
     single, double = (
-        forward(rows_of(x), layer, arithmetic, keep_voltage=True).voltage[0, :, 0]
+        prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True).voltage[0, :, 0]
         for arithmetic in ("float32", "ideal")
     )
     assert single[-1] == 0 and (single[single != 0] > np.finfo(np.float32).tiny).all()

@@ -12,7 +12,7 @@ from dse.engine import kernels
 from dse.engine.adam import adam
 from dse.engine.batch import batch_of
 from dse.engine.events import Rows
-from dse.engine.layers import forward, laid_out, run, weights
+from dse.engine.layers import laid_out, prepare, run, weights
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import _sources
 from dse.neurons import cuba_lif
@@ -80,7 +80,7 @@ def test_the_fast_exponential_is_the_surrogate(arithmetic: str, tau: float) -> N
     drive = drive if arithmetic != "integer" else np.round(drive * 32) / np.float32(32)
     layer = weights(drive[None], None, cuba_lif.Population(np.int32(4096), np.int32(4096), 80))
     x = np.ones((1, 1, 1), np.uint8)
-    v = forward(rows_of(x), layer, arithmetic, keep_voltage=True).voltage[0, 0]
+    v = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True).voltage[0, 0]
     surrogate = exponential(80 / 64, tau, 3.0)
     ready = laid_out(layer, arithmetic, surrogate)
     z = aligned(ready.n_columns, np.float64 if arithmetic == "ideal" else np.float32)

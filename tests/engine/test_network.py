@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
-from dse.engine.layers import Weights, forward, weights
+from dse.engine.layers import Weights, prepare, weights
 from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
@@ -28,7 +28,7 @@ def test_the_engine_is_golden(case: Case) -> None:
     rows, shifts = rows_of(case.given("x")), case.settings["delay_shift"]
     inputs = rows
     for depth, layer in enumerate(layers, 1):
-        done = forward(inputs, layer, arithmetic="integer" if case.integer else "ideal", keep_voltage=True)
+        done = prepare(layer, "integer" if case.integer else "ideal").forward(inputs, keep_voltage=True)
         np.testing.assert_array_equal(dense(done.fired), case.expected(f"spk{depth}"))
         golden = case.state("vol", depth)
         np.testing.assert_array_equal(done.voltage, golden.astype(done.voltage.dtype))
@@ -76,10 +76,9 @@ def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: b
     rng = np.random.default_rng(5)
     x = (rng.random((3, 40, 12)) < 0.2).astype(np.uint8)
     layer = small_layers(rng, recurrent)[0]
-    found = forward(
-        rows_of(x), layer, arithmetic="integer" if integer else "ideal", keep_voltage=True, count=True
-    )
-    calculus = NumpyCalculus("integer" if integer else "ideal")
+    arithmetic: Arithmetic = "integer" if integer else "ideal"
+    found = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True, count=True)
+    calculus = NumpyCalculus(arithmetic)
     state = layer.population.initial_state((3, 9), calculus)
     fired = np.zeros((3, 9))
     scale, peak = (4096 if integer else 1), 0.0
@@ -98,10 +97,10 @@ def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: b
 def test_a_sample_answers_the_same_alone_and_in_any_batch() -> None:
     rng = np.random.default_rng(6)
     x = (rng.random((5, 30, 12)) < 0.3).astype(np.uint8)
-    layers = small_layers(rng, recurrent=True)
-    together = answer(rows_of(x), layers, arithmetic="integer")
+    layers = [prepare(layer, "integer") for layer in small_layers(rng, recurrent=True)]
+    together = answer(rows_of(x), layers)
     for i in range(5):
-        alone = answer(rows_of(x[i : i + 1]), layers, arithmetic="integer")
+        alone = answer(rows_of(x[i : i + 1]), layers)
         np.testing.assert_array_equal(alone.output[0], together.output[i])
         np.testing.assert_array_equal(alone.spikes[0], together.spikes[i])
 
@@ -148,11 +147,8 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
 
 def test_inputs_that_do_not_fit_the_layer_are_refused() -> None:
     with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer has 12"):
-        forward(
-            rows_of(np.ones((1, 2, 5), np.uint8)),
-            small_layers(np.random.default_rng(0))[0],
-            arithmetic="integer",
-        )
+        layer = prepare(small_layers(np.random.default_rng(0))[0], "integer")
+        layer.forward(rows_of(np.ones((1, 2, 5), np.uint8)))
 
 
 def test_gradients_of_a_deep_wide_stack_agree_with_automatic_differentiation() -> None:
