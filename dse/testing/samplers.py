@@ -22,13 +22,17 @@ def check_sampler(sampler: Any) -> None:
     """Check a sampler: new designs on their axes, the same by seed and history, results in any order.
 
     Args:
-        sampler: its component, `start(space, directions)`.
+        sampler: its component, which inherits `SamplerSettings` and has `start(space, directions)`.
 
     Raises:
         AssertionError: what it violates.
     """
     expect_component(sampler)
     name = type(sampler).__name__
+    expect(
+        hasattr(sampler, "conditional") and hasattr(sampler, "requires"),
+        f"{name} must inherit `SamplerSettings`, which declares `conditional` and `requires`",
+    )
     whole = _played(name, sampler)
     keys = [seeds.design_key(design) for design in whole]
     expect(len(set(keys)) == len(keys), f"{name}.ask must return designs that it did not return before")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.config.contracts import Source
+from dse.config.contracts import Recordings, Source
+from dse.config.sections import front_end
 from dse.records import Rasters, Signals
 from dse.testing.expect import expect, expect_component
 
@@ -28,6 +29,7 @@ def check_source(source: Source, base: Path) -> None:
     content = source.content(base)
     expect(content and content == source.content(base), f"{name}.content must be a hash, the same twice")
     recordings = source.read(base)
+    _check_kind(source, recordings)
     n = recordings.spikes.n_samples if isinstance(recordings, Rasters) else recordings.n_recordings
     expect(n > 0, f"{name}.read must return recordings")
     missing = sorted(set(source.columns) - set(recordings.columns))
@@ -49,3 +51,22 @@ def check_source(source: Source, base: Path) -> None:
     positions = source.channel_positions(base)
     if positions is not None:
         expect(positions.ndim == 2 and positions.shape[1] == 3, f"{name}.channel_positions must be (n, 3)")
+
+
+def _check_kind(source: Source, recordings: Recordings) -> None:
+    """Check what is known of recordings before they are read: the section that they need."""
+    name, kind = type(source).__name__, type(recordings).__name__
+    declares = all(hasattr(recordings, key) for key in ("front_end", "simulated"))
+    expect(
+        declares or isinstance(recordings, Signals | Rasters),
+        f"{kind} must inherit `EventSource`, which declares `front_end` and `simulated`",
+    )
+    try:
+        declared = front_end(type(source))
+    except (AttributeError, KeyError, NameError, TypeError) as error:
+        text = f"{name}.read must be annotated with the one class of recordings that it returns, {kind}"
+        raise AssertionError(text) from error
+    expect(
+        declared == recordings.front_end,
+        f"{name}.read must return what its annotation says: recordings for {declared}, got {kind}",
+    )

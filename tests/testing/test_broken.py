@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import pytest
 
-from dse.config.contracts import Encoder, Generators
+from dse.config.contracts import Encoder, Generators, Recordings
 from dse.config.settings import Training
 from dse.encoders.send_on_delta import SendOnDelta
 from dse.figures.confusion import Confusion, ConfusionFigure
@@ -20,7 +20,8 @@ from dse.hardware.profile import Figures, load
 from dse.measure.objectives import FullReadOut, Points
 from dse.models.counts.knn import KNN
 from dse.neurons.lif import Lif
-from dse.records import Answers, Array, Dataset, Operations, Outcome, Signals, Spikes, Workload
+from dse.recordings.time_series import TimeSeries
+from dse.records import Answers, Array, Dataset, Events, Operations, Outcome, Signals, Spikes, Workload
 from dse.registry import Column, param
 from dse.search.samplers.random import Random
 from dse.testing import (
@@ -179,9 +180,24 @@ class Stuck(Random):
         return Repeating(super().start(space, directions))
 
 
-def test_sampler() -> None:
-    with pytest.raises(AssertionError, match=r"Stuck.ask must return designs that it did not return before"):
-        check_sampler(Stuck())
+@dataclass(frozen=True)
+class Loose:
+    """A sampler that does not declare what it can search."""
+
+    def start(self, space: Any, directions: Any) -> Any:
+        return Random().start(space, directions)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "text"),
+    [
+        (Stuck(), "Stuck.ask must return designs that it did not return before"),
+        (Loose(), "Loose must inherit `SamplerSettings`"),
+    ],
+)
+def test_sampler(sampler: Any, text: str) -> None:
+    with pytest.raises(AssertionError, match=text):
+        check_sampler(sampler)
 
 
 @dataclass(frozen=True)
@@ -298,9 +314,34 @@ class Faulty:
         return ["there is no such file"]
 
 
-def test_source(tmp_path: Any) -> None:
-    with pytest.raises(AssertionError, match=r"Faulty.check must find no fault in sound recordings"):
-        check_source(Faulty(), tmp_path)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class Vague(TimeSeries):
+    """A source that does not say what it returns before it reads."""
+
+    def read(self, base: Any) -> Recordings:
+        return super().read(base)
+
+
+@dataclass(frozen=True)
+class Misleading(TimeSeries):
+    """A source that returns signals, and says that it returns events."""
+
+    def read(self, base: Any) -> Events:
+        return super().read(base)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("source", "text"),
+    [
+        (Faulty(), "Faulty.check must find no fault in sound recordings"),
+        (Vague("x.npz", 5.0), "Vague.read must be annotated with the one class .* returns, Signals"),
+        (Misleading("x.npz", 5.0), "Misleading.read must return what its annotation says: .* got Signals"),
+    ],
+)
+def test_source(source: Any, text: str, tmp_path: Any) -> None:
+    np.savez(tmp_path / "x.npz", signal=np.zeros((2, 4, 3)))
+    with pytest.raises(AssertionError, match=text):
+        check_source(source, tmp_path)
 
 
 @dataclass

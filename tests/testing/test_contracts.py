@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from dse.testing import (
     check_neuron,
     check_objective,
     check_sampler,
+    check_source,
     check_view,
 )
 from dse.testing.small import SmallStudy
@@ -74,6 +76,32 @@ class WithHistograms(SmallStudy):
 
 
 STUDIES: dict[str, type[SmallStudy]] = {"power": WithPower, "histograms": WithHistograms}
+ARRAYS = {
+    "signal": np.arange(24.0).reshape(2, 4, 3),
+    "spikes": np.eye(6, dtype=np.uint8).reshape(2, 3, 6),
+    "t_us": np.array([5, 5, 9, 2, 7]),
+    "taxel": np.array([0, 3, 1, 2, 2]),
+    "offsets": np.array([0, 3, 5]),
+    "label": np.array([1, 0]),
+}
+SCENE = """\
+scene: tiny
+sensor:
+  {layout: grid, n_across: 2, pin_pitch_mm: 2.5, image_scale_px_mm: 8, frame_px: [64, 48], pin_radius_mm: 0.5}
+textures: [denim, foam]
+motions: [{kind: constant, speed_mm_s: 20}]
+forces_n: [1]
+trials: 1
+duration_ms: 120
+"""
+SOURCES: dict[str, dict[str, Any]] = {
+    "event_files": {"folder": "cloths", "label_from": "folder", "columns": {"fabric": "folder"}},
+    "events": {"file": "x.npz", "width": 4, "taxel": "taxel", "columns": {"fabric": "label"}},
+    "raster": {"file": "x.npz", "step_ms": 5.0, "columns": {"fabric": "label"}},
+    "scene": {"scene": "tiny.yaml"},
+    "table": {"file": "x.csv", "step_ms": 5.0, "channels": ("left",)},
+    "time_series": {"file": "x.npz", "step_ms": 5.0, "columns": {"fabric": "label"}},
+}
 
 
 def names(section: str) -> list[str]:
@@ -86,6 +114,17 @@ def names(section: str) -> list[str]:
 def test_family(name: str) -> None:
     data = joint(n_steps=20) if name in OF_HEADS else None
     check_family(registry.known("models")[name](**FAMILIES.get(name, {})), data)
+
+
+@pytest.mark.parametrize("name", names("recordings"))
+def test_source(name: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", **ARRAYS)
+    (tmp_path / "x.csv").write_text("recording,left\n0,1.5\n0,2.5\n1,3.5\n")
+    (tmp_path / "tiny.yaml").write_text(SCENE)
+    for fabric in ("silk", "wool"):
+        (tmp_path / "cloths" / fabric).mkdir(parents=True)
+        (tmp_path / "cloths" / fabric / "a.tact").write_text("0 5 1.500000\n0 6 1.750000\n")
+    check_source(registry.known("recordings")[name](**SOURCES[name]), tmp_path)
 
 
 @pytest.mark.parametrize("name", names("encoders"))
@@ -129,5 +168,5 @@ def test_every_kind_of_chip_has_a_profile() -> None:
 
 
 @pytest.mark.parametrize("path", sorted((sources() / "views").glob("*.js")), ids=lambda path: path.stem)
-def test_view(path: Any) -> None:
+def test_view(path: Path) -> None:
     check_view(path.stem, path)
