@@ -195,10 +195,10 @@ def test_recordings_cut_to_their_spans():
     first=st.integers(0, 8),
 )
 def test_moving_average(values, window, first):
-    encoded_spikes = moving_average(values, window, first, 9 - first)
+    average = moving_average(values, window, first, 9 - first)
     for t in range(first, 9):
         expected = values[max(0, t + 1 - max(window, 1)) : t + 1].mean(axis=0, dtype=np.float64)
-        assert encoded_spikes[t - first] == pytest.approx(expected, abs=1e-12)
+        assert average[t - first] == pytest.approx(expected, abs=1e-12)
 
 
 @given(values=arrays.arrays(np.float64, (7, 2), elements=st.integers(-9, 9).map(lambda x: x / 4 + 1e5)))
@@ -217,10 +217,10 @@ def test_it_is_a_component_that_knows_its_channels():
     inputs = np.array([[3, 1, 0], [4, 1, 1]], np.int32)
     encoder = dataclasses.replace(Threshold(), n_classes=20)
     assert encoder.n_channels(19) == 380, "as published"
-    encoded_spikes = encoder.positions(inputs)
-    assert (encoded_spikes.shape, encoded_spikes.dtype) == ((40, 3), np.int32)
-    assert encoded_spikes[:4].tolist() == [[3, 1, 0], [4, 1, 20], [3, 1, 1], [4, 1, 21]]
-    assert len({*map(tuple, encoded_spikes.tolist())}) == 40
+    positions = encoder.positions(inputs)
+    assert (positions.shape, positions.dtype) == ((40, 3), np.int32)
+    assert positions[:4].tolist() == [[3, 1, 0], [4, 1, 20], [3, 1, 1], [4, 1, 21]]
+    assert len({*map(tuple, positions.tolist())}) == 40
     assert Threshold("none").positions(inputs).tolist() == inputs.tolist()
 
 
