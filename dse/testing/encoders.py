@@ -51,7 +51,7 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
         len(np.unique(positions, axis=0)) == n_channels, f"{name}.positions must tell all its channels apart"
     )
     expect(
-        same(vars(spikes), vars(encoder.encode_all(signals, first, length))),
+        same(spikes, encoder.encode_all(signals, first, length)),
         f"{name} must encode the same signals the same twice",
     )
     if encoder.transductive:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 N_CLASSES = 3
 CHIP = "loihi1_silicon"
+HIDDEN = (4, 6, 9)
+"""Hidden neurons of the trials of `SmallStudy`."""
+PHI, THETA = np.array([0, 2]), np.array([0.25, 0.5, 0.75])
+"""Decision grid."""
 
 
 def generators(seed: int) -> Generators:
@@ -88,7 +92,7 @@ def without_spikes_after(data: Dataset, n_steps: int) -> Dataset:
         n_channels=spikes.n_channels,
         step_ms=spikes.step_ms,
     )
-    return Dataset(**{**vars(data), "spikes": cut})
+    return replace(data, spikes=cut)
 
 
 def signals(lengths: Sequence[int] = (40, 31, 40, 25, 40, 33), n_channels: int = 3) -> Signals:
@@ -119,11 +123,10 @@ class SmallStudy:
 
         chip = self.chip(CHIP)
         runs = []
-        for hidden in (4, 6, 9):
+        for hidden in HIDDEN:
             model, training = SNN(hidden=(hidden,)), Training(epochs=3, batch_size=8)
             outcome = model.fit(self._data, training, generators(hidden))
-            grid = np.array([0, 2]), np.array([0.25, 0.5, 0.75])
-            runs.append((outcome, measure(outcome, self._data, *grid, [chip])))
+            runs.append((outcome, measure(outcome, self._data, PHI, THETA, [chip])))
         return runs
 
     @cached_property
@@ -156,10 +159,15 @@ class SmallStudy:
         for trial, (_, measured) in enumerate(self._runs):
             assert measured.points_load is not None
             costs = columns_on(self.chip(CHIP), measured.points_load)
-            phi, theta = np.meshgrid([0.0, 2.0], [0.25, 0.5, 0.75], indexing="ij")
+            phi, theta = np.meshgrid(PHI.astype(float), THETA, indexing="ij")
             columns = {"phi": phi, "theta": theta, **measured.points, **costs}
             frame = pandas.DataFrame({name: np.ravel(x) for name, x in columns.items()})
-            about = {**self._about(trial), "repeats": 1, "hardware": CHIP, "point": np.arange(1, 7)}
+            about = {
+                **self._about(trial),
+                "repeats": 1,
+                "hardware": CHIP,
+                "point": np.arange(1, phi.size + 1),
+            }
             rows.append(frame.assign(**about, n_weights=measured.columns["n_weights"]))
         frame = pandas.concat(rows, ignore_index=True)
         return frame.assign(weight_bits=8, pruned_after=0.0)
@@ -177,7 +185,7 @@ class SmallStudy:
         outcome, measured = self._runs[trial]
         assert measured.points_load is not None and measured.read_outs_load is not None
         response = store.response_arrays(outcome.validation, self._data.validation)
-        grid = {"phi": np.array([0, 2]), "theta": np.array([0.25, 0.5, 0.75])}
+        grid = {"phi": PHI, "theta": THETA}
         files: dict[str, dict[str, Array]] = {
             "response.npz": {**response, "target": self._data.target[self._data.validation]},
             "history.npz": dict(outcome.history),
@@ -196,12 +204,11 @@ class SmallStudy:
         return load(name)
 
     def _about(self, trial: int) -> dict[str, str | int]:
-        size = (4, 6, 9)[trial]
         return {
             "trial": trial,
             "task": "texture",
             "family": "snn",
-            "model.hidden": size,
+            "model.hidden": HIDDEN[trial],
             "training.epochs": 3,
             "window.n_steps": (16, 24, 24)[trial],
         }
@@ -215,12 +222,11 @@ def records() -> dict[str, list[Points | FullReadOut | Priced]]:
 
     data = dataset()
     training = Training(epochs=2, batch_size=8)
-    grid = np.array([0, 2]), np.array([0.25, 0.5, 0.75])
     spiking = SNN(hidden=(5,)).fit(data, training, generators(1))
     other = KNN().fit(data, training, generators(1))
     by_needs: dict[str, list[Points | FullReadOut | Priced]] = {}
     for outcome in (spiking, other):
         chips = [load(CHIP), load("op_4.6_0.9")]
-        for needs, record in records_for_objectives(outcome, data, *grid, chips):
+        for needs, record in records_for_objectives(outcome, data, PHI, THETA, chips):
             by_needs.setdefault(needs, []).append(record)
     return by_needs
