@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dse.measure import heads
-from dse.records import Dataset
 from tests.joint_data import joint
 
 
@@ -20,7 +21,7 @@ def test_outputs_of_the_heads_lie_side_by_side() -> None:
 
 
 def test_a_single_target_is_one_head() -> None:
-    data = Dataset(**{**joint().__dict__, "heads": ()})
+    data = replace(joint(), heads=())
     assert heads.head_sizes(data) == (5,)
     assert heads.head_slices(data) == [slice(0, 5)]
     np.testing.assert_array_equal(heads.head_targets(data, np.arange(4))[:, 0], data.target[:4])
@@ -29,7 +30,7 @@ def test_a_single_target_is_one_head() -> None:
 
 def test_one_head_of_a_joint_target_has_plain_labels() -> None:
     data = joint()
-    one = Dataset(**{**data.__dict__, "heads": data.heads[1:]})
+    one = replace(data, heads=data.heads[1:])
     np.testing.assert_array_equal(
         heads.output_labels(one, np.arange(9)), data.heads[1].of_class[data.target[:9]]
     )

@@ -7,18 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dse import seeds
-from dse.records import Array, Dataset, Spikes
+from dse.records import Array, Dataset
+from dse.testing.small import spikes_of
 
 
 def rngs(purpose: str, *index: int) -> np.random.Generator:
     return seeds.generator(1, {}, purpose, 0, *index)
-
-
-def spikes_of(x: Array, step_ms: float = 10.0) -> Spikes:
-    """Return dense spikes (sample, step, channel) as sparse ones."""
-    flat = x.reshape(-1, x.shape[2])
-    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
-    return Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), x.shape[1], x.shape[2], step_ms)
 
 
 def data_of(

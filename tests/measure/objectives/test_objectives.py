@@ -29,17 +29,6 @@ def test_the_columns_of_the_record_are_declared():
     assert set(columns.split()) <= set(registry.columns())
 
 
-def test_units_stand_in_the_names():
-    units = {
-        **{"ms": "_ms", "uJ": "_uj", "mW": "_mw", "s": "_s", "W": "_w", "Hz": "_hz"},
-        **{"bit": "_bits", "bit/s": "_bits_per_s", "bytes": "_bytes"},
-    }
-    for name, column in registry.columns().items():
-        assert column.direction in ("max", "min")
-        assert column.doc.endswith(".")
-        assert column.unit == "" or units[column.unit] in name
-
-
 def points() -> Points:
     one = np.array([1.0])
     load = Operations(one, one, one, np.array([4]), one)

@@ -16,7 +16,8 @@ from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import input_lengths, window_counts, window_edges
 from dse.models.training import Training
 from dse.records import Answers, Parameters
-from tests.models.counted import data_of, rngs, spikes_of, textures
+from dse.testing.small import spikes_of
+from tests.models.counted import data_of, rngs, textures
 
 FAMILIES = [
     KNN(window_ms=50.0, channels="each"),
@@ -58,7 +59,7 @@ def test_counts_are_those_of_the_definition(seed, shape, step_ms, ratio, channel
 def test_samples_in_any_order_and_more_than_once():
     x = np.random.default_rng(0).random((5, 12, 3)) < 0.3
     samples, start = np.array([3, 0, 3]), np.array([1, 0, 2])
-    counts = window_counts(spikes_of(x), samples, start, window_edges(10, 10, 40), "each")
+    counts = window_counts(spikes_of(x, 10.0), samples, start, window_edges(10, 10, 40), "each")
     assert np.array_equal(counts, counted_slowly(x[samples], start, 10, 10, 40, "each"))
 
 
@@ -86,14 +87,14 @@ def test_a_window_shorter_than_a_step():
 
 
 def test_windows_must_lie_in_what_is_stored():
-    spikes = spikes_of(np.ones((2, 5, 1), bool))
+    spikes = spikes_of(np.ones((2, 5, 1), bool), 10.0)
     with pytest.raises(ValueError, match="windows of 4 steps must lie within the 5 stored steps"):
         window_counts(spikes, np.arange(2), np.array([0, 2]), window_edges(4, 10, 20), "sum")
 
 
 def test_mapped_spikes_are_read_as_they_are(tmp_path):
     x = np.random.default_rng(1).random((3, 8, 4)) < 0.4
-    spikes = spikes_of(x)
+    spikes = spikes_of(x, 10.0)
     mapped = []
     for name, values in (("offsets", spikes.row_offsets), ("channel", spikes.channel)):
         np.save(tmp_path / f"{name}.npy", values)
@@ -162,7 +163,7 @@ def test_fitting_sees_training_samples_only(family):
             x[i, t, data.spikes.channel[rows[t] : rows[t + 1]]] = True
     target = data.target.copy()
     target[data.validation] = 0
-    other = replace(data, spikes=spikes_of(x), target=target)
+    other = replace(data, spikes=spikes_of(x, 10.0), target=target)
     a, b = (family.fit(each, Training(), rngs).network.arrays for each in (data, other))
     assert a.keys() == b.keys()
     assert all(np.array_equal(a[name], b[name]) for name in a)

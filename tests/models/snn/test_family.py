@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from dse.models.snn.respond import respond
 from dse.models.training import Training, TrainingDiverged
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.lif import Lif
-from dse.records import Dataset, Spikes
+from dse.records import Spikes
 from tests.joint_data import joint
 from tests.models.snn.toy import accuracy, fit, rngs, toy
 
@@ -65,14 +66,8 @@ def test_a_wide_input_does_not_start_silent() -> None:
 
 def test_an_unreachable_initial_rate_is_reported_and_does_not_run_away() -> None:
     data = toy()
-    silent = Dataset(
-        Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0),
-        *(
-            getattr(data, name)
-            for name in ("target", "classes", "start", "start_low", "start_high", "n_steps")
-        ),
-        *(getattr(data, name) for name in ("train", "validation", "test", "positions")),
-    )
+    nothing = Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0)
+    silent = replace(data, spikes=nothing)
     outcome = fit(silent, SNN(hidden=(10,)), Training(epochs=2), rngs())
     assert outcome.health["missed_initial_rates"] == 2
     assert outcome.health["dead_neurons"] == 10
@@ -86,9 +81,9 @@ def test_divergence_is_raised_with_its_epoch() -> None:
 
 def test_one_training_sample_and_a_batch_that_does_not_divide() -> None:
     data = toy()
-    one = Dataset(**{**data.__dict__, "train": data.train[:1]})
+    one = replace(data, train=data.train[:1])
     assert len(fit(one, SNN(hidden=(4,)), Training(epochs=2), rngs()).history["loss"]) == 2
-    none = Dataset(**{**data.__dict__, "train": data.train[:0]})
+    none = replace(data, train=data.train[:0])
     with pytest.raises(ValueError, match=r"needs at least one training sample"):
         fit(none, SNN(hidden=(4,)), Training(epochs=1), rngs())
 
@@ -169,10 +164,8 @@ def test_a_joint_network_learns_both_heads_with_one_hidden_layer() -> None:
 def test_a_single_head_trains_as_its_classes_alone() -> None:
     data = joint()
     profile = data.heads[1]
-    one = Dataset(**{**data.__dict__, "heads": (profile,)})
-    plain = Dataset(
-        **{**data.__dict__, "heads": (), "target": profile.of_class[data.target], "classes": profile.classes}
-    )
+    one = replace(data, heads=(profile,))
+    plain = replace(data, heads=(), target=profile.of_class[data.target], classes=profile.classes)
     outcomes = [fit(x, SNN(hidden=(9,)), Training(epochs=2), rngs()) for x in (one, plain)]
     for a, b in zip(*(x.network.layers for x in outcomes), strict=True):
         np.testing.assert_array_equal(a.weight, b.weight)

@@ -10,7 +10,8 @@ import numpy as np
 from dse import seeds
 from dse.models.snn.family import SNN
 from dse.models.training import Generators, Training
-from dse.records import Dataset, Outcome, Spikes
+from dse.records import Dataset, Outcome
+from dse.testing.small import spikes_of
 from tests.saved_data import in_a_row
 
 SHORT = Training(epochs=4, batch_size=9, learning_rate=0.1, dropout=0.2, average_epochs=3)
@@ -33,13 +34,10 @@ def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3,
         third = n_channels // 3
         share[i, target[i] * third : (target[i] + 1) * third] = rate
     x = rng.random((n, n_steps + 2 * margin, n_channels)) < share[:, None]
-    flat = x.reshape(-1, n_channels)
-    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
-    spikes = Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), n_steps + 2 * margin, n_channels, 5.0)
     start = np.full(n, margin, np.int32)
     order = rng.permutation(n)
     return Dataset(
-        spikes,
+        spikes_of(x, 5.0),
         target.astype(np.int64),
         ("a", "b", "c"),
         start,
