@@ -94,8 +94,8 @@ class Level:
         if members not in self._tiles:
             live = np.isin(self.stage.owner, list(members))
             kinds = (live, ~self.stage.is_output, self.stage.is_output, self.stage.recurrent.n_sources > 0)
-            found = [np.nonzero(live & kind)[0].astype(np.int32) for kind in kinds]
-            self._tiles = {members: Tiles(*(on_device(x, self.device) for x in found))}
+            of_kinds = [np.nonzero(live & kind)[0].astype(np.int32) for kind in kinds]
+            self._tiles = {members: Tiles(*(on_device(x, self.device) for x in of_kinds))}
         return self._tiles[members]
 
     def forward(self, source: Tensor, n_steps: int, factor: Tensor, dropout: Dropout, tiles: Tiles) -> Trace:
@@ -155,10 +155,10 @@ class Level:
             tiles: tiles that run in this stage.
         """
         n_rows = by_z.shape[2]
-        found = by_z.new_empty((self.stage.n_tiles, n_rows, WIDTH), dtype=self.numbers.real)
+        by_spike = by_z.new_empty((self.stage.n_tiles, n_rows, WIDTH), dtype=self.numbers.real)
         rows = Stretch(0, 1, n_rows)
-        ahead.feed_forward.by_input(by_z, found, tiles.hidden, self._first, self._ahead, rows)
-        return found
+        ahead.feed_forward.by_input(by_z, by_spike, tiles.hidden, self._first, self._ahead, rows)
+        return by_spike
 
     def _by_output(self, n_sent: Tensor, labels: Tensor, n_steps: int) -> Tensor:
         """Return dL/d(output spike), (tile, sample, WIDTH), as dse.engine.loss.spike_rate computes it."""

@@ -81,7 +81,7 @@ def product(
 def by_input(
     by_z: tl.tensor,
     weights: tl.tensor,
-    found: tl.tensor,
+    out: tl.tensor,
     tiles: tl.tensor,
     own_first: tl.tensor,
     first: tl.tensor,
@@ -101,7 +101,7 @@ def by_input(
     Args:
         by_z: (tile, n_stored, WIDTH) dL/dz, in parts `by_z_size` apart.
         weights: panels of those tiles, in parts `weights_size` apart.
-        found: (source tile, n_rows, WIDTH), row i from row first_row + i * row_step of by_z.
+        out: (source tile, n_rows, WIDTH), row i from row first_row + i * row_step of by_z.
         tiles: source tile numbers, one per program on axis 0.
         own_first: (source tile,) first tile of the owner among the source tiles.
         first: (source tile,) first of the owner's tiles that read it.
@@ -123,7 +123,7 @@ def by_input(
     at = (first_row + row * row_step).to(tl.int64)[:, None] * WIDTH + column[None, :]
     panel_row = (tile - tl.load(own_first + tile)) * WIDTH
     begin = tl.load(first + tile).to(tl.int64)
-    total = tl.zeros((ROWS, WIDTH), found.dtype.element_ty)
+    total = tl.zeros((ROWS, WIDTH), out.dtype.element_ty)
     for step in range(tl.load(count + tile)):
         reader = begin + step
         by = weights + tl.load(offset + reader) + (panel_row + column[None, :]) * WIDTH + column[:, None]
@@ -134,7 +134,7 @@ def by_input(
                 if part + weight_part < max(N_PARTS, N_WEIGHT_PARTS):
                     weight = tl.load(by + weight_part * weights_size)
                     total = tl.dot(gradient, weight, total, out_dtype=total.dtype)
-    to = found + tile * n_rows * WIDTH + row.to(tl.int64)[:, None] * WIDTH + column[None, :]
+    to = out + tile * n_rows * WIDTH + row.to(tl.int64)[:, None] * WIDTH + column[None, :]
     tl.store(to, total, mask=inside)
 
 
@@ -142,7 +142,7 @@ def by_input(
 def by_weight(
     spikes: tl.tensor,
     by_z: tl.tensor,
-    found: tl.tensor,
+    out: tl.tensor,
     tiles: tl.tensor,
     source: tl.tensor,
     n_sources: tl.tensor,
@@ -158,7 +158,7 @@ def by_weight(
     Args:
         spikes: (source tile, n_rows, WIDTH) 0 or 1.
         by_z: (tile, n_rows, WIDTH), in parts `by_z_size` apart.
-        found: panels.
+        out: panels.
         tiles: tile numbers, one per program on axis 0; source tiles of the panel on axis 1.
         source: (tile,) first source tile of a panel.
         n_sources: (tile,) source tiles of a panel.
@@ -177,9 +177,9 @@ def by_weight(
     row = tl.arange(0, _DEPTH)
     of = spikes + (tl.load(source + tile) + panel_tile).to(tl.int64) * n_rows * WIDTH
     by = by_z + tile * n_rows * WIDTH
-    total = tl.zeros((WIDTH, WIDTH), found.dtype.element_ty)
+    total = tl.zeros((WIDTH, WIDTH), out.dtype.element_ty)
     for chunk in range(0, n_rows, _CHUNK):
-        partial = tl.zeros((WIDTH, WIDTH), found.dtype.element_ty)
+        partial = tl.zeros((WIDTH, WIDTH), out.dtype.element_ty)
         for begin in range(chunk, min(chunk + _CHUNK, n_rows), _DEPTH):
             at = (begin + row).to(tl.int64)
             inside = at < n_rows
@@ -193,7 +193,7 @@ def by_weight(
                 partial = tl.dot(fired.to(gradient.dtype), gradient, partial, out_dtype=partial.dtype)
         total += partial
     total = total * tl.load(factor + tile)
-    to = found + tl.load(offset + tile) + (panel_tile * WIDTH + column[:, None]) * WIDTH + column[None, :]
+    to = out + tl.load(offset + tile) + (panel_tile * WIDTH + column[:, None]) * WIDTH + column[None, :]
     if ADD:
         total += tl.load(to)
     tl.store(to, total)

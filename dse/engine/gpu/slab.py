@@ -129,14 +129,14 @@ class Slab:
 
     def _norms(self, tiles: Sequence[Tiles], turns: Mapping[int, Turn]) -> dict[int, float]:
         """Return each member's Euclidean norm of its gradient by the masters, over all weights."""
-        found = [
+        squared = [
             (level.stage.owner, weights.panels.n_sources, weights.squared_norms(on.every))
             for level, on in zip(self._levels, tiles, strict=True)
             if on.every.numel()
             for weights in level.weights
         ]
         squares = dict.fromkeys(turns, 0.0)
-        for owner, n_sources, blocks in found:
+        for owner, n_sources, blocks in squared:
             table = blocks.cpu().numpy()
             for number in turns:
                 own = np.nonzero(owner == number)[0]
@@ -198,8 +198,8 @@ class Slab:
         feed_forward, recurrent = [], []
         for level, layer in zip(self._levels, layers, strict=False):
             first = int(np.argmax(level.stage.owner == number))
-            found, shape = level.feed_forward, layer.feed_forward.shape
-            feed_forward.append(found.matrix(of(found), first, *shape))
+            weights, shape = level.feed_forward, layer.feed_forward.shape
+            feed_forward.append(weights.matrix(of(weights), first, *shape))
             ring = None
             if level.ring is not None and layer.recurrent is not None:
                 ring = level.ring.matrix(of(level.ring), first, *layer.recurrent.shape)
@@ -209,5 +209,5 @@ class Slab:
 
 def _given(gains: Gains, depth: int) -> dict[int, Array]:
     """Return the gains that members have for the inputs of a layer."""
-    found = {number: of[depth] for number, of in gains.items() if depth < len(of)}
-    return {number: gain for number, gain in found.items() if gain is not None}
+    of_members = {number: of[depth] for number, of in gains.items() if depth < len(of)}
+    return {number: gain for number, gain in of_members.items() if gain is not None}

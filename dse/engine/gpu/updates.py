@@ -66,19 +66,19 @@ def deploy(
 def squared_norms(
     gradients: tl.tensor,
     masters: tl.tensor,
-    found: tl.tensor,
+    out: tl.tensor,
     tiles: tl.tensor,
     n_sources: tl.tensor,
     offset: tl.tensor,
     n_most: tl.tensor,
     INTEGER: tl.constexpr,
 ) -> None:
-    """Set found[tile, block] (float64) to the squared norm of a block's gradient; (tile, n_most) in all."""
+    """Set out[tile, block] (float64) to the squared norm of a block's gradient; (tile, n_most) in all."""
     tile, at, exists = _block(tiles, n_sources, offset)
     gradient = tl.load(gradients + at, mask=exists, other=0.0)
     master = tl.load(masters + at, mask=exists, other=0.0)
     size = _passing(gradient, master, INTEGER).to(tl.float64)
-    tl.store(found + tile * n_most + tl.program_id(1), tl.sum(tl.sum(size * size, axis=1), axis=0))
+    tl.store(out + tile * n_most + tl.program_id(1), tl.sum(tl.sum(size * size, axis=1), axis=0))
 
 
 @triton.jit

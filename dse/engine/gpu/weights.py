@@ -87,7 +87,7 @@ class Weights:
     def by_input(
         self,
         by_z: Tensor,
-        found: Tensor,
+        out: Tensor,
         tiles: Tensor,
         own_first: Tensor,
         readers: tuple[Tensor, Tensor],
@@ -97,7 +97,7 @@ class Weights:
         products.by_input[(tiles.numel(), -(-rows.n // products.ROWS.value))](
             by_z,
             self.running,
-            found,
+            out,
             tiles,
             own_first,
             *readers,
@@ -162,9 +162,9 @@ class Weights:
         mask[begin : begin + own.size] *= on_device(own, mask.device)
         for values in (self.masters, self.first, self.second):
             values *= mask
-        found = replace(self, kept=mask)
-        found.deploy(tiles)
-        return found
+        pruned = replace(self, kept=mask)
+        pruned.deploy(tiles)
+        return pruned
 
     def keep_removed(self) -> None:
         """Clear the gradient of removed weights; with their moments at 0 Adam leaves them at exactly 0."""
@@ -174,11 +174,11 @@ class Weights:
     def squared_norms(self, tiles: Tensor) -> Tensor:
         """Return squared norms of the gradients, (tile, source tile) float64, defined for `tiles` only."""
         n_most = int(self.panels.n_sources.max())
-        found = self.masters.new_empty((len(self.panels.offset), n_most), dtype=torch.float64)
+        norms = self.masters.new_empty((len(self.panels.offset), n_most), dtype=torch.float64)
         updates.squared_norms[self._grid(tiles)](
             self.gradients,
             self.masters,
-            found,
+            norms,
             tiles,
             self.n_sources,
             self.offset,
@@ -186,7 +186,7 @@ class Weights:
             INTEGER=self.numbers.integer,
             **UNFUSED,
         )
-        return found
+        return norms
 
     def update(self, tiles: Tensor, pace: Tensor) -> None:
         """Move the masters of some tiles' panels, (3, tile) `pace` as in updates.adam, and deploy them."""

@@ -49,18 +49,18 @@ def slabs(members: Sequence[Member], n_rows: int) -> list[list[int]]:
 
     Recurrent members have slabs of their own, since they go through a layer step by step.
     """
-    found: dict[tuple[Arithmetic, bool], list[list[int]]] = {}
+    of_kinds: dict[tuple[Arithmetic, bool], list[list[int]]] = {}
     held: dict[tuple[Arithmetic, bool], int] = {}
     for number, member in enumerate(members):
         kind = (member.arithmetic, any(x.recurrent is not None for x in member.layers))
         n_columns = WIDTH * sum(tiles_for(x.feed_forward.shape[1]) for x in member.layers)
         needed = n_columns * n_rows * NUMBERS[member.arithmetic].cell_bytes
-        if kind not in found or held[kind] + needed > SLAB_BYTES:
-            found.setdefault(kind, []).append([])
+        if kind not in of_kinds or held[kind] + needed > SLAB_BYTES:
+            of_kinds.setdefault(kind, []).append([])
             held[kind] = 0
-        found[kind][-1].append(number)
+        of_kinds[kind][-1].append(number)
         held[kind] += needed
-    return [slab for of_kind in found.values() for slab in of_kind]
+    return [slab for slabs_of_kind in of_kinds.values() for slab in slabs_of_kind]
 
 
 class WideEngine:
@@ -95,16 +95,16 @@ class WideEngine:
         for first in range(0, rows.n_samples, self._chunk):
             part = slice(first, min(first + self._chunk, rows.n_samples))
             x = dense(rows, part.start, part.stop, self._device)
-            for slab_, own, found in zip(self._slabs, of_slab, counts, strict=True):
+            for slab_, own, counted in zip(self._slabs, of_slab, counts, strict=True):
                 if own:
                     gains = {
                         place: tuple(None if gain is None else gain[part] for gain in turn.gains)
                         for place, turn in own.items()
                     }
-                    found.append(slab_.accumulate(x, labels[part], rows.n_steps, gains, add=first > 0))
+                    counted.append(slab_.accumulate(x, labels[part], rows.n_steps, gains, add=first > 0))
         reports = [
-            slab_.finish(found, labels, rows.n_steps, own) if own else {}
-            for slab_, found, own in zip(self._slabs, counts, of_slab, strict=True)
+            slab_.finish(counted, labels, rows.n_steps, own) if own else {}
+            for slab_, counted, own in zip(self._slabs, counts, of_slab, strict=True)
         ]
         return {number: reports[self._place[number][0]][self._place[number][1]] for number in turns}
 
