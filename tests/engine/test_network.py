@@ -116,26 +116,11 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
     layers = small_layers(rng, recurrent)
     gains = [np.full((4, 1), 1.25, np.float32), 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
     surrogates = [exponential(80 / 64, 0.03, 3.0), exponential(80 / 64, 0.1, 3.0)]
-    found = gradients(
-        rows_of(x),
-        layers,
-        surrogates,
-        labels,
-        true_rate=0.6,
-        false_rate=0.05,
-        arithmetic=arithmetic,
-        gains=gains,
-    )
+    settings = {"true_rate": 0.6, "false_rate": 0.05, "gains": gains}
+    found = gradients(rows_of(x), layers, surrogates, labels, arithmetic=arithmetic, **settings)
     exact: Arithmetic = "integer" if arithmetic == "integer" else "ideal"
     loss, feed_forward, rings = by_autograd(
-        rows_of(x),
-        layers,
-        surrogates,
-        labels,
-        true_rate=0.6,
-        false_rate=0.05,
-        arithmetic=exact,
-        gains=gains,
+        rows_of(x), layers, surrogates, labels, arithmetic=exact, **settings
     )
     assert found.loss == pytest.approx(loss, rel=1e-6)
     for ours, theirs in zip(found.feed_forward, feed_forward, strict=True):

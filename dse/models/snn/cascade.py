@@ -85,7 +85,7 @@ class Cascade(Stack):
             self.respond(fitted, dataset, dataset.validation),
             self.respond(fitted, dataset, dataset.test) if dataset.test.size else None,
             {**second.history, **{f"first_{name}": curve for name, curve in first.history.items()}},
-            _health(first.health, second.health, int(fitted.arrays["n_weights"]), accuracy),
+            _health(first.health, second.health, fitted.n_weights, accuracy),
             time.perf_counter() - began,
         )
 

@@ -296,33 +296,20 @@ def test_gradients_agree_with_automatic_differentiation_and_with_the_cpu(
     of, report = MEMBERS[number], trained[1][number]
     found = trained[0].gradients(number)
     layers, surrogates = running(of, start_of(of)), [x.surrogate for x in of.layers]
-    gains = turns_of(MEMBERS)[number].gains
+    settings: dict[str, Any] = {
+        "true_rate": of.true_rate,
+        "false_rate": of.false_rate,
+        "arithmetic": of.arithmetic,
+        "gains": turns_of(MEMBERS)[number].gains,
+    }
     if not any(s.cut for s in surrogates):  # rounding decides what lies at a cut
-        loss, feed_forward, rings = by_autograd(
-            rows_of(X),
-            layers,
-            surrogates,
-            LABELS,
-            true_rate=of.true_rate,
-            false_rate=of.false_rate,
-            arithmetic=of.arithmetic,
-            gains=gains,
-        )
+        loss, feed_forward, rings = by_autograd(rows_of(X), layers, surrogates, LABELS, **settings)
         assert report.loss == pytest.approx(loss, rel=1e-6)
         for ring in rings[:1]:
             assert_close(found.recurrent[0], ring, GRADIENT_ERROR[of.arithmetic])
         for ours, theirs in zip(found.feed_forward, feed_forward, strict=True):
             assert_close(ours, theirs, GRADIENT_ERROR[of.arithmetic])
-    expected = on_cpu(
-        rows_of(X),
-        layers,
-        surrogates,
-        LABELS,
-        true_rate=of.true_rate,
-        false_rate=of.false_rate,
-        arithmetic=of.arithmetic,
-        gains=gains,
-    )
+    expected = on_cpu(rows_of(X), layers, surrogates, LABELS, **settings)
     assert (report.correct, report.fired) == (expected.correct, pytest.approx(expected.fired, rel=1e-12))
     assert report.loss == pytest.approx(expected.loss, rel=1e-12)
     theirs = [*expected.feed_forward, *(r for r in expected.recurrent if r.size)]
