@@ -12,6 +12,7 @@ import numpy as np
 from dse import dataset, registry
 from dse.config.contracts import Source
 from dse.deploy.bundle import Bundle, BundleError, read
+from dse.hardware.counter import MeasuredPower, measured_power
 from dse.measure import decision
 from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
@@ -32,6 +33,7 @@ class Evaluation:
     target: (n,) true class, -1 without a label in the file.
     accuracy, accuracy_se, confusion: over the labelled recordings; None if there are none.
     notes: the plugins that the bundle loaded, and the repairs of the recordings.
+    power: of this machine's processor at rest and while it classifies; None unless requested.
     """
 
     classes: tuple[str, ...]
@@ -43,6 +45,7 @@ class Evaluation:
     accuracy_se: float | None
     confusion: Ints | None
     notes: tuple[str, ...] = ()
+    power: MeasuredPower | None = None
 
     @property
     def decision_latency_ms(self) -> float:
@@ -73,6 +76,8 @@ class Evaluation:
     @property
     def columns(self) -> dict[str, object]:
         """The numbers as one row, named as in the record of a trial."""
+        power = self.power
+        of_power = {} if power is None else {"power_idle_w": power.idle_w, "power_w": power.running_w}
         return {
             "recordings": len(self.label),
             "labelled": int((self.target >= 0).sum()),
@@ -80,16 +85,20 @@ class Evaluation:
             "accuracy_se": self.accuracy_se,
             "decision_latency_ms": self.decision_latency_ms,
             "undecided": self.undecided,
+            **of_power,
         }
 
 
-def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False) -> Evaluation:
+def evaluate(
+    bundle: str | Path, data_file: str | Path, *, repair: bool = False, rest_s: float | None = None
+) -> Evaluation:
     """Classify new recordings with the preprocessing, network and decision rule of a bundle.
 
     Args:
         bundle: folder of a bundle.
         data_file: recordings of the kind that the bundle was trained on, labelled or not.
         repair: whether to continue after faults in event files.
+        rest_s: measure the power of this machine's processor: for so long at rest, then while it classifies.
 
     Raises:
         BundleError: the bundle is damaged or of a newer schema, or its classifier refuses the recordings.
@@ -113,10 +122,15 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
             f"got {data.spikes.n_channels}"
         )
     data = dataclasses.replace(data, heads=classifier.heads)
+
+    def respond() -> Response | Answers:
+        return classifier.sections.model.respond(classifier.fitted, data, data.test)
+
     try:
-        response = classifier.sections.model.respond(classifier.fitted, data, data.test)
+        response = respond()
     except ValueError as error:  # recordings of another length, for one
         raise BundleError(f"{data_file}: {error}") from None
+    power = None if rest_s is None else measured_power(respond, rest_s)
     label, time_ms, decided = _decide(classifier, data, response)
     target, classes = np.asarray(data.target[data.test]), classifier.classes
     for head in classifier.heads:
@@ -134,6 +148,7 @@ def evaluate(bundle: str | Path, data_file: str | Path, *, repair: bool = False)
         accuracy_se=float(wilson_se(correct, total)) if total else None,
         confusion=_confusion(label[known], target[known], len(classes)) if total else None,
         notes=(*_on_plugins(classifier), *notes),
+        power=power,
     )
 
 

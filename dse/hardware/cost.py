@@ -12,6 +12,7 @@ Computing flat out needs all input at once; throttled is what a sensor that deli
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -45,6 +46,8 @@ class Cost:
     hardware_latency_ms: time to compute all steps flat out.
     pipeline_ms: time that the last answer still takes through the layers, at the step period.
     idle_mw: power while nothing is to be done.
+    power_idle_w: the same with its range; the value is NaN where it is unknown.
+    power_w: mean power while computing flat out; NaN where nothing is computed.
     n_cores: cores in use, and what practice may take.
     misfits: every limit that is broken.
     assumptions: what the cores rest on.
@@ -61,6 +64,8 @@ class Cost:
     hardware_latency_ms: Floats
     pipeline_ms: Floats
     idle_mw: float
+    power_idle_w: Interval[float]
+    power_w: Interval[Floats]
     n_cores: Interval[int]
     misfits: tuple[Misfit, ...]
     assumptions: tuple[str, ...]
@@ -165,6 +170,8 @@ def _cost(
         hardware_latency_ms=value(time_us[0] * 1e-3),
         pipeline_ms=value(load.pipeline_us(step_us[0]) * 1e-3),
         idle_mw=float(plan.idle_mw[0]),
+        power_idle_w=_idle_w(plan),
+        power_w=_power_w(plan, dynamic, time_us, profile.interval_only),
         n_cores=placement.core_range if placement else Interval(0, 0, 0),
         misfits=placement.misfits if placement else (),
         assumptions=_assumptions(placement, load),
@@ -217,6 +224,24 @@ def _static_uj(plan: Plan, time_us: Floats, waiting_us: Floats) -> tuple[Floats,
     """Return the static energy of computing and of waiting, (D, ...) each; mW x us = nJ."""
     lead = (slice(None), *[None] * (time_us.ndim - 1))
     return plan.static_mw[lead] * time_us * 1e-3, plan.idle_mw[lead] * waiting_us * 1e-3
+
+
+def _idle_w(plan: Plan) -> Interval[float]:
+    """Return the power at rest; a value of 0 stands for one that nobody has published."""
+    value, low, high = (float(x) * 1e-3 for x in plan.idle_mw)
+    return Interval(value or math.nan, low, high)
+
+
+def _power_w(plan: Plan, dynamic_uj: Floats, time_us: Floats, interval_only: bool) -> Interval[Floats]:
+    """Return the mean power of computing, with the least and the most within the ranges, (...)."""
+    if plan.running_mw is None:
+        energy, time = dynamic_uj, time_us[[0, 2, 1]]  # least power: least energy in the longest time
+        power = np.divide(energy, time, out=np.full_like(energy, np.nan), where=time > 0)
+        power += plan.static_mw.reshape(-1, *[1] * (energy.ndim - 1)) * 1e-3
+    else:
+        running = plan.running_mw.reshape(-1, *[1] * (time_us.ndim - 1)) * 1e-3
+        power = np.where(time_us > 0, running, np.nan)
+    return Interval(np.full_like(power[0], np.nan) if interval_only else power[0], power[1], power[2])
 
 
 def _throttled_range_uj(plan: Plan, time_us: Floats, waiting_us: Floats) -> tuple[Floats, Floats]:

@@ -88,6 +88,7 @@ class Plan:
     idle_mw: (D...), power of the whole chip while it waits.
     placement: None where no chip is meant, so that there are no cores, times and limits either.
     share: of the chip's cores that are in use.
+    running_mw: (D...), power while it computes, where that does not depend on the counts; None where it does.
     """
 
     energy_pj: Mapping[str, Floats]
@@ -97,6 +98,7 @@ class Plan:
     placement: Placement | None
     congestion: Congestion | None = None
     share: float = 1.0
+    running_mw: Floats | None = None
 
 
 def per_count(

@@ -87,6 +87,8 @@ class CostRow:
     terms_uj: Mapping[str, Interval[Known]] = field(default_factory=dict)
     energy_quantiles_uj: Interval[Known] | None = None
     energy_throttled_quantiles_uj: Interval[Known] | None = None
+    power_idle_w: Interval[Known] = UNKNOWN
+    power_w: Interval[Known] = UNKNOWN
     power_mw: Interval[Known] | None = None
     battery_h: Interval[Known] | None = None
 
@@ -108,6 +110,8 @@ class CostRow:
             "decision_ms": self.decision_ms,
             "pipeline_ms": self.pipeline_ms,
             **self.latency_ms.columns("latency_ms"),
+            **self.power_idle_w.columns("power_idle_w"),
+            **self.power_w.columns("power_w"),
             **self.n_cores.columns("n_cores"),
             "fits": self.fits,
             "misfits": None if self.misfits is None else [vars(misfit) for misfit in self.misfits],
@@ -222,7 +226,7 @@ def _with_energies(row: CostRow, plan: Plan, inference: Inference, priced: Cost)
 
 
 def _with_times(row: CostRow, inference: Inference, priced: Cost, pipeline_steps: int) -> CostRow:
-    """Add times."""
+    """Add times, and power at rest and while computing."""
 
     def latency(step_us: Floats) -> Floats:
         pipeline_ms = pipeline_steps * np.maximum(inference.step_ms, step_us * 1e-3)
@@ -234,6 +238,8 @@ def _with_times(row: CostRow, inference: Inference, priced: Cost, pipeline_steps
         step_time_us=_known(priced.step_time_us),
         hardware_latency_ms=_known(priced.step_time_us.map(lambda us: us * 1e-3 * inference.n_steps)),
         latency_ms=_known(priced.step_time_us.map(latency)),
+        power_idle_w=priced.power_idle_w.map(_number),
+        power_w=_known(priced.power_w),
     )
 
 
@@ -285,7 +291,7 @@ def _known(interval: Interval[Floats]) -> Interval[Known]:
     return interval.map(_number)
 
 
-def _number(value: Floats) -> Known:
+def _number(value: Floats | float) -> Known:
     """Return a plain number: None where it is not known."""
     number = float(value)
     return None if math.isnan(number) else number

@@ -14,6 +14,7 @@ import pytest
 from dse.cli import main
 from dse.cli.command_line import commands_by_name
 from dse.config.sections import SECTIONS
+from dse.hardware.counter import MeasuredPower
 from dse.study import explore
 from dse.study.results import Study
 from dse.study.results import open as open_study
@@ -307,7 +308,9 @@ def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: C
     assert "missed n_weights<=30" in capsys.readouterr().out
 
 
-def test_pick_exports_what_evaluate_runs(results: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_pick_exports_what_evaluate_runs(
+    results: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bundle = tmp_path / "bundle"
     assert main(["pick", str(results), "--budget", "n_weights<=60", "--export", str(bundle), "--json"]) == 0
     picked = document(capsys.readouterr().out)
@@ -324,6 +327,16 @@ def test_pick_exports_what_evaluate_runs(results: Path, tmp_path: Path, capsys: 
     assert [r["recording"] for r in each] == list(range(24))
     assert np.mean([r["answer"] == r["true"] for r in each]) == row["accuracy"]
     assert np.mean([r["time_ms"] for r in each]) == pytest.approx(row["decision_latency_ms"])
+    for measured, note in (
+        (MeasuredPower(30.0, 42.5), "power: of the processor, with everything else that runs on it"),
+        (MeasuredPower(None, None, "no counter"), "power: no counter"),
+    ):
+        monkeypatch.setattr("dse.deploy.evaluate.measured_power", lambda work, rest_s, m=measured: m)
+        assert main(["evaluate", str(bundle), "--data", str(data), "--power", "--json"]) == 0
+        found = document(capsys.readouterr().out)
+        powers = measured.idle_w, measured.running_w
+        assert found["rows"] == [row | dict(zip(("power_idle_w", "power_w"), powers, strict=True))]
+        assert found["notes"][-1] == note
 
 
 def test_dashboard_writes_where_it_is_told(results: Path, tmp_path: Path, capsys: Captured) -> None:

@@ -36,7 +36,7 @@ def test_every_number_of_every_profile_has_a_pedigree():
 def test_the_unit_of_a_number_is_in_its_name():
     units = {
         **{"pj": "pJ", "nj": "nJ", "uj": "uJ", "ns": "ns", "us": "us", "ms": "ms"},
-        **{"mw": "mW", "uw": "uW", "mhz": "MHz", "kib": "KiB", "hz": "Hz"},
+        **{"mw": "mW", "uw": "uW", "mhz": "MHz", "kib": "KiB", "hz": "Hz", "w": "W"},
     }
     assert len(kinds()) > 1
     for kind, cls in kinds().items():

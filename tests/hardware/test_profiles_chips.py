@@ -65,6 +65,7 @@ def test_the_interval_contains_the_value(name, given):
         (found.static_uj.low, found.static_uj.value, found.static_uj.high),
         (found.static_throttled_uj.low, found.static_throttled_uj.value, found.static_throttled_uj.high),
         (found.step_time_us.low, found.step_time_us.value, found.step_time_us.high),
+        *([[x[:1] for x in (found.power_w.low, found.power_w.value, found.power_w.high)]] * found.timed),
     ):
         assert np.isnan(value).all() if profile.interval_only else (low <= value).all()
         assert (low <= high).all() and not (value > high).any()

@@ -171,6 +171,8 @@ def _lines(row: CostRow) -> Iterator[tuple[str, str, list[str]]]:
     yield "computing time", "ms", cells(row.hardware_latency_ms)
     yield "through the layers", "ms", [cell(row.pipeline_ms), "-", "-"]
     yield "latency", "ms", cells(row.latency_ms)
+    yield "power at rest", "W", cells(row.power_idle_w)
+    yield "power while computing", "W", cells(row.power_w)
     yield "cores", "", cells(row.n_cores)
     yield "mean power", "mW", cells(row.power_mw)
     yield "battery life", "h", cells(row.battery_h)

@@ -11,6 +11,9 @@ from dse.cli.options import REPAIR
 if TYPE_CHECKING:
     from dse.deploy.evaluate import Evaluation
 
+_REST_S = 5.0
+"""Time for which the power at rest is measured."""
+
 GROUP = "deploy"
 HELP = "run an exported classifier (bundle) on new recordings"
 
@@ -31,6 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="print one row per recording (its label and decision time) instead of the summary",
     )
     parser.add_argument("--repair", action="store_true", help=REPAIR)
+    parser.add_argument(
+        "--power",
+        action="store_true",
+        help="measure the power of this machine's processor, at rest and while it classifies; adds the "
+        "columns power_idle_w and power_w",
+    )
     add_format(parser, ("table", "json", "csv", "parquet"))
 
 
@@ -38,9 +47,14 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the measurements of the classifier on the recordings, or its answer to each."""
     from dse.deploy.evaluate import evaluate
 
-    evaluation = evaluate(arguments.bundle, arguments.data, repair=arguments.repair)
+    rest_s = _REST_S if arguments.power else None
+    evaluation = evaluate(arguments.bundle, arguments.data, repair=arguments.repair, rest_s=rest_s)
     rows = evaluation.answers if arguments.each else [evaluation.columns]
-    return Answer(rows, [*_by_class(evaluation), *(f"warning: {note}" for note in evaluation.notes)])
+    notes = [*_by_class(evaluation), *(f"warning: {note}" for note in evaluation.notes)]
+    if evaluation.power is not None:
+        unmeasured = evaluation.power.reason
+        notes.append(f"power: {unmeasured or 'of the processor, with everything else that runs on it'}")
+    return Answer(rows, notes)
 
 
 def _by_class(evaluation: Evaluation) -> list[str]:

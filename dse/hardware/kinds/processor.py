@@ -83,6 +83,7 @@ class Processor(Profile):
             static_mw=np.zeros_like(running_mw),  # in the energy of a cycle
             idle_mw=np.minimum(figures["sleep_uw"] * 1e-3 + waking_mw, running_mw),
             placement=placement,
+            running_mw=running_mw,
         )
 
     def _with_network(self, load: Workload) -> Placement:

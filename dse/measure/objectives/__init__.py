@@ -155,6 +155,7 @@ _ORDER = (
     *("energy_uj", "energy_uj_low", "energy_uj_high"),
     *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
     *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),
+    *("power_idle_w", "power_idle_w_low", "power_idle_w_high", "power_w", "power_w_low", "power_w_high"),
     *("idle_mw", "hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
 )
 
