@@ -314,6 +314,8 @@ class Answers:
     n_weights: (k,) int64 stored numbers W_t that the prediction after time_ms[j] needs.
     macs, additions: (k,) float64 mean multiply-accumulates and additions per inference until that prediction.
     input_spikes: (n, k) int64 input spikes until then.
+    event_macs, event_additions: (k,) the same work where each input spike adds the weights that it meets;
+        None of a family without such a reading.
     """
 
     label: Array
@@ -322,6 +324,8 @@ class Answers:
     macs: Array
     additions: Array
     input_spikes: Array
+    event_macs: Array | None = None
+    event_additions: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -494,6 +498,8 @@ class Operations:
     n_weights: stored numbers.
     duration_ms: length of the input.
     number_bits: bits per stored number and per operand, as measured.
+    event_macs, event_additions: as `macs` and `additions` where each input spike is processed on its own;
+        both None of a classifier without such a reading.
     """
 
     macs: Floats
@@ -502,6 +508,8 @@ class Operations:
     n_weights: Floats
     duration_ms: Floats
     number_bits: int = 32
+    event_macs: Floats | None = None
+    event_additions: Floats | None = None
 
     cores: ClassVar[None] = None
     """Only for networks can a user set the number of cores of a layer."""
@@ -535,6 +543,13 @@ class Operations:
         """Mean additions without multiplication per inference, (...)."""
         return self.additions
 
+    @property
+    def of_events(self) -> Operations:
+        """The work where each input spike is processed on its own; this one without such a reading."""
+        if self.event_macs is None or self.event_additions is None:
+            return self
+        return replace(self, macs=self.event_macs, additions=self.event_additions)
+
     def mapped(self, change: Callable[[Array], Array]) -> Operations:
         """Return a copy with a function applied to every array of design points."""
         return Operations(
@@ -544,6 +559,8 @@ class Operations:
             n_weights=change(self.n_weights),
             duration_ms=change(self.duration_ms),
             number_bits=self.number_bits,
+            event_macs=None if self.event_macs is None else change(self.event_macs),
+            event_additions=None if self.event_additions is None else change(self.event_additions),
         )
 
     def check(self) -> None:
@@ -554,6 +571,9 @@ class Operations:
         """
         for name in ("macs", "additions", "updates", "n_weights", "duration_ms"):
             _check_counts(name, np.asarray(getattr(self, name), np.float64))
+        for name in ("event_macs", "event_additions"):
+            if (counts := getattr(self, name)) is not None:
+                _check_counts(name, np.asarray(counts, np.float64))
         if not self.number_bits >= 1:
             raise ValueError(f"number_bits must be >= 1, got {self.number_bits}")
 

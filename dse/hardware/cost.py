@@ -86,7 +86,7 @@ def cost(profile: Profile, load: Workload | Operations) -> Cost:
         ValueError: counts that are negative or not finite, or shapes that do not belong together.
     """
     load.check()
-    plan, counts = profile.plan(load, profile.ends), load.counts
+    plan, counts = profile.plan(load, profile.ends), profile.counts(load)
     time_us = _time_us(plan, counts)
     return _cost(profile, plan, load, counts, time_us, _waiting_us(load, time_us))
 
@@ -102,7 +102,7 @@ def cost_of_steps(profile: Profile, load: Workload) -> Cost:
         load: spikes (..., step, layer), updates (..., step, layer - 1) and n_steps (..., step), all 1.
     """
     load.check()
-    plan, counts = profile.plan(load, profile.ends), load.counts
+    plan, counts = profile.plan(load, profile.ends), profile.counts(load)
     time_us = _time_us(plan, counts)
     waiting_us = _waiting_us(load, time_us).sum(axis=-1)
     return _cost(profile, plan, load.over_steps(), counts.sum(axis=-2), time_us.sum(axis=-1), waiting_us)
@@ -130,7 +130,7 @@ def drawn(profile: Profile, load: Workload | Operations, figures: Figures) -> Dr
         NotApplicable, ValueError: as `cost`.
     """
     load.check()
-    plan, counts = profile.plan(load, figures), load.counts
+    plan, counts = profile.plan(load, figures), profile.counts(load)
     time_us = _time_us(plan, counts)
     static, waiting = _static_uj(plan, time_us, _waiting_us(load, time_us))
     energy = _energy_uj(plan, counts) + static

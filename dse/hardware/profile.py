@@ -142,6 +142,10 @@ class Profile(ABC):
             return self.plan_network(load, figures)
         return self.plan_operations(load, figures)
 
+    def counts(self, load: Workload | Operations) -> Floats:
+        """Return what happens in an inference on this hardware, (..., F), which its plan has a cost for."""
+        return load.counts
+
     @abstractmethod
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a network of spiking layers (`plan`)."""

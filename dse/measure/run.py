@@ -352,6 +352,8 @@ def _of_answers(answers: Answers, test: Answers | None, target: _Target, n_chann
             updates=np.zeros_like(macs),
             n_weights=n_weights,
             duration_ms=time_ms,
+            event_macs=answers.event_macs,
+            event_additions=answers.event_additions,
         ),
         spikes_test=None if test is None else np.zeros(len(time_ms), np.int64),  # it has no neurons
         n_inputs=n_channels,

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import yaml
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
 from dse.hardware.kinds.operations import CountedOperations
+from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import load, names
 from dse.records import Operations, Workload
 
@@ -113,3 +116,25 @@ def test_a_wrong_number_is_named(tmp_path, change, message):
     file.write_text(yaml.safe_dump(data, sort_keys=False))
     with pytest.raises(ConfigError, match=message):
         load(file)
+
+
+EVENTS = load("op_4.6_0.9_events")
+
+
+def test_work_per_spike_by_hand():
+    dense = operations([1000, 1000], [20, 40])
+    with pytest.raises(NotApplicable, match="_events runs only classifiers that count their work per"):
+        cost(EVENTS, dense)
+    both = dataclasses.replace(dense, event_macs=np.array([50.0, 50]), event_additions=np.array([200.0, 400]))
+    assert cost(PROFILE, both).energy_uj.value.tolist() == cost(PROFILE, dense).energy_uj.value.tolist()
+    per_spike = [(50 * 4.6 + n * 0.9) * 1e-6 for n in (200, 400)]
+    assert cost(EVENTS, both).energy_uj.value.tolist() == pytest.approx(per_spike)
+    last = both.mapped(lambda x: x[-1:])
+    assert cost(EVENTS, last).energy_uj.value.tolist() == pytest.approx(per_spike[1:])
+    figures = EVENTS.drawn(5, np.random.default_rng(1))
+    of_draws = np.outer(figures["mac_pj"], [50, 50]) + np.outer(figures["addition_pj"], [200, 400])
+    assert drawn(EVENTS, both, figures).energy_uj == pytest.approx(of_draws * 1e-6)
+    spiking = network((4, 3, 2), [10, 6, 5])
+    assert cost(EVENTS, spiking).energy_uj.value == cost(PROFILE, spiking).energy_uj.value
+    with pytest.raises(ValueError, match="event_macs must be finite and >= 0"):
+        cost(EVENTS, dataclasses.replace(both, event_macs=np.array([-1.0, 0])))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Placement, Plan
+from dse.hardware.plan import Placement, Plan, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Workload
 from dse.registry import register
@@ -35,12 +35,10 @@ class Platform(Profile):
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        step = np.zeros(load.counts.shape[-1])
-        step[0] = 1.0
         idle_mw, beyond_w = figures["idle_w"] * 1e3, figures["beyond_idle_w"]
         return Plan(
-            energy_pj={"beyond_idle": np.multiply.outer(beyond_w, load.step_ms * 1e9 * step)},
-            time_ns=np.multiply.outer(np.ones_like(beyond_w), load.step_ms * 1e6 * step[None]),
+            energy_pj={"beyond_idle": np.multiply.outer(beyond_w, per_count(load, step=load.step_ms * 1e9))},
+            time_ns=np.multiply.outer(np.ones_like(beyond_w), per_count(load, step=load.step_ms * 1e6)[None]),
             static_mw=idle_mw,
             idle_mw=idle_mw,
             placement=Placement((1,), assumptions=_ASSUMPTIONS),

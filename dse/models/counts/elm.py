@@ -36,6 +36,8 @@ without training samples is never answered.
 
 Rules of cost: W_t is W, b and beta; what is only multiplied by windows before the start is left out. Each is
 one multiply-accumulate; f is folded into W and b. Every input spike is one addition, to its window's count.
+Where each spike is processed on its own, every spike in the delay line adds its weight to every hidden
+neuron, as does b, and beta alone is multiplied: work that follows the spike rate (`Answers.event_additions`).
 
 Sources: Rasouli et al., an extreme learning machine for texture recognition, Eqs. (5)-(10); Yao and Basu,
 IEEE Trans. VLSI Syst. 25, 2017 (lognormal, counter) (REFERENCES.md).
@@ -186,7 +188,7 @@ class ELM:
         edges = self._edges(dataset)
         lengths = input_lengths(len(edges) - 1, _MOST_READ_OUTS)
         label = np.zeros((len(samples), len(lengths)), np.int64)
-        spikes = np.zeros_like(label)
+        spikes, in_line = np.zeros_like(label), np.zeros_like(label)
         done = 0
         for part in self._batches(samples, len(lengths) * self.windows * m):
             counts = self._counts(dataset, part)
@@ -196,6 +198,7 @@ class ELM:
             here = slice(done, done + len(part))
             label[here] = classes[y.argmax(axis=1)].reshape(len(part), -1)
             spikes[here] = counts.sum(axis=2, dtype=np.int64).cumsum(axis=1)[:, lengths - 1]
+            in_line[here] = x.sum(axis=2, dtype=np.int64)
             done += len(part)
         inputs = np.minimum(lengths, self.windows) * m + int(bias.any())
         n_weights = (inputs * self.hidden + beta.size).astype(np.int64)
@@ -206,6 +209,8 @@ class ELM:
             macs=n_weights.astype(np.float64),
             additions=spikes.sum(axis=0) / max(1, len(spikes)),
             input_spikes=spikes,
+            event_macs=np.full(len(lengths), float(beta.size)),
+            event_additions=self.hidden * (in_line.sum(axis=0) / max(1, len(spikes)) + int(bias.any())),
         )
 
     def _random(self, dataset: Dataset, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -98,6 +98,11 @@ def test_answers_see_only_what_has_passed_and_cost_what_they_use():
     assert found.validation.n_weights.tolist() == found.validation.macs.tolist() == by_hand
     assert found.validation.additions == pytest.approx(found.validation.input_spikes.mean(axis=0))
     assert found.health["random_weights"] == 4 * 6 * 64 + 64
+    # Work per spike: those of the last four windows reach 64 neurons, as do the biases.
+    total = found.validation.input_spikes.mean(axis=0)
+    in_line = total - np.concatenate([np.zeros(4), total[:2]])
+    assert found.validation.event_additions == pytest.approx(64 * (in_line + 1))
+    assert found.validation.event_macs.tolist() == [64 * 3] * 6
     cut = dataclasses.replace(data, n_steps=30)
     early = SMALL.respond(found.network, cut, data.validation)
     assert np.array_equal(early.label, found.validation.label[:, :3])
@@ -105,6 +110,9 @@ def test_answers_see_only_what_has_passed_and_cost_what_they_use():
 
 def test_a_chip_has_no_biases():
     found = fit(toy(), dataclasses.replace(SMALL, weights="lognormal"))
+    assert found.validation.event_additions[:4] == pytest.approx(
+        64 * found.validation.input_spikes.mean(axis=0)[:4]
+    )
     assert found.health["random_weights"] == 4 * 6 * 64
     assert (found.network.arrays["input_weight"] > 0).all()
 
