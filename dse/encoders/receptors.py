@@ -38,6 +38,10 @@ from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, 
 from dse.records import Floats, Ints, Signals, Spikes
 from dse.registry import param, register
 
+FA_RISING, FA_FALLING = "FA rising", "FA falling"
+KINDS = ("SA", FA_RISING, FA_FALLING)
+"""Names of the kinds, in the order of their planes."""
+
 
 @register("encoders", "receptors")
 @dataclasses.dataclass(frozen=True)

@@ -50,6 +50,9 @@ class Results(Protocol):
     def classes(self, trial: int) -> tuple[str, ...]:
         """Return the names of the classes of a trial."""
 
+    def sections(self, trial: int) -> Mapping[str, Any]:
+        """Return the sections of a trial's design as plain data, such as 'encoder' with its kind and keys."""
+
     def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
         """Return what a file of a trial's artefacts holds, such as read_out.npz, for each of its runs."""
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import registry
-from dse.figures import Results, hardware_key, on_one_chip
+from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
 from dse.registry import param, register
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 HOVER_CHARACTERS = 60
+_SIZES = {2: (5, 9), 3: (2, 4)}  # dominated, on the front; in space points are drawn larger than their size
+_CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.15}}
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,8 @@ class FrontFigure:
         (), doc="two or three columns, x first (default: the first objectives of the study)", axis=False
     )
     hardware: str = hardware_key()
+    task: str = param("", doc="what is predicted (default: every task, each with its own front)", axis=False)
+    full: bool = param(False, doc="one point per design: its answer at the end of the window", axis=False)
 
     def gather(self, results: Results) -> Front:
         objectives = {
@@ -94,7 +98,9 @@ class FrontFigure:
         }
         first = [name for name, _ in results.objectives]
         columns = self.columns or (*first[1:2], *first[:1], *first[2:3])
-        frame = on_one_chip(results.points(), self.hardware)
+        frame = with_value(on_one_chip(results.points(), self.hardware), "task", self.task)
+        if self.full:
+            frame = full_read_outs(frame)
         return gather_front(frame[admissible(frame)], columns, objectives)
 
     def draw(self, record: Front) -> plotly.graph_objects.Figure:
@@ -163,7 +169,11 @@ def draw_front(front: Front) -> plotly.graph_objects.Figure:
             trace |= {
                 "name": html.escape(f"{name} {'front' if best else 'dominated'}".strip(), quote=False),
                 "mode": "lines+markers" if best and flat else "markers",
-                "marker": {"color": colour, "size": 9 if best else 5, "opacity": 1.0 if best else 0.25},
+                "marker": {
+                    "color": colour,
+                    "size": _SIZES[len(front.columns)][best],
+                    "opacity": 1.0 if best else 0.25 if flat else 0.4,
+                },
                 "text": [front.hover[row] for row in rows],
                 "hovertemplate": "%{text}<extra></extra>",
             }
@@ -176,7 +186,13 @@ def draw_front(front: Front) -> plotly.graph_objects.Figure:
         f"{axis}axis": {"title": {"text": axis_title(column)}}
         for axis, column in zip("xyz", front.columns, strict=False)
     }
-    figure.update_layout(**(titles if flat else {"scene": titles}), hoverlabel={"align": "left"})
+    space = {
+        "scene": {**titles, "camera": _CAMERA},
+        "legend": {"x": 0, "y": 1, "itemsizing": "constant"},
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "height": 560,
+    }
+    figure.update_layout(**(titles if flat else space), hoverlabel={"align": "left"})
     return figure
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_of
+from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.figures.panels import chosen_classes, class_panels
 from dse.records import Array, Parameters
@@ -40,7 +40,7 @@ class Histograms:
 class HistogramsFigure:
     """Class histograms of a HOTS trial: activity of each prototype of the last layer, a panel per class."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     repeat: int = param(0, doc="run of the trial: each has prototypes of its own", low=0, axis=False)
     classes: tuple[str, ...] = param((), doc="classes that have a panel (default: all)", axis=False)
 

@@ -32,7 +32,13 @@ _AXIS: dict[str, Any] = {
     "automargin": True,
     "title": {"standoff": 8},
 }
-_SCENE_AXIS: dict[str, Any] = {"backgroundcolor": "white", "gridcolor": _RULE, "linecolor": _INK}
+_SCENE_AXIS: dict[str, Any] = {
+    "backgroundcolor": "white",
+    "gridcolor": _RULE,
+    "linecolor": _INK,
+    "tickfont": {"size": 10},
+    "nticks": 6,
+}
 _LAYOUT: dict[str, Any] = {
     "paper_bgcolor": "white",
     "plot_bgcolor": "white",

@@ -7,15 +7,17 @@ al., IEEE Trans. Biomed. Circuits Syst. 11, 2017 (REFERENCES.md).
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.encoders.receptors import FA_FALLING, FA_RISING, KINDS
 from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.records import Array, Dataset
+from dse.figures.panels import chosen_classes
+from dse.records import Array, Dataset, Floats, Ints
 from dse.registry import param, register
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 _N_COLORS = len(OKABE_ITO_LIGHT)
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _SYMBOLS = ("circle", "x", "square", "triangle-up")
+_HEIGHT_PX, _MARGIN_PX, _NAME_PX = 400, 90, 21
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,7 @@ class Intervals:
 
     edges_ms: (bin + 1,) borders of the histogram; a bin holds one interval length in steps.
     counts: (group, class, bin) int64 intervals. beyond: (group, class) int64, longer than the last bin.
-    mean_ms, cv: (group, sample) mean and coefficient of variation (deviation / mean) of a sample's intervals;
-        NaN where it has none.
+    mean_ms, sd_ms: (group, sample) mean and standard deviation of a sample's intervals; NaN without one.
     target: (sample,) class of each.
     """
 
@@ -45,13 +47,13 @@ class Intervals:
     counts: Array
     beyond: Array
     mean_ms: Array
-    cv: Array
+    sd_ms: Array
     target: Array
 
 
 @dataclass(frozen=True)
 class Distances:
-    """Mean Euclidean distance between samples' cumulative spike counts per channel, after each time.
+    """Mean Euclidean distance between samples' binned patterns, after each time.
 
     within: (k,) of pairs of one class. between: (k,) of pairs of two. NaN where there is no such pair.
     ratio: (k,) between / within; NaN where within is 0 or NaN.
@@ -66,16 +68,28 @@ class Distances:
 @register("figures", "intervals")
 @dataclass(frozen=True)
 class IntervalsFigure:
-    """Histograms of the intervals between spikes that a trial was trained on, per class and plane."""
+    """Histograms of the intervals between a trial's training spikes, per class and kind of channel."""
 
     trial: int | None = trial_key()
     bins: int = param(40, doc="bins of the histogram", low=1, axis=False)
+    classes: tuple[str, ...] = param((), doc="classes that are drawn (default: all)", axis=False)
 
     def gather(self, results: Results) -> Intervals:
-        dataset = results.dataset(trial_of(results, self.trial))
-        planes = dataset.positions[:, 2]
-        groups = {f"plane {plane}": np.flatnonzero(planes == plane) for plane in np.unique(planes)}
-        return gather_isi(dataset, dataset.train, groups, self.bins)
+        trial = trial_of(results, self.trial)
+        dataset = results.dataset(trial)
+        groups = self.groups(dataset.positions[:, 2], results.sections(trial).get("encoder") or {})
+        chosen = chosen_classes(dataset.classes, self.classes)
+        return _of_classes(gather_isi(dataset, dataset.train, groups, self.bins), chosen)
+
+    @staticmethod
+    def groups(planes: Ints, encoder: Mapping[str, Any]) -> dict[str, Ints]:
+        """Return the channels of each panel.
+
+        Args:
+            planes: (channel,) of `Dataset.positions`.
+            encoder: section of the trial; empty where spikes were recorded.
+        """
+        return channel_groups(planes, encoder)
 
     def draw(self, record: Intervals) -> plotly.graph_objects.Figure:
         return draw_isi(record)
@@ -84,7 +98,17 @@ class IntervalsFigure:
 @register("figures", "intervals_by_sample")
 @dataclass(frozen=True)
 class SampleIntervalsFigure(IntervalsFigure):
-    """Intervals between spikes, one dot per sample: mean and coefficient of variation."""
+    """Intervals between spikes, one dot per sample: mean and standard deviation."""
+
+    @staticmethod
+    def groups(planes: Ints, encoder: Mapping[str, Any]) -> dict[str, Ints]:
+        """Return the channels of each panel: those of rising and falling receptors share one."""
+        groups = channel_groups(planes, encoder)
+        merged: dict[str, Ints] = {}
+        for name, channels in groups.items():
+            short = "FA" if name in (FA_RISING, FA_FALLING) else name
+            merged[short] = np.sort(np.concatenate([merged.get(short, channels[:0]), channels]))
+        return merged
 
     def draw(self, record: Intervals) -> plotly.graph_objects.Figure:
         return draw_isi_samples(record)
@@ -97,13 +121,39 @@ class DistancesFigure:
 
     trial: int | None = trial_key()
     every_ms: float = param(20.0, doc="time between looks", unit="ms", low=0, low_open=True, axis=False)
+    bin_ms: float = param(100.0, doc="counting window T_w", unit="ms", low=0, low_open=True, axis=False)
+    bins: int = param(10, doc="counting windows n_d of a pattern", low=1, axis=False)
 
     def gather(self, results: Results) -> Distances:
         dataset = results.dataset(trial_of(results, self.trial))
-        return gather_distances(dataset, dataset.train, self.every_ms)
+        return gather_distances(dataset, dataset.train, self.every_ms, self.bin_ms, self.bins)
 
     def draw(self, record: Distances) -> plotly.graph_objects.Figure:
         return draw_distances(record)
+
+
+def _of_classes(intervals: Intervals, chosen: Sequence[int]) -> Intervals:
+    """Return the intervals of some classes, which are numbered anew."""
+    number = np.full(len(intervals.classes), -1)
+    number[list(chosen)] = np.arange(len(chosen))
+    target = number[intervals.target]
+    return replace(
+        intervals,
+        classes=tuple(intervals.classes[c] for c in chosen),
+        counts=intervals.counts[:, chosen],
+        beyond=intervals.beyond[:, chosen],
+        mean_ms=intervals.mean_ms[:, target >= 0],
+        sd_ms=intervals.sd_ms[:, target >= 0],
+        target=target[target >= 0],
+    )
+
+
+def channel_groups(planes: Ints, encoder: Mapping[str, Any]) -> dict[str, Ints]:
+    """Return the channels of each kind: kinds of receptors by their names, others by their planes."""
+    if encoder.get("kind") != "receptors":
+        return {f"plane {plane}": np.flatnonzero(planes == plane) for plane in np.unique(planes).tolist()}
+    kinds = KINDS if encoder.get("sa", True) else KINDS[1:]
+    return {name: np.flatnonzero(planes % len(kinds) == kind) for kind, name in enumerate(kinds)}
 
 
 def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_bins: int = 40) -> Intervals:
@@ -125,7 +175,7 @@ def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_
     if not groups:
         raise ValueError("groups must name at least one group of channels, got none")
     shape = len(groups), len(samples)
-    mean_ms, cv = np.full(shape, np.nan), np.full(shape, np.nan)
+    mean_ms, sd_ms = np.full(shape, np.nan), np.full(shape, np.nan)
     counts = np.zeros((len(groups), len(dataset.classes), n_bins), np.int64)
     beyond = np.zeros(counts.shape[:2], np.int64)
     for k, (i, step, channel) in enumerate(_windows(dataset, samples)):
@@ -139,49 +189,72 @@ def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_
             if not of_group.size:
                 continue
             mean_ms[g, k] = of_group.mean() * step_ms
-            cv[g, k] = of_group.std() / of_group.mean()
+            sd_ms[g, k] = of_group.std() * step_ms
             label = dataset.target[i]
             binned = np.bincount(of_group - 1, minlength=n_bins)
             counts[g, label] += binned[:n_bins]
             beyond[g, label] += binned[n_bins:].sum()
     return Intervals(
         tuple(groups), dataset.classes, (np.arange(n_bins + 1) + 0.5) * step_ms,
-        counts, beyond, mean_ms, cv, np.asarray(dataset.target[samples]),
+        counts, beyond, mean_ms, sd_ms, np.asarray(dataset.target[samples]),
     )  # fmt: skip
 
 
-def gather_distances(dataset: Dataset, samples: Array, every_ms: float) -> Distances:
+def gather_distances(
+    dataset: Dataset, samples: Array, every_ms: float, bin_ms: float = 100.0, bins: int = 10
+) -> Distances:
     """Gather how far classes lie apart over time; work and memory grow with the square of the samples.
+
+    A pattern holds the spikes of every channel in each of the last counting windows, as a time-delayed
+    classifier receives them; windows before the start are empty.
 
     Args:
         dataset: spikes and windows.
         samples: (n,) sample numbers.
         every_ms: time between looks, rounded to steps, at least one; the last is at the end of the window.
+        bin_ms: counting window T_w, rounded in the same way.
+        bins: counting windows n_d of a pattern.
 
     Raises:
         ValueError: fewer than two samples.
     """
     if len(samples) < 2:
         raise ValueError(f"samples must be at least 2, got {len(samples)}")
-    width = max(1, round(every_ms / dataset.spikes.step_ms))
-    ends = np.arange(dataset.n_steps, 0, -width)[::-1]
-    m = dataset.spikes.n_channels
-    counts = np.zeros((len(ends), len(samples), m))
-    for k, (_, step, channel) in enumerate(_windows(dataset, samples)):
-        look = np.searchsorted(ends, step, side="right")
-        counts[:, k] = np.bincount(look * m + channel, minlength=len(ends) * m).reshape(-1, m)
-    counts = counts.cumsum(axis=0)
+    step_ms = dataset.spikes.step_ms
+    every, width = (max(1, round(ms / step_ms)) for ms in (every_ms, bin_ms))
+    ends = np.arange(dataset.n_steps, 0, -every)[::-1]
+    trains = [(step, channel) for _, step, channel in _windows(dataset, samples)]
     target = dataset.target[samples]
     first, second = np.triu_indices(len(samples), 1)
     same = target[first] == target[second]
     within, between = np.full((2, len(ends)), np.nan)
-    for k, x in enumerate(counts):
-        square = (x**2).sum(axis=1)
-        gap = np.maximum(square[:, None] + square - 2 * x @ x.T, 0.0)[first, second] ** 0.5
+    squares: dict[int, Array] = {}  # of the counting window that ends at a step, (pair,)
+    for k, end in enumerate(ends.tolist()):
+        of_pattern = [last for last in range(end, max(0, end - bins * width), -width)]
+        squares = {last: square for last, square in squares.items() if last > end - bins * width}
+        for last in of_pattern:
+            if last not in squares:
+                counts = _counts(trains, max(0, last - width), last, dataset.spikes.n_channels)
+                squares[last] = _square_distances(counts)[first, second]
+        gap = np.sum([squares[last] for last in of_pattern], axis=0) ** 0.5
         within[k] = gap[same].mean() if same.any() else np.nan
         between[k] = gap[~same].mean() if not same.all() else np.nan
     ratio = np.divide(between, within, out=np.full(len(ends), np.nan), where=within > 0)
-    return Distances(ends * dataset.spikes.step_ms, within, between, ratio)
+    return Distances(ends * step_ms, within, between, ratio)
+
+
+def _counts(trains: Sequence[tuple[Ints, Ints]], begin: int, end: int, n_channels: int) -> Floats:
+    """Return spikes of every sample and channel in the steps begin .. end - 1, (sample, channel)."""
+    counts = np.zeros((len(trains), n_channels))
+    for row, (step, channel) in zip(counts, trains, strict=True):
+        low, high = np.searchsorted(step, [begin, end])
+        row += np.bincount(channel[low:high], minlength=n_channels)
+    return counts
+
+
+def _square_distances(x: Floats) -> Floats:
+    square = (x**2).sum(axis=1)
+    return np.asarray(np.maximum(square[:, None] + square - 2 * x @ x.T, 0.0))
 
 
 def _windows(dataset: Dataset, samples: Array) -> Iterator[tuple[int, Array, Array]]:
@@ -199,7 +272,10 @@ def draw_isi(intervals: Intervals) -> plotly.graph_objects.Figure:
     from plotly.subplots import make_subplots
 
     figure = make_subplots(
-        rows=1, cols=len(intervals.groups), subplot_titles=[_safe(name) for name in intervals.groups]
+        rows=1,
+        cols=len(intervals.groups),
+        subplot_titles=[_safe(name) for name in intervals.groups],
+        shared_yaxes=True,
     )
     middle = (intervals.edges_ms[1:] + intervals.edges_ms[:-1]) / 2
     total = intervals.counts.sum(axis=2) + intervals.beyond
@@ -221,11 +297,11 @@ def draw_isi(intervals: Intervals) -> plotly.graph_objects.Figure:
     # The shortest interval is most of them; the others would lie on the axis.
     figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     figure.update_yaxes(title={"text": "fraction of intervals"}, col=1)
-    return figure
+    return _with_room(figure, len(intervals.classes))
 
 
 def draw_isi_samples(intervals: Intervals) -> plotly.graph_objects.Figure:
-    """Draw every sample by mean and variation of its intervals, a panel per group and a colour per class."""
+    """Draw every sample by mean and deviation of its intervals, a panel per group and a colour per class."""
     from plotly.subplots import make_subplots
 
     figure = make_subplots(
@@ -236,7 +312,7 @@ def draw_isi_samples(intervals: Intervals) -> plotly.graph_objects.Figure:
             mine = intervals.target == c
             figure.add_scatter(
                 x=intervals.mean_ms[g, mine],
-                y=intervals.cv[g, mine],
+                y=intervals.sd_ms[g, mine],
                 name=_safe(name),
                 legendgroup=str(c),
                 showlegend=g == 0,
@@ -250,8 +326,8 @@ def draw_isi_samples(intervals: Intervals) -> plotly.graph_objects.Figure:
                 col=g + 1,
             )
     figure.update_xaxes(title={"text": "mean interval (ms)"})
-    figure.update_yaxes(title={"text": "coefficient of variation"}, col=1)
-    return figure
+    figure.update_yaxes(title={"text": "standard deviation (ms)"}, col=1)
+    return _with_room(figure, len(intervals.classes))
 
 
 def draw_distances(distances: Distances) -> plotly.graph_objects.Figure:
@@ -270,7 +346,7 @@ def draw_distances(distances: Distances) -> plotly.graph_objects.Figure:
     )  # fmt: skip
     figure.update_layout(
         xaxis={"title": {"text": "time since the start (ms)"}},
-        yaxis={"title": {"text": "distance of spike counts"}, "rangemode": "tozero"},
+        yaxis={"title": {"text": "distance of binned patterns (spikes)"}, "rangemode": "tozero"},
         yaxis2={
             "title": {"text": "ratio"},
             "overlaying": "y",
@@ -282,6 +358,12 @@ def draw_distances(distances: Distances) -> plotly.graph_objects.Figure:
         legend={"orientation": "h", "y": 1.08},  # the right side is the second axis's
     )
     return figure
+
+
+def _with_room(figure: plotly.graph_objects.Figure, n_classes: int) -> plotly.graph_objects.Figure:
+    """Return a figure that is high enough for the names of all its classes."""
+    figure.update_annotations(font_size=12)
+    return figure.update_layout(height=max(_HEIGHT_PX, _MARGIN_PX + _NAME_PX * n_classes))
 
 
 def _color(c: int) -> str:

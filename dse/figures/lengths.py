@@ -1,4 +1,7 @@
-"""Sample length: nets trained on samples of each length, beside one net that is read out early."""
+"""Sample length: nets trained on samples of each length, beside one net that is read out early.
+
+Source: Brayshaw et al., real-time texture classification, Fig. 4 (REFERENCES.md).
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
 
 LENGTH = "window.n_steps"
 QUANTITIES = ("accuracy", "t_p_ms", "t_h_ms")
+ON_TEST = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_test_ms"}
+"""Columns of the same quantities on the test set, at the settings that validation chose."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +32,18 @@ class Lengths:
     """Accuracy and decision times over sample length; NaN where there is none.
 
     trained_ms: (k,) rising lengths that nets were trained on. trial: (k,) the best net of each.
-    trained: quantity -> (k,). accuracy_se: (k,) of the accuracy of the trained nets.
-    early_ms: (m,) rising lengths after which one net was read out. early: quantity -> (m,).
+    trained: quantity -> (k,). low, high: quantity -> (k,) distance to the ends of its range: one standard
+        error of the accuracy, the least and the largest of the runs of a time; 0 where none is known.
+    on_test: whether `trained` is of the test set; it is of the validation set where the study has no other.
+    early_ms: (m,) rising lengths after which one net was read out. early: quantity -> (m,), validation set.
     """
 
     trained_ms: Array
     trial: Array
     trained: Mapping[str, Array]
-    accuracy_se: Array
+    low: Mapping[str, Array]
+    high: Mapping[str, Array]
+    on_test: bool
     early_ms: Array
     early: Mapping[str, Array]
 
@@ -76,18 +85,33 @@ def gather_lengths(trials: pandas.DataFrame, read_outs: Sequence[Mapping[str, Ar
     if not read_outs:
         raise ValueError("read_outs must hold at least one run, got none")
     best = _best(trials)
+    on_test = bool(np.isfinite(numbers(best, ON_TEST["t_p_ms"])).any())
+    columns = {name: ON_TEST[name] if on_test else name for name in QUANTITIES}
+    ranges = {name: _range(best, column) for name, column in columns.items()}
     early_ms = np.asarray(read_outs[0]["decision_latency_ms"], dtype=np.float64)
     nothing = np.full(len(early_ms), np.nan)
     return Lengths(
         trained_ms=numbers(best, "decision_latency_ms"),
         trial=best["trial"].to_numpy(),
-        trained={name: numbers(best, name) for name in QUANTITIES},
-        accuracy_se=interval(best, "accuracy")[0],
+        trained={name: numbers(best, column) for name, column in columns.items()},
+        low={name: low for name, (low, _) in ranges.items()},
+        high={name: high for name, (_, high) in ranges.items()},
+        on_test=on_test,
         early_ms=early_ms,
         early={
             name: np.mean([np.asarray(run.get(name, nothing), np.float64) for run in read_outs], axis=0)
             for name in QUANTITIES
         },
+    )
+
+
+def _range(best: pandas.DataFrame, column: str) -> tuple[Array, Array]:
+    """Return how far the range of a column over the runs reaches below and above its mean, else its error."""
+    value, least, most = (numbers(best, f"{column}{end}") for end in ("", "_min", "_max"))
+    below, above = interval(best, column)
+    return (
+        np.where(np.isfinite(least), value - least, below),
+        np.where(np.isfinite(most), most - value, above),
     )
 
 
@@ -97,14 +121,17 @@ def draw_lengths(lengths: Lengths) -> plotly.graph_objects.Figure:
     from plotly.subplots import make_subplots
 
     figure = make_subplots(rows=1, cols=len(QUANTITIES), subplot_titles=[axis_title(x) for x in QUANTITIES])
+    figure.update_annotations(font_size=12)
+    of_set = "test" if lengths.on_test else "validation"
     sources = (
-        ("trained per length", lengths.trained_ms, lengths.trained, "solid"),
-        ("one network, read out early", lengths.early_ms, lengths.early, "dash"),
+        (f"trained per length, {of_set} set", lengths.trained_ms, lengths.trained, "solid"),
+        ("one network, read out early, validation set", lengths.early_ms, lengths.early, "dash"),
     )
     for column, quantity in enumerate(QUANTITIES, 1):
         for index, (name, times, values, dash) in enumerate(sources):
             colour = OKABE_ITO_LIGHT[index]
-            bars = {"array": lengths.accuracy_se, "thickness": 1}
+            low, high = lengths.low[quantity], lengths.high[quantity]
+            bars = {"array": high, "arrayminus": low, "symmetric": False, "thickness": 1, "width": 3}
             figure.add_trace(
                 go.Scatter(
                     x=times,
@@ -114,13 +141,20 @@ def draw_lengths(lengths: Lengths) -> plotly.graph_objects.Figure:
                     legendgroup=name,
                     showlegend=column == 1,
                     line={"color": colour, "dash": dash, "width": 1.5},
-                    error_y=bars if quantity == "accuracy" and values is lengths.trained else None,
+                    marker={"size": 5},
+                    error_y=bars if values is lengths.trained and (low.any() or high.any()) else None,
                     hovertemplate="%{x:.4g} ms: %{y:.3g}<extra></extra>",
                 ),
                 row=1,
                 col=column,
             )
-        figure.update_xaxes(title_text="sample length (ms)", row=1, col=column)
+        figure.update_xaxes(title_text="sample length (ms)", rangemode="tozero", row=1, col=column)
+        figure.update_yaxes(rangemode="tozero", row=1, col=column)
+    figure.update_layout(
+        height=340,
+        margin={"t": 64, "l": 48, "r": 16},
+        legend={"orientation": "h", "x": 0, "y": 1.12, "yanchor": "bottom"},
+    )
     return figure
 
 

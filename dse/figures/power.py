@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, trial_of
+from dse.figures import Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, short
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import register
 
 if TYPE_CHECKING:
     import pandas
@@ -46,7 +46,7 @@ class Power:
 class PowerFigure:
     """Power of a trial on every hardware profile of the study: at rest, and beyond it while it runs."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Power:
         points = results.points()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, trial_of
+from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.figures.panels import chosen_classes, class_panels, task_labels
 from dse.records import Array, Dataset
@@ -41,7 +41,7 @@ class Psth:
 class PsthFigure:
     """Spike rate of all input channels over time, mean over the recordings of each class."""
 
-    trial: int | None = param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    trial: int | None = trial_key()
     bin_ms: float = param(10.0, doc="width of a window of time", unit="ms", low=0, low_open=True, axis=False)
     classes: tuple[str, ...] = param((), doc="classes that have a panel (default: all)", axis=False)
     task: str = param("", doc="head of a joint target (default: the first)", axis=False)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, on_one_chip, with_value
+from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
 from dse.registry import param, register
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _SYMBOLS = ("circle", "x", "square", "triangle-up")
-_PANEL_PX, _MARGIN_PX = 190, 110
+_PANEL_PX, _NAME_PX, _MARGIN_PX = 180, 21, 100
 
 
 @dataclass(frozen=True)
 class Line:
-    """The best design at every value of the parameter, for one family and task.
+    """The best design at every value of the parameter, for one family and task (and value of `by`).
 
     x: (k,) values of the parameter, rising. trial: (k,) the design of each.
     values: column -> (k,), NaN where there is none.
@@ -64,47 +64,54 @@ class SweepFigure:
     columns: tuple[str, ...] = param(("accuracy",), doc="columns of numbers, a panel each", axis=False)
     family: str = param("", doc="family of classifiers (default: a line for each)", axis=False)
     task: str = param("", doc="what is predicted (default: a line for each)", axis=False)
-    hardware: str = param(
-        "", doc="hardware profile of the costs (default: the first of the study)", axis=False
-    )
+    by: str = param("", doc="another column whose values have a line each", axis=False)
+    hardware: str = hardware_key()
 
     def gather(self, results: Results) -> Sweep:
         points = full_read_outs(on_one_chip(results.points(), self.hardware))
         for column, name in (("family", self.family), ("task", self.task)):
             points = with_value(points, column, name)
-        return gather_sweep(points, self.x, self.columns)
+        return gather_sweep(points, self.x, self.columns, self.by)
 
     def draw(self, record: Sweep) -> plotly.graph_objects.Figure:
         return draw_sweep(record)
 
 
-def gather_sweep(points: pandas.DataFrame, x: str, columns: Sequence[str]) -> Sweep:
+def gather_sweep(points: pandas.DataFrame, x: str, columns: Sequence[str], by: str = "") -> Sweep:
     """Gather, for every family and task and every value of a parameter, the design best in the first column.
 
     Args:
         points: full read-outs on one hardware.
         x: column of the parameter.
         columns: at least one; of the first, the largest number is best, and the first trial of several.
+        by: column that separates lines beside family and task; '': none.
 
     Raises:
         ValueError: a column is not in the table or listed twice, or no row has numbers of x and of the first.
     """
     if not columns or len({x, *columns}) <= len(columns):
         raise ValueError(f"columns must be one or more, none twice and none the x '{x}', got {list(columns)}")
-    if unknown := [name for name in (x, *columns) if name not in points.columns]:
+    if unknown := [name for name in (x, *columns, *([by] if by else [])) if name not in points.columns]:
         raise ValueError(f"columns must be in the table, got {unknown}")
     known = np.isfinite(numbers(points, x)) & np.isfinite(numbers(points, columns[0]))
     rows = points[known].assign(_x=numbers(points, x)[known], _first=-numbers(points, columns[0])[known])
     if rows.empty:
         raise ValueError(f"a row must have numbers of {x} and {columns[0]}, got none")
     groups = [name for name in ("family", "task") if name in rows and rows[name].nunique() > 1]
-    each = rows.groupby(groups, sort=False) if groups else [((), rows)]
+    groups += [by] if by else []
+    each = rows.groupby(groups) if groups else [((), rows)]
     return Sweep(
         x=x,
         columns=tuple(columns),
-        lines=tuple(_line(" ".join(map(str, name)), of_line, columns) for name, of_line in each),
+        lines=tuple(_line(_name(name, by), of_line, columns) for name, of_line in each),
         n_left_out=int((~known).sum()),
     )
+
+
+def _name(values: Sequence[object], by: str) -> str:
+    """Return the name of a line: its values in words; that of `by`, the last, with its column."""
+    words = [short(value) for value in values]
+    return " ".join([*words[:-1], f"{by} {words[-1]}"] if by else words)
 
 
 def _line(name: str, rows: pandas.DataFrame, columns: Sequence[str]) -> Line:
@@ -148,5 +155,5 @@ def draw_sweep(sweep: Sweep) -> plotly.graph_objects.Figure:
             )
         figure.update_yaxes(title_text=axis_title(column), row=row, col=1)
     figure.update_xaxes(title_text=axis_title(sweep.x), row=n, col=1)
-    figure.update_layout(height=max(2, n) * _PANEL_PX + _MARGIN_PX)
+    figure.update_layout(height=max(_PANEL_PX * max(2, n), _NAME_PX * len(sweep.lines)) + _MARGIN_PX)
     return figure

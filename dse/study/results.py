@@ -95,6 +95,14 @@ class Study:
         """
         return load_records(self.folder, trial)[0].classes
 
+    def sections(self, trial: int) -> dict[str, Any]:
+        """Return the sections of a trial's design as plain data, with what was fitted to recordings.
+
+        Raises:
+            StoreError: as in `runs`.
+        """
+        return dict(load_records(self.folder, trial)[0].sections)
+
     def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
         """Return the arrays of a file of a trial's artefacts, such as read_out.npz, of each run that has it.
 

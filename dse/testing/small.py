@@ -180,6 +180,10 @@ class SmallStudy:
         """Return the names of the classes."""
         return self._data.classes
 
+    def sections(self, trial: int) -> dict[str, object]:
+        """Return no sections: nothing was read from a file."""
+        return {}
+
     def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
         """Return what a file of a trial's artefacts holds."""
         outcome, measured = self._runs[trial]

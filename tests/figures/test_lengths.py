@@ -35,7 +35,9 @@ def test_the_best_trial_of_every_length_beside_the_mean_of_the_read_outs(trials)
     found = gather_lengths(trials, runs)
     assert longest(trials) == 2
     assert found.trial.tolist() == [1, 2] and found.trained_ms.tolist() == [100, 500]
-    assert found.trained["accuracy"].tolist() == [0.6, 0.9] and found.accuracy_se.tolist() == [0.02, 0.03]
+    assert found.trained["accuracy"].tolist() == [0.6, 0.9] and not found.on_test
+    assert found.low["accuracy"].tolist() == found.high["accuracy"].tolist() == [0.02, 0.03]
+    assert not found.low["t_p_ms"].any()
     assert found.trained["t_p_ms"].tolist() == [90, 250]
     assert np.isnan(found.trained["t_h_ms"][0]) and found.trained["t_h_ms"][1] == 90
     assert found.early_ms.tolist() == [250, 500]
@@ -53,11 +55,26 @@ def test_drawing_has_a_panel_for_each_quantity(trials):
     assert [note.text for note in figure.layout.annotations] == ["accuracy", "t_p (ms)", "t_h (ms)"]
     traces = [(trace.name, list(trace.x), list(trace.y)) for trace in figure.data[:2]]
     assert traces == [
-        ("trained per length", [100, 500], [0.6, 0.9]),
-        ("one network, read out early", [250, 500], [0.4, 0.8]),
+        ("trained per length, validation set", [100, 500], [0.6, 0.9]),
+        ("one network, read out early, validation set", [250, 500], [0.4, 0.8]),
     ]
     assert [trace.error_y.array is not None for trace in figure.data] == [True] + [False] * 5
     assert [trace.showlegend for trace in figure.data] == [True, True] + [False] * 4
+
+
+def test_times_of_the_test_set_with_their_range_over_the_runs(trials):
+    tested = trials.assign(
+        accuracy_test=[0.7, 0.5, 0.85, 0.5, np.nan],
+        t_p_test_ms=[310.0, 95.0, 260.0, 85.0, np.nan],
+        t_p_test_ms_min=[300.0, 90.0, 200.0, 80.0, np.nan],
+        t_p_test_ms_max=[320.0, 99.0, 300.0, 90.0, np.nan],
+    )
+    found = gather_lengths(tested, [read_out([0.4, 0.8], [1, 2])])
+    assert found.on_test and found.trained["accuracy"].tolist() == [0.5, 0.85]
+    assert found.trained["t_p_ms"].tolist() == [95, 260]
+    assert found.low["t_p_ms"].tolist() == [5, 60] and found.high["t_p_ms"].tolist() == [4, 40]
+    assert np.isnan(found.trained["t_h_ms"]).all()
+    assert draw_lengths(found).data[0].name == "trained per length, test set"
 
 
 def test_nothing_to_show(trials):

@@ -21,7 +21,7 @@ def points() -> pd.DataFrame:
 
 def test_the_best_design_at_every_value():
     found = gather_sweep(points(), "window_ms", ["accuracy", "itr_bits_per_s"])
-    elm, knn = found.lines
+    knn, elm = found.lines
     assert (elm.name, elm.x.tolist()) == ("elm", [50, 200])
     assert elm.trial.tolist() == [1, 2], "the first of equal ones"
     assert elm.values["accuracy"].tolist() == [0.5, 0.8]
@@ -33,10 +33,17 @@ def test_the_best_design_at_every_value():
 
 def test_a_panel_per_column():
     figure = draw_sweep(gather_sweep(points(), "window_ms", ["accuracy", "itr_bits_per_s"]))
-    assert [trace.name for trace in figure.data] == ["elm", "&lt;knn&gt;"] * 2
+    assert [trace.name for trace in figure.data] == ["&lt;knn&gt;", "elm"] * 2
     assert (figure.layout.yaxis.title.text, figure.layout.yaxis2.title.text) == ("accuracy", "itr (bit/s)")
     assert figure.layout.xaxis2.title.text == "window (ms)"
     assert [trace.showlegend for trace in figure.data] == [True, True, False, False]
+
+
+def test_a_line_per_value_of_another_column():
+    frame = points().assign(gain=[1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
+    found = gather_sweep(frame, "window_ms", ["accuracy"], "gain")
+    assert [line.name for line in found.lines] == ["<knn> gain 2", "elm gain 1", "elm gain 2"]
+    assert [line.trial.tolist() for line in found.lines] == [[4], [1, 0], [2]]
 
 
 def test_one_line_needs_no_legend():
