@@ -63,11 +63,12 @@ def _users_mistakes() -> tuple[type[Exception], ...]:
     from dse.dashboard.views import ViewError
     from dse.deploy.bundle import BundleError
     from dse.recordings import RecordingError
+    from dse.report.compare import SetupError
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.table import TableError
     from dse.store import StoreError
 
-    return ExpressionError, BundleError, RecordingError, TableError, StoreError, ViewError
+    return ExpressionError, BundleError, RecordingError, SetupError, TableError, StoreError, ViewError
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -77,6 +77,16 @@ class StudyTask:
         run = record(self.study.folder, trial)
         return list(run["heads"][self.task]["classes"] if self.joint else run["classes"])
 
+    def columns(self, trial: int) -> list[Mapping[str, Any]]:
+        """Return the columns of every run of a design for this task, on its first hardware profile."""
+        several: list[Mapping[str, Any]] = []
+        for path in self._runs(trial):
+            run = store.read_json(path / "record.json")
+            numbers = run["of_heads"][self.task] if self.joint else run
+            chips = list(numbers.get("hardware", {}).values())
+            several.append({**numbers.get("columns", {}), **(chips[0] if chips else {})})
+        return several
+
     def arrays(self, trial: int, kind: str) -> list[dict[str, Array]]:
         """Return an artefact such as 'read_out' or 'confusion' of every run of a design for this task.
 
@@ -84,8 +94,10 @@ class StudyTask:
             StoreError: it is missing or damaged.
         """
         name = f"{kind}_{self.task}.npz" if self.joint else f"{kind}.npz"
-        runs = sorted(store.run_folder(self.study.folder, trial, 0).parent.glob("repeat_*"))
-        return [store.load_arrays(run / name) for run in runs]
+        return [store.load_arrays(path / name) for path in self._runs(trial)]
+
+    def _runs(self, trial: int) -> list[Path]:
+        return sorted(store.run_folder(self.study.folder, trial, 0).parent.glob("repeat_*"))
 
 
 def tasks_of(study: Study) -> list[StudyTask]:

@@ -26,11 +26,13 @@ class Entry:
     """One quantity of a paper: a number, or numbers by conditions, a level of mappings per key of `by`."""
 
     quantity: str = param(doc="what it is, in words")
-    where: str = param(doc="where it is printed")
+    where: str = param(doc="where it is printed first")
     value: Any = param(doc="a number, a range, or a mapping from a condition to these")  # noqa: RUF009
     unit: str = param("", doc="unit")
+    also: str = param("", doc="where else it is printed, and what contradicts it")
     by: Mapping[str, str] = field(default_factory=dict)
     reads: str = param("", doc="the fact of a study that stands beside it")
+    lacks: str = param("", doc="why no fact of a study stands beside it")
     scale: bool = param(False, doc="whether it says how large the study is")
 
 
@@ -100,8 +102,8 @@ class Publication:
         return dict(value)
 
     def number(self, key: str, *conditions: str) -> float:
-        """Return one number of a result, or of the set-up."""
-        value = (self.results.get(key) or self.setup[key]).value
+        """Return one number of a result, of the set-up, or that the paper quotes."""
+        value = {**self.cited, **self.setup, **self.results}[key].value
         for condition in conditions:
             value = value[condition]
         return float(value)

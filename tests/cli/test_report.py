@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -70,6 +71,28 @@ def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
         assert told.err == f"--system must be letters among A, B, C, D, E, F, G, e.g. DE, got '{wrong}'\n"
         assert told.out == ""
     assert main(["report", str(results), "--system", "C", "--json"]) == 1, "nothing to show"
+
+
+def test_a_paper_by_number_or_name(results: Path, tmp_path: Path, capsys: Captured) -> None:
+    write(results / "elm", [{"accuracy": 0.8, "family": "elm", "macs": 4.0}])
+    assert main(["report", str(results), "--paper", "elm_receptors", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    accuracy, *_ = found["rows"]
+    assert (accuracy["printed"], accuracy["ours_value"], accuracy["study"]) == ("0.92", 0.8, "elm")
+    assert (
+        "nets: is of another set-up than paper 004 (elm_receptors): its models are snn, not elm"
+        in found["notes"]
+    )
+    assert main(["report", str(results), "--paper", "004", "--format", "csv"]) == 0
+    assert len(pd.read_csv(io.StringIO(capsys.readouterr().out))) == len(found["rows"])
+    for paper, line in (
+        ("003", "nets: is of another set-up than paper 003 (threshold_encoding): its models are snn"),
+        ("7", "--paper must be one of 000 (realtime_texture), 001 ("),
+    ):
+        assert main(["report", str(results / "nets"), "--paper", paper]) == 2
+        told = capsys.readouterr()
+        assert told.out == "" and told.err.startswith(line) and told.err.count("\n") == 1
+    assert main(["report", str(results), "--paper", "004", "--system", "A"]) == 2
 
 
 def test_a_study_named_twice_counts_once(results: Path, capsys: Captured) -> None:

@@ -84,11 +84,12 @@ def write(
             "transductive": "windows of a recording are on both sides" if row["transductive"] else "",
             **of_record,
         }
+        n_classes = len(record["classes"])
         for repeat, accuracy in enumerate(accuracies):
             store.save_run(
                 store.run_folder(folder, trial, repeat),
                 {**record, "repeat": repeat, "status": "finished"},
-                {name: _writer(x) for name, x in _arrays(float(accuracy), design).items()},
+                {name: _writer(x) for name, x in _arrays(float(accuracy), design, n_classes).items()},
             )
     trials = pd.DataFrame({"trial": range(len(designs) + failed)})
     trials["status"] = ["finished"] * len(designs) + ["failed"] * failed
@@ -98,7 +99,7 @@ def write(
     return results.open(folder)
 
 
-def _arrays(accuracy: float, design: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def _arrays(accuracy: float, design: Mapping[str, Any], n_classes: int) -> dict[str, dict[str, Any]]:
     read_out = {
         "decision_latency_ms": LENGTHS_MS,
         "accuracy": np.array([accuracy / 2, accuracy, accuracy]),
@@ -110,10 +111,18 @@ def _arrays(accuracy: float, design: Mapping[str, Any]) -> dict[str, dict[str, A
         read_out["accuracy_best"] = np.array([0.6, 0.7, 0.97])
         read_out |= {name: np.array([5.0, 6.0, 7.0]) for name in ("phi_p", "theta_p", "phi_h", "theta_h")}
     matrix = np.array([[4, 1, 0], [1, 3, 1], [2, 0, 3]])
-    return {
-        "read_out.npz": read_out,
-        "confusion.npz": {"validation": matrix, "test": 2 * np.eye(3, dtype=int)},
-    }
+    if n_classes != len(matrix):
+        matrix = 3 * np.eye(n_classes, dtype=int) + np.eye(n_classes, k=1, dtype=int)
+    test = 2 * np.eye(3, dtype=int) if n_classes == 3 else matrix
+    arrays = {"read_out.npz": read_out, "confusion.npz": {"validation": matrix, "test": test}}
+    if "t_p_ms" in design:
+        surface = np.array([[0.7, 0.66, 0.3], [0.9, 0.6, 0.2]])
+        arrays["surface.npz"] = {
+            "phi": np.array([0, 4]),
+            "theta": np.array([0.3, 0.4, 0.5]),
+            "accuracy": surface,
+        }
+    return arrays
 
 
 def _writer(arrays: Mapping[str, Any]) -> Any:

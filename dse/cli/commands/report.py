@@ -17,6 +17,23 @@ _SHOWN = (
     *("system", "figure", "task", "published", "ours", "se", "low", "high", "test", "runs"),
     *("hardware", "family", "trial", "study"),
 )
+_PAPER = (
+    *(
+        "kind",
+        "where",
+        "quantity",
+        "condition",
+        "printed",
+        "ours",
+        "se",
+        "low",
+        "high",
+        "runs",
+        "same",
+        "why",
+    ),
+    *("causes", "study"),
+)
 _NOTHING = 1
 
 
@@ -29,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--system",
         metavar="LETTERS",
         help="print only the rows of these published systems, by their letters in the report, e.g. A or DE",
+    )
+    parser.add_argument(
+        "--paper",
+        metavar="PAPER",
+        help="print every number of one paper beside ours: 000 to 004, or a name such as texture_velocity; "
+        "the studies must be of the paper's set-up",
     )
     parser.add_argument(
         "--hardware",
@@ -45,10 +68,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.report import report
     from dse.report.papers import systems
 
+    studies = {study.folder.resolve(): study for text in arguments.results for study in _studies(Path(text))}
+    if arguments.paper is not None:
+        return _of_paper(list(studies.values()), arguments)
     known = systems()
     letters = _systems(arguments.system, list(known))
     chips = _chips(arguments.hardware)
-    studies = {study.folder.resolve(): study for text in arguments.results for study in _studies(Path(text))}
     gathered = report(list(studies.values()), chips)
     rows = [row for row in gathered.rows if letters is None or row.system in letters]
     used = {row.system for row in rows}
@@ -61,6 +86,31 @@ def answer(arguments: argparse.Namespace) -> Answer:
     # A terminal shows no empty columns, and no column for the name of the only study.
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     return Answer(columns, [*titles, *splits_of_rows, *gathered.notes], shown, "", code, True)
+
+
+def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:
+    """Return every number of a paper beside ours.
+
+    Raises:
+        ExpressionError: there is no such paper, or a system or profiles are named too.
+        SetupError: no study is of its set-up.
+    """
+    from dse.report import key_of, paper_report
+    from dse.report.papers import publications
+    from dse.skyline.constraints import ExpressionError
+
+    name = arguments.paper
+    if arguments.system is not None or arguments.hardware is not None:
+        raise ExpressionError("--paper must be without --system and --hardware, got more than one of them")
+    key = key_of(name)
+    if key is None:
+        papers = ", ".join(f"{number} ({paper.name})" for number, paper in publications().items())
+        raise ExpressionError(f"--paper must be one of {papers}, got '{name}'")
+    compared = paper_report(studies, key)
+    columns = [row.columns for row in compared.rows]
+    used = {name: {row[name] for row in columns} - {None, ""} for name in _PAPER}
+    shown = [name for name in _PAPER if len(used[name]) > (name == "study")]
+    return Answer(columns, compared.notes, shown, all_rows=True)
 
 
 def _systems(text: str | None, known: list[str]) -> set[str] | None:

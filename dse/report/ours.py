@@ -1,0 +1,124 @@
+"""Our values beside printed numbers: columns of a design on the test set, with their spread over runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.measure.objectives.accuracy import seeds_se, wilson_se
+from dse.records import Array
+from dse.report.designs import StudyTask, best, record
+from dse.report.facts import Facts, facts_of
+from dse.report.rows import number
+
+if TYPE_CHECKING:
+    import pandas
+
+VALIDATION = "on validation; none of the test set"
+
+
+@dataclass(frozen=True)
+class Ours:
+    """Our value beside a printed number.
+
+    se, low, high: standard error and range over the runs, which are folds or repeats, or the range of an
+    uncertain figure. runs: behind it. row: the design.
+    same: whether it is the same quantity. why: why it is not, or why there is none.
+    """
+
+    value: float | str | None = None
+    se: float | None = None
+    low: float | None = None
+    high: float | None = None
+    runs: int | None = None
+    row: pandas.Series[Any] | None = field(default=None, compare=False)
+    same: bool = True
+    why: str = ""
+
+
+def missing(why: str) -> Ours:
+    """Return that there is no value, and why."""
+    return Ours(why=why)
+
+
+@dataclass(frozen=True)
+class Side:
+    """The designs of a study for one task that stand beside a paper.
+
+    labels: condition -> its value for all of these designs, such as task -> texture.
+    families: kinds of models that the paper has.
+    """
+
+    part: StudyTask
+    labels: Mapping[str, str]
+    families: tuple[str, ...]
+
+    def designs(self, *families: str, transductive: bool = False) -> pandas.DataFrame:
+        """Return the designs of some families; none: of all that the paper has."""
+        return self.part.of(families or self.families, transductive=transductive)
+
+    @cached_property
+    def chosen(self) -> pandas.Series[Any] | None:
+        """The best design, which stands for the set-up; one that has seen labels if there is no other."""
+        honest = best(self.designs())
+        return best(self.designs(transductive=True)) if honest is None else honest
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What the best design was trained on, and how."""
+        return {} if self.chosen is None else facts_of(self.part, self.chosen)
+
+    @property
+    def n_test(self) -> int:
+        """Samples of the test set."""
+        row = self.chosen
+        counts = {} if row is None else record(self.part.study.folder, int(row["trial"])).get("samples", {})
+        return int(counts.get("test", 0))
+
+    def confusions(self, row: pandas.Series[Any]) -> tuple[list[Array], bool]:
+        """Return the confusion matrix of every run, and whether they are of the test set."""
+        runs = self.part.arrays(int(row["trial"]), "confusion")
+        on_test = all("test" in run for run in runs)
+        return [run["test" if on_test else "validation"] for run in runs], on_test
+
+
+Measure = Callable[[Side, Mapping[str, str]], Ours]
+"""(designs, conditions of the printed number) -> our value."""
+
+
+def of_column(side: Side, row: pandas.Series[Any] | None, columns: Mapping[str, str]) -> Ours:
+    """Return the first column that a design has, with its spread over runs.
+
+    Args:
+        side: the designs.
+        row: the design; None: there is none.
+        columns: name -> why it is another quantity, '' for the same; those of the test set first.
+    """
+    if row is None:
+        return missing("no such design")
+    for name, why in columns.items():
+        value = number(row.get(name))
+        if value is None:
+            continue
+        each = [x for run in side.part.columns(int(row["trial"])) if (x := number(run.get(name))) is not None]
+        ours = replace(over_runs(each, row), value=value, row=row, same=not why, why=why)
+        if name.startswith("accuracy") and len(each) < 2:
+            n = side.n_test if name.endswith("_test") else side.part.n_validation
+            ours = replace(ours, se=float(wilson_se(round(value * n), n)) if n else None)
+        return ours
+    return replace(missing(f"the study did not record {next(iter(columns))}"), row=row)
+
+
+def over_runs(values: Sequence[float], row: pandas.Series[Any] | None = None) -> Ours:
+    """Return the mean of a number over the runs of a design, its standard error and range."""
+    if not values:
+        return missing("no run has it")
+    several = np.asarray(values, dtype=np.float64)
+    if len(several) < 2:
+        return Ours(float(several[0]), runs=1, row=row)
+    se = float(seeds_se(several))
+    return Ours(float(several.mean()), se, float(several.min()), float(several.max()), len(several), row)
