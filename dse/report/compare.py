@@ -121,7 +121,8 @@ def paper_report(studies: Sequence[Study], key: str) -> PaperReport:
     rows.sort(key=lambda row: row.kind != "result")  # stable
     about = [f"paper {key}: {paper.title} ({paper.source}); its recordings {paper.recordings}", _HOW]
     scales = [f"{side.part.name}, {side.part.task}: {causes.scale(side)}" for side in sides]
-    return PaperReport(rows, [*about, *dict.fromkeys(scales), *causes.legend(), *others])
+    errors = [f"{side.part.name}, {side.part.task}: {text}" for side in sides if (text := side.confused())]
+    return PaperReport(rows, [*about, *dict.fromkeys(scales), *causes.legend(), *errors, *others])
 
 
 def _sides(

@@ -237,14 +237,14 @@ def _values(axis: object) -> list[Any]:
     """Return the ends of a range, the options of a choice, or the one value."""
     if isinstance(axis, Mapping):
         return list(axis.get("range") or axis.get("choice") or [])
-    return [] if axis is None else [axis]
+    return [] if axis is None else list(axis) if isinstance(axis, list | tuple) else [axis]
 
 
 def _step(axis: object, values: list[Any]) -> Fact:
     if isinstance(axis, Mapping) and "range" in axis:
         return axis.get("step")
     steps = {round(float(x), 9) for x in np.diff(sorted(values))}
-    return steps.pop() if len(steps) == 1 else None
+    return steps.pop() if len(steps) == 1 else "uneven" if steps else None
 
 
 def _scene(scene: Scene) -> Facts:

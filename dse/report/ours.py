@@ -85,6 +85,24 @@ class Side:
         on_test = all("test" in run for run in runs)
         return [run["test" if on_test else "validation"] for run in runs], on_test
 
+    def confused(self, n: int = 3) -> str:
+        """Return the classes of the best design that are most often taken for one other class."""
+        row = self.chosen
+        if row is None:
+            return ""
+        matrices, on_test = self.confusions(row)
+        matrix = np.sum(matrices, axis=0)
+        names, shares = (
+            self.part.classes(int(row["trial"])),
+            matrix / np.maximum(matrix.sum(axis=1), 1)[:, None],
+        )
+        np.fill_diagonal(shares, 0)
+        places = np.argsort(-shares, axis=None, kind="stable")[:n]
+        pairs = [divmod(int(place), len(names)) for place in places if shares.flat[place] > 0]
+        texts = [f"{names[i]} for {names[j]} ({shares[i, j]:.0%})" for i, j in pairs]
+        on = "test" if on_test else "validation"
+        return f"on {on}, most often taken for another: {', '.join(texts)}" if texts else ""
+
 
 Measure = Callable[[Side, Mapping[str, str]], Ours]
 """(designs, conditions of the printed number) -> our value."""

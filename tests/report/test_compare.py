@@ -116,6 +116,8 @@ def test_without_a_test_set_it_is_another_quantity(tmp_path: Path) -> None:
     assert constant.ours_value == pytest.approx(12 / 16)
     assert only(found, "profile 5 answered").why == "accelerating_42 as accelerating_50 or accelerating_60"
     assert only(found, "profile 5 answered").ours_value == pytest.approx(25)
+    [errors] = [note for note in found.notes if "most often taken for another" in note]
+    assert "on test, most often taken for another: accelerating_35 for accelerating_42 (25%)" in errors
 
 
 def test_a_length_stands_beside_the_same_length_alone(tmp_path: Path) -> None:

@@ -34,7 +34,11 @@ def _row(side: Side) -> tuple[pandas.Series[Any] | None, bool]:
 def _accuracy(side: Side, condition: Mapping[str, str]) -> Ours:
     row, as_printed = _row(side)
     ours = of_column(side, row, _ACCURACY)
-    return ours if as_printed or ours.value is None else replace(ours, same=False, why=_HONEST)
+    return (
+        ours
+        if as_printed or ours.value is None
+        else replace(ours, same=False, why="; ".join(filter(None, [_HONEST, ours.why])))
+    )
 
 
 def _recognition(side: Side, condition: Mapping[str, str]) -> Ours:
