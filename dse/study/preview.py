@@ -36,7 +36,8 @@ def preview(space: SearchSpace) -> dict[str, object]:
         "trained": n_trials,
         "runs": n_trials * space.search.repeats,
         "sampler": space.search.sampler,
-        "design_points": points if space.decision.phi_step is None else None,  # else only runs tell
+        # Where phi follows the outputs of each run, the number is not known before.
+        **({"design_points": points} if space.decision.phi_step is None else {}),
         "data": getattr(space.data, "scene", None),
     }
     size = 0
