@@ -348,7 +348,9 @@ def test_warnings_stay_with_the_study(tmp_path: Path, capsys: pytest.CaptureFixt
     for _ in range(2):
         found = explore.run(space, tmp_path / "results", jobs=1)
         level, border = found.warnings
-        assert level.startswith("resting level") and border.startswith("decision: the best setting of trial 0")
+        assert level.startswith("resting level") and border.startswith(
+            "decision: the best setting of trial 0"
+        )
     assert capsys.readouterr().err.count("warning: resting level") == 1
 
 
