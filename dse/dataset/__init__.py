@@ -16,6 +16,7 @@ from dse.dataset.assemble import (
 )
 from dse.dataset.files import load
 from dse.dataset.keys import dataset_key, same_spikes
+from dse.dataset.stages import stages
 
 __all__ = [
     "as_prepared",
@@ -27,6 +28,7 @@ __all__ = [
     "load_or_prepare",
     "prepare",
     "same_spikes",
+    "stages",
     "transductive",
     "warnings",
 ]

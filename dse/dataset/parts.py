@@ -69,6 +69,7 @@ class Part:
     positions: (n_channels, 3) int32 x, y and plane of every channel.
     rows: called with a number of threads; yields the spikes of every recording, in order.
     notes: called after that; what had to be repaired.
+    first: (n,) of events, the first bin that is stored; None of other recordings, which are read as a whole.
     """
 
     start: Ints
@@ -82,6 +83,7 @@ class Part:
     levels: Floats | None
     rows: Callable[[int], Iterator[Rows]]
     notes: Callable[[], list[str]] = list
+    first: Ints | None = None
 
     @property
     def n_channels(self) -> int:
@@ -273,7 +275,7 @@ def _of_events(
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
         _of_pools(pooling), pooling.bin_us / 1000, lengths, None, rows,
-        source.notes,
+        source.notes, low,
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from dse import registry
 from dse.hardware.profile import Profile
+from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
 from dse.registry import param
 
@@ -55,6 +56,9 @@ class Results(Protocol):
 
     def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
         """Return what a file of a trial's artefacts holds, such as read_out.npz, for each of its runs."""
+
+    def stages(self, trial: int, sample: int) -> Stages:
+        """Return an event recording at every stage of a trial's preprocessing; it is read again."""
 
     def dataset(self, trial: int) -> Dataset:
         """Return what a trial was trained on."""

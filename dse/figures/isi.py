@@ -166,7 +166,7 @@ def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_
         n_bins: of the histogram, from one step on.
 
     Raises:
-        ValueError: no group, or a channel that there is not.
+        ValueError: no group, a channel that there is not, or spikes with times of their own.
     """
     n_channels, step_ms = dataset.spikes.n_channels, dataset.spikes.step_ms
     for name, channels in groups.items():
@@ -174,6 +174,8 @@ def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_
             raise ValueError(f"channels of group '{name}' must be in 0..{n_channels - 1}, got {channels}")
     if not groups:
         raise ValueError("groups must name at least one group of channels, got none")
+    if dataset.spikes.t_us is not None:
+        raise ValueError("spikes must be at most one per channel and step, got every event (every_event)")
     shape = len(groups), len(samples)
     mean_ms, sd_ms = np.full(shape, np.nan), np.full(shape, np.nan)
     counts = np.zeros((len(groups), len(dataset.classes), n_bins), np.int64)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 IDLE, RUNNING = "power_idle_w", "power_w"
+_INTERVAL = "#59616B"
 
 
 @dataclass(frozen=True)
@@ -101,11 +102,20 @@ def draw_power(power: Power) -> plotly.graph_objects.Figure:
             y=watts,
             name=name,
             marker={"color": colour},
-            text=[f"{short(value)} W" for value in watts.tolist()],
-            hovertemplate=f"{name}: %{{text}}<extra></extra>",
+            hovertemplate=f"{name}: %{{y:.4g}} W<extra></extra>",
         )
     bars = {"type": "data", "symmetric": False, "array": power.high_w, "arrayminus": power.low_w}
-    figure.data[1].error_y = {**bars, "thickness": 1, "width": 4}
+    figure.data[1].error_y = {**bars, "thickness": 1, "width": 4, "color": _INTERVAL}
+    # Above the interval, because a part may be too small to hold its number.
+    ends_w = power.idle_w + power.beyond_w + power.high_w
+    for place, (idle_w, beyond_w) in enumerate(zip(power.idle_w, power.beyond_w, strict=True)):
+        figure.add_annotation(
+            x=place,
+            y=float(ends_w[place]),
+            text=f"{short(float(idle_w))} + {short(float(beyond_w))} W",
+            showarrow=False,
+            yanchor="bottom",
+        )
     figure.update_layout(
         barmode="stack",
         xaxis={"tickvals": places, "ticktext": names, "showgrid": False},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas
 
     from dse.hardware.profile import Profile
+    from dse.preprocessing.stages import Stages
     from dse.records import Array, Dataset
     from dse.skyline.front import Skyline
     from dse.skyline.goals import Goal
@@ -114,6 +115,24 @@ class Study:
             for record in load_records(self.folder, trial)
             if name in record.files
         ]
+
+    def stages(self, trial: int, sample: int) -> Stages:
+        """Return an event recording at every stage of the preprocessing of a trial's first run.
+
+        The recording is read again, from where its file is looked up, or simulated again.
+
+        Raises:
+            RecordingError: the recordings are not events, are not found, or have no such number.
+            StoreError: as in `dataset`, which has the length of windows that the search space leaves open.
+        """
+        from dse import dataset
+        from dse.config import Sections
+
+        sections = Sections.from_plain(self.sections(trial), str(self.folder))
+        if sections.window.n_steps is None:
+            window = replace(sections.window, n_steps=self.dataset(trial).n_steps)
+            sections = replace(sections, window=window)
+        return dataset.stages(sections, self.folder, sample)
 
     def dataset(self, trial: int) -> Dataset:
         """Return the data set of the first run of a trial, from the cache.

@@ -14,7 +14,8 @@ from dse.config.contracts import Generators
 from dse.hardware.profile import Profile, load
 from dse.measure.objectives import FullReadOut, Points, Priced
 from dse.measure.run import Measurement, measure, records_for_objectives
-from dse.records import Array, Dataset, Ints, Outcome, Signals, Spikes
+from dse.preprocessing.stages import Stages
+from dse.records import Array, Block, Dataset, Ints, Outcome, Signals, Spikes
 
 if TYPE_CHECKING:
     import pandas
@@ -198,6 +199,23 @@ class SmallStudy:
             "surface.npz": grid | measured.points | store.work_arrays(measured.points_load),
         }
         return [files[name]] if name in files else []
+
+    def stages(self, trial: int, sample: int) -> Stages:
+        """Return a recording of 20 events on a frame of 4 x 3 pixels, whose middle is pooled."""
+        t_us = np.arange(20) * 1000
+        events = Block(t_us, np.arange(20) % 4, np.arange(20) % 3, np.arange(20) % 2)
+        return Stages(
+            name="felt",
+            events=events,
+            frame=(4, 3),
+            crop=(1, 0, 2, 3),
+            counts=np.ones(10, np.int64),
+            channels=np.arange(10) % 2,
+            n_channels=2,
+            bin_us=2000,
+            begin_us=0,
+            end_us=16_000,
+        )
 
     def dataset(self, trial: int) -> Dataset:
         """Return what a trial was trained on."""

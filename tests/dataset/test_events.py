@@ -14,13 +14,13 @@ import pytest
 from dse import preprocessing, registry
 from dse.config import ConfigError
 from dse.config.settings import Preprocessing
-from dse.dataset import cache, find, load, warnings
+from dse.dataset import cache, find, load, stages, warnings
 from dse.dataset.encoding import as_signals
 from dse.dataset.files import read_meta, write_spikes
 from dse.dataset.parts import Part, Rows, in_order
 from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
-from dse.records import Array, Block
+from dse.records import Array, Block, Signals
 from tests.dataset.encoders import encoders  # noqa: F401
 from tests.dataset.plain import as_prepared, build, build_for, load_or_prepare, placed, prepare
 from tests.saved_data import in_a_row
@@ -485,3 +485,33 @@ def test_a_scene_is_simulated_once_for_all_encoders(tmp_path: Path):
             assert np.array_equal(data.spikes.channel, plain.spikes.channel)
             assert np.array_equal(data.positions, plain.positions)
     assert data.spikes.n_channels == 2 * 72 and data.positions[:, 2].max() == 3
+
+
+@pytest.mark.parametrize("settings", [{}, {"crop": [3, 2, 6, 7]}, {"time_ms": [3, 19]}, {"crop": "pins"}])
+@pytest.mark.parametrize("file", ["scene", "files"])
+def test_stages_end_with_what_the_data_set_holds(file: str, settings: dict[str, Any]):
+    preprocess = {**DESIGN["preprocessing"], **settings}
+    design = DESIGN | {"data": {**DESIGN["data"], "file": file}, "preprocessing": preprocess}
+    source = Kind.there[file] = Scene() if file == "scene" else Recorded(16, first_us=300)
+    if settings.get("crop") == "pins":
+        design |= {"preprocessing": preprocess | {"crop": [4, 4, 4, 4]}}  # as it is recorded once fitted
+    data, _ = build(design, Path())
+    for i in (0, 5, 15):
+        seen = stages(sections(design), Path(), i)
+        assert seen.end_us - seen.begin_us == 1000 * data.n_steps
+        bins = np.repeat(np.arange(len(seen.counts)), seen.counts)
+        first = seen.begin_us // 1000
+        window = [seen.channels[bins == first + k].tolist() for k in range(data.n_steps)]
+        assert window == window_of(data, i, int(data.start[i]), data.n_steps)
+        whole = [event for part in source.blocks(i) for event in part.t_us.tolist()]
+        assert seen.events.t_us.tolist() == [t - (0 if file == "scene" else whole[0]) for t in whole]
+        assert seen.name == f"recording {i}" and seen.frame == (SIZE, SIZE)
+
+
+def test_stages_of_what_is_not_there():
+    Kind.there["scene"] = Scene()
+    with pytest.raises(RecordingError, match="recording must be below 16, got 16"):
+        stages(sections(DESIGN), Path(), 16)
+    Kind.there["scene"] = Signals(np.zeros((8, 1), np.float32), np.array([0, 8]), 1.0, {})
+    with pytest.raises(RecordingError, match="data must be events to be preprocessed, got kind 'fake'"):
+        stages(sections(DESIGN), Path(), 0)

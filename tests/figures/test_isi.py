@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -142,6 +144,9 @@ def test_what_they_refuse():
         gather_isi(data, np.array([0]), {"x": np.array([1])})
     with pytest.raises(ValueError, match="at least one group of channels, got none"):
         gather_isi(data, np.array([0]), {})
+    timed = replace(data, spikes=replace(data.spikes, t_us=np.array([0], np.int32)))
+    with pytest.raises(ValueError, match=r"spikes must be at most one per channel and step, got every event"):
+        gather_isi(timed, np.array([0]), {"x": np.array([0])})
     with pytest.raises(ValueError, match="samples must be at least 2, got 1"):
         gather_distances(data, np.array([0]), 10.0)
 

@@ -56,6 +56,7 @@ FIGURES: dict[str, dict[str, Any]] = {
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
     "sweep": {"x": "model.hidden"},
+    "inputs": {"samples": (0, 1)},
 }
 
 
