@@ -132,8 +132,9 @@ def _sides(
     sides: list[Side] = []
     others = []
     for study in studies:
-        reasons = {part.task: why_not(part, paper.holds) for part in tasks_of(study)}
-        parts = [part for part in tasks_of(study) if not reasons[part.task]]
+        tasks = tasks_of(study)
+        reasons = {part.task: why_not(part, paper.holds) for part in tasks}
+        parts = [part for part in tasks if not reasons[part.task]]
         sides += [Side(part, module.labels(part), paper.holds.families) for part in parts]
         if not parts:
             why = "; ".join(dict.fromkeys(reasons.values())) or "it has no finished design"

@@ -16,6 +16,7 @@ from dse.config.faults import ConfigError
 from dse.config.values import plain
 from dse.measure.decision import HUMAN_ACCURACY
 from dse.neurons import izhikevich
+from dse.preprocessing import Pooling
 from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 from dse.recordings.scene import SceneTrials, Trials
@@ -45,19 +46,22 @@ def facts_of(part: StudyTask, row: pandas.Series[Any]) -> Facts:
     trial = int(row["trial"])
     sections = sections_of(part.study.folder, trial)
     scene = scene_of(part, sections)
+    pools = None if scene is None else _pools(scene, sections)
     facts: Facts = {
         **_settings(sections),
         **_counts(part, trial, sections),
         **_classes(part, trial),
         **_times(part, row, sections),
         **_layers(part, trial),
-        **_model(part, sections),
+        **_model(sections, _channels(part, sections) if pools is None else pools.n_channels),
         **_searched(part, str(row["family"])),
         "human": HUMAN_ACCURACY,
         "t_c_within": _WITHIN_PERCENT,
     }
     if scene is not None:
-        facts |= _scene(scene) | _pools(scene, sections)
+        facts |= _scene(scene)
+    if pools is not None:
+        facts["pools"] = f"{pools.width} x {pools.height}"
     return {name: value for name, value in facts.items() if value is not None}
 
 
@@ -168,9 +172,8 @@ def _layers(part: StudyTask, trial: int) -> Facts:
     }
 
 
-def _model(part: StudyTask, sections: Sections) -> Facts:
+def _model(sections: Sections, channels: int | None) -> Facts:
     model, encoder = sections.model, sections.encoder
-    channels = _channels(part, sections)
     facts: Facts = {"channels": channels}
     windows, hidden, gain = (
         getattr(model, "windows", None),
@@ -278,11 +281,10 @@ def _scene(scene: Scene) -> Facts:
     return facts
 
 
-def _pools(scene: Scene, sections: Sections) -> Facts:
+def _pools(scene: Scene, sections: Sections) -> Pooling | None:
     if sections.preprocessing is None:
-        return {}
-    pools = pooling(sections.preprocessing, *scene.sensor.frame_px, Trials(scene).pins())
-    return {"pools": f"{pools.width} x {pools.height}"}
+        return None
+    return pooling(sections.preprocessing, *scene.sensor.frame_px, Trials(scene).pins())
 
 
 def _n_pins(sensor: Sensor) -> int:
