@@ -18,6 +18,9 @@ FAMILIES = "families"
 HARDWARE = "hardware"
 """Value of `system` in rows that compare chips."""
 
+# Column -> the same design on the test set, with settings that validation selects.
+_TESTS = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_test_ms"}
+
 
 @dataclass(frozen=True)
 class Row:
@@ -76,9 +79,8 @@ def measured(
         split=part.split,
         study=part.name,
     )
-    if column != "accuracy":
-        return of_design
-    return replace(of_design, se=standard_error(part, row), test=number(row.get("accuracy_test")))
+    of_design = replace(of_design, test=number(row.get(_TESTS.get(column, ""))))
+    return replace(of_design, se=standard_error(part, row)) if column == "accuracy" else of_design
 
 
 def standard_error(part: StudyTask, row: pandas.Series[Any]) -> float | None:

@@ -75,7 +75,13 @@ def test_runs_that_agree_leave_the_error_of_few_recordings(tmp_path: Path) -> No
 
 def test_lengths_stand_beside_the_printed_ones(tmp_path: Path) -> None:
     designs = [
-        {"decision_latency_ms": ms, "accuracy": accuracy, "t_p_ms": 40.0, "t_h_ms": np.nan}
+        {
+            "decision_latency_ms": ms,
+            "accuracy": accuracy,
+            "t_p_ms": 40.0,
+            "t_p_test_ms": 44.0,
+            "t_h_ms": np.nan,
+        }
         for ms, accuracy in ((100.0, 0.5), (200.0, 0.6), (200.0, 0.7), (1000.0, 0.9))
     ]
     rows = rows_of(report([write(tmp_path / "lengths", designs)]), "A")
@@ -84,7 +90,9 @@ def test_lengths_stand_beside_the_printed_ones(tmp_path: Path) -> None:
     assert rows["accuracy, 200 ms (printed: 1000 ms)"].ours == 0.7
     longest = rows["accuracy, 1000 ms (printed: 5000 ms)"]
     assert (longest.published, longest.trial) == (0.94, 3)
-    assert rows["t_p_ms, 1000 ms (printed: 5000 ms)"].published == 2459
+    time = rows["t_p_ms, 1000 ms (printed: 5000 ms)"]
+    assert (time.published, time.ours, time.test) == (2459, 40, 44)
+    assert rows["phi_p, 1000 ms"].test is None
     peak = rows["peak over phi and theta, 1000 ms"]
     assert (peak.published, peak.ours, peak.se) == (0.94, 0.97, None)
     settings = {name: rows[f"{name}, 1000 ms"] for name in ("phi_p", "theta_p", "phi_h", "theta_h")}

@@ -117,6 +117,7 @@ def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: i
                 figure=f"{name}, {length:g} ms",
                 published=_printed(name, at),
                 ours=last.get(name),
+                test=None,
             )
 
 
