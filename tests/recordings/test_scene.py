@@ -192,7 +192,7 @@ def test_textures_that_the_scene_lacks(base: Path, textures: tuple[str, ...], me
 def test_no_such_scene(tmp_path: Path) -> None:
     (fault,) = SceneTrials("quikstart").check(tmp_path)
     assert fault.startswith(
-        "scene 'quikstart': no such file and no shipped scene of this name; known: neurotac_davis"
+        "scene 'quikstart': no such file and no shipped scene of this name; known: natural_textures, "
     )
 
 

@@ -292,11 +292,12 @@ def test_finding_scenes(write, tmp_path: Path) -> None:
 
 def test_what_is_shipped() -> None:
     cells = {
-        name: (len(x.textures), len(x.motions), len(x.forces_n), x.trials, x.duration_ms)
+        name: (len(x.textures), len(x.motions), x.n_forces, x.trials, x.duration_ms)
         for name, x in ((name, load_scene(name)) for name in shipped_scenes())
     }
     assert cells == {
-        "neurotac_davis": (11, 1, 3, 50, 5000),
+        "natural_textures": (11, 1, 1, 100, 5000),
+        "neurotac_davis": (11, 1, 4, 50, 5000),
         "neurotac_dvxplorer": (12, 12, 1, 100, 1000),
         "pin_arrays": (11, 1, 1, 100, 5000),
         "quickstart": (6, 4, 1, 20, 1000),
