@@ -160,12 +160,7 @@ def early(
     """
     spikes = _spikes(output)
     n, n_steps, _ = spikes.shape
-    steps = np.asarray(lengths)
-    if steps.ndim != 1 or steps.size == 0 or steps.dtype.kind not in "iu":
-        raise ValueError(f"lengths must be a non-empty list of integers, got {steps.shape} of {steps.dtype}")
-    wrong = (steps < 1) | (steps > n_steps)
-    if wrong.any():
-        raise ValueError(f"lengths must be in 1..{n_steps}, got {steps[wrong][0]}")
+    steps = _lengths(lengths, n_steps)
     of_lengths, accuracy = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((n, n_steps, 0)))
     never = Setting(np.nan, np.nan, np.nan, np.nan)
     peak, peak_strict = (
@@ -188,6 +183,40 @@ def early(
         t_p_strict_ms=peak_strict[:, 0],
         t_h_strict_ms=human_strict[:, 0],
     )
+
+
+def early_at(
+    output: ArrayLike,
+    target: ArrayLike,
+    lengths: ArrayLike,
+    phi: ArrayLike,
+    theta: ArrayLike,
+    step_ms: float,
+    settings: ArrayLike,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean decision time and accuracy after each of several input lengths, at a setting of each, (k,).
+
+    Args:
+        output: (n, T, class) uint8 output spikes of other samples than chose the settings.
+        target: (n,) their true class.
+        lengths: (k,) steps in 1..T, any order.
+        phi: (phi,) as of `early`.
+        theta: (theta,) as of `early`.
+        step_ms: duration of a step.
+        settings: (k, 2) phi and theta of each length, of the grid; NaN where there is none.
+
+    Raises:
+        ValueError: as of `early`.
+    """
+    spikes = _spikes(output)
+    steps = _lengths(lengths, spikes.shape[1])
+    of_lengths, _ = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((*spikes.shape[:2], 0)))
+    found = [
+        (np.nan, np.nan) if np.isnan(chosen).any() else at(one, Setting(np.nan, np.nan, *chosen))[:2]
+        for one, chosen in zip(of_lengths, np.asarray(settings, np.float64), strict=True)
+    ]
+    time_ms, accuracy = np.array(found, np.float64).T
+    return time_ms, accuracy
 
 
 def t_p(surface: DecisionSurface, *, strict: bool = False) -> Setting:
@@ -359,6 +388,16 @@ def _spikes(output: ArrayLike) -> Array:
     if 0 in array.shape:
         raise ValueError(f"output must hold at least one sample, step and class, got shape {array.shape}")
     return array
+
+
+def _lengths(lengths: ArrayLike, n_steps: int) -> Array:
+    steps = np.asarray(lengths)
+    if steps.ndim != 1 or steps.size == 0 or steps.dtype.kind not in "iu":
+        raise ValueError(f"lengths must be a non-empty list of integers, got {steps.shape} of {steps.dtype}")
+    wrong = (steps < 1) | (steps > n_steps)
+    if wrong.any():
+        raise ValueError(f"lengths must be in 1..{n_steps}, got {steps[wrong][0]}")
+    return steps
 
 
 def _grid(name: str, values: ArrayLike, high: float) -> NDArray[np.float64]:

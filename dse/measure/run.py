@@ -440,6 +440,15 @@ def _of_spikes(
         )
         early = decision.early(output, target.validation, lengths, phi, theta, step_ms)
         of_lengths = {name: getattr(early, name) for name in _OF_DECISIONS}
+        if output_test is not None:
+            for name, chosen in (
+                ("t_p", (early.phi_p, early.theta_p)),
+                ("t_h", (early.phi_h, early.theta_h)),
+            ):
+                time_ms, right = decision.early_at(
+                    output_test, target.test, lengths, phi, theta, step_ms, np.transpose(chosen)
+                )
+                of_lengths |= {f"{name}_test_ms": time_ms, f"accuracy_at_{name}_test": right}
     return _Answered(
         read_outs=read_outs,
         grid=grid,

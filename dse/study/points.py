@@ -295,9 +295,22 @@ def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
             columns[name] = stacked.all(axis=0).ravel()
         else:  # whole numbers that agree stay whole
             columns[name] = (stacked[0] if (stacked == stacked[0]).all() else stacked.mean(axis=0)).ravel()
+    if len(runs) > 1:
+        ranged = _ranged()
+        for name in [name for name in columns if name in ranged]:
+            stacked = np.stack([run[name] for run in runs])
+            columns |= {
+                f"{name}_min": stacked.min(axis=0).ravel(),
+                f"{name}_max": stacked.max(axis=0).ravel(),
+            }
     if len(runs) > 1 and "accuracy" in runs[0]:
         columns["accuracy_se"] = seeds_se(np.stack([run["accuracy"] for run in runs])).ravel()
     return columns
+
+
+def _ranged() -> set[str]:
+    """Return the names of the columns that also have their least and largest value over repeats."""
+    return {name for name, column in registry.columns().items() if column.ranged}
 
 
 def _repeated(value: object, n: int) -> Array:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dse.measure import decision
-from dse.measure.decision import at, decide, early, on_border, surface, t_c, t_h, t_p
+from dse.measure.decision import at, decide, early, early_at, on_border, surface, t_c, t_h, t_p
 
 PHI = (0, 0.5, 1, 2, 3, 7, 1e9)
 THETA = (0.0, 1 / 3, 0.35, 0.5, 0.6, 2 / 3, 1.0)
@@ -349,3 +349,21 @@ def test_another_set_is_read_at_a_chosen_setting():
     assert (chosen.phi, chosen.theta, chosen.decision_latency_ms) == (0, 0.5, 4.0)
     other = surface(spikes_of_first(6, 4), [1], [1, 0], [0.9, 0.5], 2.0)
     assert at(other, chosen) == (10.0, 0.0, 0.0, 0.5)
+
+
+@given(responses(), responses())
+def test_each_length_is_read_at_its_own_setting(chosen_on, other):
+    output, target = chosen_on
+    more, more_target = other
+    n_steps = min(output.shape[1], more.shape[1])
+    lengths = np.arange(1, n_steps + 1)
+    chosen = early(output, target, lengths, [0, 2], [0.3, 0.7], 1.0)
+    settings = np.stack([chosen.phi_h, chosen.theta_h], axis=1)
+    time_ms, accuracy = early_at(more, more_target, lengths, [0, 2], [0.3, 0.7], 1.0, settings)
+    for k, (phi, theta) in enumerate(settings):
+        if np.isnan(phi):
+            assert np.isnan(time_ms[k]) and np.isnan(accuracy[k])
+            continue
+        answers = decide(more[:, : lengths[k]], phi, theta)
+        assert time_ms[k] == pytest.approx((answers.step + 1).mean())
+        assert accuracy[k] == (answers.label == more_target).mean()

@@ -165,6 +165,9 @@ def test_every_read_out_counts_its_own_work(outcome: Outcome, dataset: Dataset) 
     assert found["spikes_per_inference"][-1] == pytest.approx((3 * 12 + 5) / 3)
     assert found["accuracy_test"].tolist() == [1.0] * 4
     assert found["spikes_total_no_input"].tolist() == [2, 3, 5, 6]
+    assert found["t_p_test_ms"].tolist() == [2.0] * 4 and found["accuracy_at_t_p_test"].tolist() == [1.0] * 4
+    human = ~np.isnan(found["t_h_ms"])
+    assert np.array_equal(~np.isnan(found["t_h_test_ms"]), human)
     assert (np.diff(found["synaptic_operations"]) > 0).all()
     assert (
         found["t_p_ms"][-1] == measure(outcome, dataset, np.array([0]), np.array([0.6]), []).columns["t_p_ms"]

@@ -177,6 +177,20 @@ def test_read_outs_before_the_end_are_points(space: SearchSpace, tmp_path: Path)
     assert frame["read_out_ms"].isna().sum() == 2
 
 
+def test_earlier_read_outs_have_ranges_of_their_own(space: SearchSpace, tmp_path: Path) -> None:
+    def read_out(*t_p_ms: float) -> dict[str, np.ndarray]:
+        return {
+            "decision_latency_ms": np.array([2.0, 4.0]),
+            "accuracy": np.array([0.25, 0.5]),
+            "t_p_test_ms": np.array(t_p_ms),
+            **store.work_arrays(counted(30.0, 100.0)),
+        }
+
+    runs = [published(tmp_path, 0, r, read_out=read_out(1.0 + 2 * r, 9.0)) for r in (0, 1)]
+    frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS])
+    assert frame.loc[1, ["t_p_test_ms", "t_p_test_ms_min", "t_p_test_ms_max"]].tolist() == [2.0, 1.0, 3.0]
+
+
 def test_a_joint_net_has_points_of_each_head(space: SearchSpace, tmp_path: Path) -> None:
     surface = {
         **{"phi": np.array([0]), "theta": np.array([0.5]), "accuracy": np.array([[0.7]])},
