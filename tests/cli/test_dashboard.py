@@ -129,7 +129,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(
     # The server does not know the family of these tests, and so not how many designs there are.
     assert [one.pop("progress")["runs"]["done"] for one in (page, written)] == [3, 3]
     served, of_page = page.pop("notes"), written.pop("notes")
-    [note] = [text for text in served if text not in of_page]  # for the same reason it has no published designs
+    [note] = [text for text in served if text not in of_page]  # it has no published designs either
     assert "unknown model.kind 'fake'" in note
     assert page == written
 
