@@ -228,6 +228,7 @@ def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered) -> Fu
         if answered.label_test is None
         else confusion(answered.label_test, target.test, target.n_classes),
         most_output_spikes=answered.most_output_spikes,
+        target_test=None if answered.label_test is None else target.test,
     )
 
 

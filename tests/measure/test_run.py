@@ -98,6 +98,16 @@ def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
         "itr_bits_per_s": pytest.approx(itr_bits([[1, 0], [1, 1]]) / 8e-3),
         "t_c_ms": 8.0,  # sample 1 is answered 0 until its last spike
         "accuracy_at_t_c_test": 1.0,
+        # Sample 0 after 2 ms, sample 1 after 6 ms, of a class each; the last one is silent.
+        "first_spike_ms": 4.0,
+        "first_spike_median_ms": 4.0,
+        "first_spike_class_median_ms": 4.0,
+        "first_spike_class_min_ms": 2.0,
+        "first_spike_class_max_ms": 6.0,
+        "first_spike_test_ms": 2.0,
+        "first_spike_test_class_median_ms": 2.0,
+        "first_spike_test_class_min_ms": 2.0,
+        "first_spike_test_class_max_ms": 2.0,
         "dead_neurons": 1,
         "overflows_24_bit": False,
         "train_s": 1.5,
@@ -189,7 +199,7 @@ def test_read_outs_are_as_far_apart_as_requested(
 def test_without_a_test_set_nothing_is_summed_over_it(outcome: Outcome, dataset: Dataset) -> None:
     alone = replace(outcome, test=None)
     columns = measure(alone, dataset, np.array([0]), np.array([0.6]), []).columns
-    assert not [name for name in columns if "test" in name or name == "spikes_total_no_input"]
+    assert not [name for name in columns if "_test" in name or name == "spikes_total_no_input"]
 
 
 @pytest.fixture

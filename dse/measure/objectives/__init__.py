@@ -76,7 +76,7 @@ class FullReadOut:
     decision_latency_ms: length of the window.
     read_outs: the same run after k shorter inputs, this one last; None of a joint net, whose heads have them.
     decisions: what the decision maker reaches over its grid; None without a grid, and of a joint net.
-    decisions_test, confusion_test: the same of the test set; None without one.
+    decisions_test, confusion_test, target_test: the same of the test set; None without one.
     most_output_spikes: in a sample; None of what has no output spikes, and of a joint net.
     """
 
@@ -90,6 +90,7 @@ class FullReadOut:
     decisions_test: DecisionSurface | None = None
     confusion_test: Ints | None = None
     most_output_spikes: int | None = None
+    target_test: Ints | None = None
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,8 @@ _ORDER = (
     *("recall_macro", "precision_macro", "f1_macro"),
     *("recall_macro_test", "precision_macro_test", "f1_macro_test"),
     *("itr_bits", "itr_bits_per_s", "t_c_ms", "t_p_ms", "t_h_ms"),
+    *("first_spike_ms", "first_spike_median_ms", "first_spike_class_median_ms"),
+    *("first_spike_class_min_ms", "first_spike_class_max_ms"),
     *("accuracy_at_t_c_test", "t_p_test_ms", "accuracy_at_t_p_test", "t_h_test_ms", "accuracy_at_t_h_test"),
     *("t_p_on_border", "output_spikes_most"),
     *("energy_uj", "energy_uj_low", "energy_uj_high"),

@@ -72,8 +72,7 @@ class ThresholdLIF:
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
         """Join or learn the output weights from `dataset.train`; respond on validation and test.
 
-        Health has the first output spike of the winning neuron (mean and median over the validation samples
-        with an output spike, in ms from the window's start, at the end of its step), and their share.
+        Health has `answered`, the share of validation samples with an output spike.
 
         Raises:
             ValueError: structural weights need a single target, and a copy of the channels for each class.
@@ -85,19 +84,11 @@ class ThresholdLIF:
         counts = self.respond(network, dataset, dataset.train).output.sum(axis=1, dtype=np.int64)
         right = head_answers(dataset, counts) == head_targets(dataset, dataset.train)
         history = {"accuracy_train": np.array([right.all(axis=1).mean()])}
-        first = first_spike(validation.output)
-        spoke = first >= 0
-        times = (first[spoke] + 1) * validation.step_ms
         health: dict[str, float | bool] = {
-            "answered": float(spoke.mean()),
+            "answered": float(validation.output.any(axis=(1, 2)).mean()),
             "peak_state": validation.peak_state,
             "overflows_24_bit": validation.peak_state > STATE_LIMIT,
         }
-        if times.size:
-            health |= {
-                "first_spike_ms": float(times.mean()),
-                "first_spike_median_ms": float(np.median(times)),
-            }
         return Outcome(network, validation, test, history, health, time.perf_counter() - began)
 
     def respond(self, fitted: Network, dataset: Dataset, samples: Array) -> Response:
@@ -168,14 +159,3 @@ def mean_spikes(dataset: Dataset, samples: Array) -> Array:
     cells = np.repeat(np.arange(len(samples)), rows.per_step().sum(axis=1)) * rows.n_inputs + rows.index
     counts = np.bincount(cells, minlength=len(samples) * rows.n_inputs)
     return counts.reshape(len(samples), rows.n_inputs) / dataset.n_steps
-
-
-def first_spike(output: Array) -> Array:
-    """Return the step of the first spike of the neuron that spikes most (lowest on ties), (n,); -1: silent.
-
-    Args:
-        output: (n, T, class) output spikes, one-step shift included.
-    """
-    winner = output.sum(axis=1, dtype=np.int64).argmax(axis=1)
-    fired = output[np.arange(len(output)), :, winner] > 0
-    return np.where(fired.any(axis=1), fired.argmax(axis=1), -1)

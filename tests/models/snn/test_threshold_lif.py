@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from dse import registry
 from dse.deploy import bundle
 from dse.encoders.threshold import Threshold
+from dse.measure.objectives.first_spike import first_spike_ms
 from dse.measure.run import measure
 from dse.models.snn.respond import respond
 from dse.models.snn.threshold_lif import (
     ThresholdLIF,
-    first_spike,
     mean_spikes,
     ridge_weights,
     structural_weights,
@@ -93,7 +93,7 @@ def test_structural_by_hand():
     # Sums of sample 0: 1, 3 (fires at step 1, handed on at 2), 0, 1, 1, 1. Of sample 1: 2, 4 (fires), 2 ...
     assert output[0, :, 0].tolist() == [0, 0, 1, 0, 0, 0] and not output[0, :, 1].any()
     assert output[1, :, 1].tolist() == [0, 0, 1, 0, 1, 0] and not output[1, :, 0].any()
-    assert outcome.health["first_spike_ms"] == outcome.health["first_spike_median_ms"] == 30.0
+    assert first_spike_ms(outcome.validation).tolist() == [30.0, 30.0]
     assert (outcome.network.n_weights, outcome.health["answered"]) == (4, 1.0)
     assert outcome.history["accuracy_train"].tolist() == [1.0] and outcome.test is None
 
@@ -107,22 +107,14 @@ def test_as_published():
         structural_weights(381, 20)
 
 
-def test_first_spike_is_that_of_the_winner():
-    output = np.zeros((4, 5, 3), np.uint8)
-    output[0, [1, 2, 4], [0, 2, 2]] = 1  # the winner, 2, speaks at step 2, after 0 did
-    output[1, [0, 3], [2, 1]] = 1  # a tie: class 1
-    output[2, 4, 0] = 1
-    assert first_spike(output).tolist() == [2, 3, 4, -1]
-
-
-def test_only_who_spoke_counts_for_the_first_spike():
+def test_who_answered():
     raster = np.zeros((3, 4, 2), int)
     raster[0, :, 0] = raster[1, 2:, 1] = 1
     outcome = fit(ThresholdLIF(tau_m_ms=1e9, threshold=0.5), dataset(raster, [0, 1, 0], 2, [0, 1], [0, 1, 2]))
-    assert outcome.health["first_spike_ms"] == 30.0  # at the ends of steps 1 and 3
+    np.testing.assert_array_equal(first_spike_ms(outcome.validation), [20, 40, np.nan])  # ends of steps 1, 3
     assert outcome.health["answered"] == pytest.approx(2 / 3)
     silent = fit(ThresholdLIF(threshold=1e4), dataset(raster, [0, 1, 0], 2, [0, 1], [0, 1, 2]))
-    assert "first_spike_ms" not in silent.health and silent.health["answered"] == 0
+    assert silent.health["answered"] == 0
 
 
 @given(

@@ -1,0 +1,114 @@
+"""Inference time of a spiking network: the first output spike of the neuron that wins.
+
+A sample's time counts from the start of its window, which is the first touch where `window.at` is
+contact_onset, to the end of the step of the spike. Samples without an output spike are left out. The time of
+a class is the median over its samples; networks with several heads have no times of classes.
+
+Source: threshold encoding for texture recognition, section IV.B (REFERENCES.md), which prints a time per
+texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.measure.objectives import FullReadOut
+from dse.records import Array, Floats, Ints, Response
+from dse.registry import Column, register
+
+
+@register("objectives", "first_spike")
+@dataclass(frozen=True)
+class FirstSpike:
+    """Times of first output spikes, over samples and over classes."""
+
+    needs = "full_read_out"
+    columns = (
+        Column(
+            "first_spike_ms",
+            "ms",
+            "min",
+            "Mean time to the first output spike of the winning neuron.",
+            of_design=True,
+        ),
+        Column("first_spike_median_ms", "ms", "min", "Median of these times over samples.", of_design=True),
+        Column(
+            "first_spike_class_median_ms", "ms", "min", "Median of these times over classes.", of_design=True
+        ),
+        Column("first_spike_class_min_ms", "ms", "min", "Time of the fastest class.", of_design=True),
+        Column("first_spike_class_max_ms", "ms", "min", "Time of the slowest class.", of_design=True),
+        *(
+            Column(name, "ms", "min", doc, of_design=True, selects=False, of_test=True, ranged=True)
+            for name, doc in (
+                ("first_spike_test_ms", "The same as first_spike_ms, on the test set."),
+                ("first_spike_test_class_median_ms", "Median over classes, on the test set."),
+                ("first_spike_test_class_min_ms", "Time of the fastest class, on the test set."),
+                ("first_spike_test_class_max_ms", "Time of the slowest class, on the test set."),
+            )
+        ),
+    )
+
+    def measure(self, answer: FullReadOut) -> Mapping[str, float]:
+        validation, test, n_classes = answer.outcome.validation, answer.outcome.test, len(answer.confusion)
+        if not isinstance(validation, Response):
+            return {}
+        columns = {}
+        times_ms = first_spike_ms(validation)
+        timed = times_ms[np.isfinite(times_ms)]
+        if timed.size:
+            columns["first_spike_ms"] = float(timed.mean())
+            columns["first_spike_median_ms"] = float(np.median(timed))
+            if validation.output.shape[2] == n_classes:
+                columns |= _over_classes("first_spike", times_ms, answer.target, n_classes)
+        if isinstance(test, Response) and answer.target_test is not None:
+            times_ms = first_spike_ms(test)
+            timed = times_ms[np.isfinite(times_ms)]
+            if timed.size:
+                columns["first_spike_test_ms"] = float(timed.mean())
+                if test.output.shape[2] == n_classes:
+                    columns |= _over_classes("first_spike_test", times_ms, answer.target_test, n_classes)
+        return columns
+
+
+def first_spike(output: Array) -> Ints:
+    """Return the step of the first spike of the neuron that spikes most (lowest on ties), (n,); -1: silent.
+
+    Args:
+        output: (n, T, class) output spikes, one-step shift included.
+    """
+    winner = output.sum(axis=1, dtype=np.int64).argmax(axis=1)
+    fired = output[np.arange(len(output)), :, winner] > 0
+    return np.where(fired.any(axis=1), fired.argmax(axis=1), -1)
+
+
+def first_spike_ms(response: Response) -> Floats:
+    """Return the time of that spike, at the end of its step, (n,) float64; NaN where there is none."""
+    step = first_spike(response.output)
+    return np.where(step >= 0, (step + 1) * response.step_ms, np.nan)
+
+
+def by_class(times_ms: Floats, target: Ints, n_classes: int) -> Floats:
+    """Return the median time over the samples of each class, (class,); NaN for a class without times.
+
+    Args:
+        times_ms: (n,) of `first_spike_ms`; NaN is left out.
+        target: (n,) true class of each sample.
+        n_classes: number of classes.
+    """
+    timed = np.isfinite(times_ms)
+    medians = np.full(n_classes, np.nan)
+    for c in np.unique(target[timed]):
+        medians[c] = np.median(times_ms[timed & (target == c)])
+    return medians
+
+
+def _over_classes(prefix: str, times_ms: Floats, target: Ints, n_classes: int) -> dict[str, float]:
+    of_classes = by_class(times_ms, target, n_classes)
+    return {
+        f"{prefix}_class_median_ms": float(np.nanmedian(of_classes)),
+        f"{prefix}_class_min_ms": float(np.nanmin(of_classes)),
+        f"{prefix}_class_max_ms": float(np.nanmax(of_classes)),
+    }
