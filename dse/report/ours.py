@@ -18,6 +18,9 @@ from dse.report.rows import number
 if TYPE_CHECKING:
     import pandas
 
+SPREAD = ("value", "se", "low", "high")
+"""Fields of `Ours` in the unit of the quantity."""
+NO_HONEST = "every design of the study has seen the labels"
 VALIDATION = "on validation; none of the test set"
 
 

@@ -210,6 +210,21 @@ def test_a_leak_as_printed_and_without(tmp_path: Path) -> None:
     assert (row.ours, row.same) == ("0.7", False) and "0.3 below: means learnt" in row.differs
 
 
+def test_the_rate_of_a_receptor_is_that_of_all_its_channels(tmp_path: Path) -> None:
+    encoder = {"encoder": {"kind": "receptors", "spikes_per_step": 2}}
+    designs = [
+        {"family": "elm", "accuracy": accuracy, "input_spike_rate_hz": rate, "macs": 4.0}
+        for accuracy, rate in ((0.9, 50.0), (0.82, 4.0), (0.5, 1.0))
+    ]
+    found = paper_report([write(tmp_path / "elm", designs, encoder)], "004")
+    assert only(found, "mean spike rate").ours_value == 100
+    least = only(found, "spike rate below which")
+    # 0.82 is within a tenth of 0.9, 0.5 is not.
+    assert (least.ours_value, least.trial, least.same) == (8, 1, False)
+    assert least.why.endswith("rates of the study begin at 2 Hz")
+    assert only(found, "accuracy without the leak").ours == "0.9"
+
+
 def test_a_study_of_another_set_up_is_refused_in_a_line_each(tmp_path: Path) -> None:
     nets = write(tmp_path / "nets", [{"accuracy": 0.9}])
     letters = write(tmp_path / "letters", [{"accuracy": 0.9}], {"task": {"target": "letter"}})

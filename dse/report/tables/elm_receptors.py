@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.report.designs import StudyTask, best
-from dse.report.ours import VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
+from dse.report.designs import StudyTask, best, sections_of
+from dse.report.ours import NO_HONEST, SPREAD, VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
 
 if TYPE_CHECKING:
     import pandas
@@ -55,25 +55,38 @@ def _recognition(side: Side, condition: Mapping[str, str]) -> Ours:
 
 def _spike_rate(side: Side, condition: Mapping[str, str]) -> Ours:
     row, _ = _row(side)
-    return of_column(side, row, {_RATE: ""})
+    ours = of_column(side, row, {_RATE: ""})
+    if row is None or ours.value is None:
+        return ours
+    copies = _copies(side, row)
+    spread: dict[str, Any] = {x: copies * y for x, y in vars(ours).items() if x in SPREAD and y is not None}
+    return replace(ours, **spread)
+
+
+def _copies(side: Side, row: pandas.Series[Any]) -> int:
+    """Return the number of input channels that share the spikes of a receptor."""
+    encoder = sections_of(side.part.study.folder, int(row["trial"])).encoder
+    return int(getattr(encoder, "spikes_per_step", 1))
 
 
 def _least_rate(side: Side, condition: Mapping[str, str]) -> Ours:
     """Return the lowest spike rate whose best accuracy is within a tenth of the highest."""
     designs = side.part.table[side.part.table["family"].isin(side.families)]
-    if _RATE not in designs or designs[_RATE].isna().all():
+    designs = designs[designs[_RATE].notna()] if _RATE in designs else designs[:0]
+    if designs.empty:
         return missing(f"the study did not record {_RATE}")
     accuracy = designs["accuracy"].astype(float)
     near = designs[accuracy >= _WITHIN * accuracy.max()]
-    rates = near[_RATE].astype(float)
-    lowest = np.nanmin(designs[_RATE].astype(float))
+    rates = [_copies(side, row) * float(row[_RATE]) for _, row in near.iterrows()]
+    lowest = min(_copies(side, row) * float(row[_RATE]) for _, row in designs.iterrows())
     why = f"lowest rate within 10 % of the best accuracy; rates of the study begin at {lowest:.3g} Hz"
-    place = int(np.nanargmin(rates))
-    return replace(over_runs([float(rates.iloc[place])], near.iloc[place]), same=False, why=why)
+    place = int(np.argmin(rates))
+    return replace(over_runs([rates[place]], near.iloc[place]), same=False, why=why)
 
 
 def _without_leak(side: Side, condition: Mapping[str, str]) -> Ours:
-    return replace(of_column(side, best(side.designs()), _ACCURACY), why=_HONEST)
+    row = best(side.designs())
+    return missing(NO_HONEST) if row is None else replace(of_column(side, row, _ACCURACY), why=_HONEST)
 
 
 def _information(side: Side, condition: Mapping[str, str]) -> Ours:

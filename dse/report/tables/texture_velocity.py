@@ -12,7 +12,7 @@ import numpy as np
 from dse.measure.correlation import spearman
 from dse.report.designs import StudyTask, best, sections_of
 from dse.report.facts import scene_of
-from dse.report.ours import VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
+from dse.report.ours import SPREAD, VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
 from dse.report.papers import publication
 from dse.report.rows import number
 from dse.skyline.front import front_ends
@@ -26,7 +26,6 @@ _TEST, _VALIDATION = "accuracy_test", "accuracy"
 _ACCURACY = {_TEST: "", _VALIDATION: VALIDATION}
 _CHOICE = "spikes_per_inference_no_input"
 _S = {"spikes_total_no_input": ""}
-_SPREAD = ("value", "se", "low", "high")
 _COST = {"spikes": "spikes_total_no_input", "n_weights": "n_weights"}
 
 
@@ -127,7 +126,7 @@ def _confused(side: Side, condition: Mapping[str, str]) -> Ours:
 
     ours = _share(side, taken_for)
     text = f"{motions[5]} as {motions[6]} or {motions[7]}"
-    percent: dict[str, Any] = {x: 100 * y for x, y in vars(ours).items() if x in _SPREAD and y is not None}
+    percent: dict[str, Any] = {x: 100 * y for x, y in vars(ours).items() if x in SPREAD and y is not None}
     return replace(ours, **percent, why="; ".join(filter(None, [text, ours.why])))
 
 

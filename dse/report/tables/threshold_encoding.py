@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dse.report.designs import StudyTask, best
-from dse.report.ours import VALIDATION, Measure, Ours, Side, missing, of_column
+from dse.report.ours import NO_HONEST, VALIDATION, Measure, Ours, Side, missing, of_column
 
 if TYPE_CHECKING:
     import pandas
@@ -53,7 +53,8 @@ def _because(why: str) -> str:
 
 
 def _without_leak(side: Side, condition: Mapping[str, str]) -> Ours:
-    return replace(of_column(side, best(side.designs()), _ACCURACY), why=_HONEST)
+    row = best(side.designs())
+    return missing(NO_HONEST) if row is None else replace(of_column(side, row, _ACCURACY), why=_HONEST)
 
 
 OURS: Mapping[str, Measure] = {"accuracy": _accuracy, "first_spike_ms": _first_spike}
