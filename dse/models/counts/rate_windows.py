@@ -4,8 +4,8 @@
     Rep(n, w) = spikes of n in window w                                     (channels: each)
 
 A step belongs to the window in which it begins; the last window may be shorter and is counted as it is. What
-is counted are spikes, of which a channel has one per step unless `preprocessing.every_event` is true: every
-event counts then.
+is counted are spikes, of which a channel has one per step. With `preprocessing.every_event` every event
+counts, in the window that its own microsecond lies in, whatever the steps.
 Source: [Brayshaw et al., temporal and spatio-temporal domains in REFERENCES.md], Eq. (1).
 """
 
@@ -65,10 +65,46 @@ def window_counts(spikes: Spikes, samples: Array, start: Array, edges: Array, ch
             f"windows of {edges[-1]} steps must lie within the {spikes.n_steps} stored steps, "
             f"got starts from {start.min()} to {start.max()}"
         )
-    borders = spikes.row_offsets[(samples * spikes.n_steps + start)[:, None] + edges]
+    return _counted(spikes, spikes.row_offsets[(samples * spikes.n_steps + start)[:, None] + edges], channels)
+
+
+def event_edges_us(duration_us: int, window_ms: float) -> Array:
+    """Return the first microsecond of every window, and `duration_us`, as (window + 1,) int64.
+
+    Raises:
+        ValueError: windows are shorter than a microsecond.
+    """
+    window_us = round(1000 * window_ms)
+    if window_us < 1:
+        raise ValueError(f"window_ms must be >= 0.001, got {window_ms:g}")
+    return np.append(np.arange(0, duration_us, window_us), duration_us).astype(np.int64)
+
+
+def event_counts(spikes: Spikes, samples: Array, start: Array, edges_us: Array, channels: Channels) -> Array:
+    """Return how many events fall into each window, as `window_counts` does for spikes without times.
+
+    Args:
+        spikes: stored events (`Spikes.t_us`).
+        samples: (n,) sample numbers.
+        start: (n,) stored step at which the first window of each begins.
+        edges_us: (window + 1,) of `event_edges_us`; the windows end with a step.
+        channels: 'sum' counts the events of all channels together.
+    """
+    assert spikes.t_us is not None
+    step_us = round(1000 * spikes.step_ms)
+    borders = np.empty((len(samples), len(edges_us)), np.int64)
+    for k, (i, first) in enumerate(zip(samples, start, strict=True)):
+        row = int(i) * spikes.n_steps + int(first)
+        begin, end = spikes.row_offsets[[row, row + int(edges_us[-1]) // step_us]]
+        borders[k] = begin + np.searchsorted(spikes.t_us[begin:end], edges_us + int(first) * step_us)
+    return _counted(spikes, borders, channels)
+
+
+def _counted(spikes: Spikes, borders: Array, channels: Channels) -> Array:
+    """Return how many spikes lie between borders, (n, window + 1), by channel or of all together."""
     if channels == "sum":
         return np.asarray(np.diff(borders, axis=1).astype(np.int32)[:, :, None])
-    counts = np.zeros((samples.size, len(edges) - 1, spikes.n_channels), np.int32)
+    counts = np.zeros((len(borders), borders.shape[1] - 1, spikes.n_channels), np.int32)
     _count(borders, spikes.channel, counts)
     return counts
 
@@ -177,8 +213,8 @@ class RateClassifier(ABC):
             ValueError: the data set has other channels or another number of windows than was trained on.
         """
         lengths = fitted.arrays["lengths"]
-        edges = self._edges(dataset)
-        shape = dataset.spikes.n_channels, len(edges) - 1
+        ends_ms = self._ends_ms(dataset)
+        shape = dataset.spikes.n_channels, len(ends_ms)
         if shape != (fitted.n_channels, lengths[-1]):
             raise ValueError(
                 f"samples must have {fitted.n_channels} channels and {lengths[-1]} windows of "
@@ -189,16 +225,26 @@ class RateClassifier(ABC):
         n_weights = self.n_weights(fitted.arrays, lengths * counts.shape[2])
         return Answers(
             label=self.label(fitted.arrays, counts, lengths),
-            time_ms=edges[lengths] * dataset.spikes.step_ms,
+            time_ms=ends_ms[lengths - 1],
             n_weights=n_weights,
             macs=n_weights.astype(np.float64),
             additions=input_spikes.sum(axis=0) / max(1, len(input_spikes)),
             input_spikes=input_spikes,
         )
 
-    def _edges(self, dataset: Dataset) -> Array:
-        return window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
+    def _ends_ms(self, dataset: Dataset) -> Array:
+        """Return when each window ends, (window,)."""
+        if dataset.spikes.t_us is not None:
+            return self._edges_us(dataset)[1:] / 1000
+        edges = window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
+        return edges[1:] * dataset.spikes.step_ms
+
+    def _edges_us(self, dataset: Dataset) -> Array:
+        return event_edges_us(dataset.n_steps * round(1000 * dataset.spikes.step_ms), self.window_ms)
 
     def _counts(self, dataset: Dataset, samples: Array) -> Array:
-        start = dataset.start[samples]
-        return window_counts(dataset.spikes, samples, start, self._edges(dataset), self.channels)
+        spikes, start = dataset.spikes, dataset.start[samples]
+        if spikes.t_us is not None:
+            return event_counts(spikes, samples, start, self._edges_us(dataset), self.channels)
+        edges = window_edges(dataset.n_steps, spikes.step_ms, self.window_ms)
+        return window_counts(spikes, samples, start, edges, self.channels)

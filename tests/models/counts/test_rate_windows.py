@@ -13,9 +13,15 @@ from hypothesis import strategies as st
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
-from dse.models.counts.rate_windows import input_lengths, window_counts, window_edges
+from dse.models.counts.rate_windows import (
+    event_counts,
+    event_edges_us,
+    input_lengths,
+    window_counts,
+    window_edges,
+)
 from dse.models.training import Training
-from dse.records import Answers, Parameters
+from dse.records import Answers, Parameters, Spikes
 from dse.testing.small import spikes_of
 from tests.models.counted import data_of, rngs, textures
 
@@ -54,6 +60,49 @@ def test_counts_are_those_of_the_definition(seed, shape, step_ms, ratio, channel
     expected = counted_slowly(x, start, n_steps, step_ms, ratio * step_ms, channels)
     assert np.array_equal(counts, expected)
     assert counts.sum() == sum(x[n, s : s + n_steps].sum() for n, s in enumerate(start))
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    window_us=st.sampled_from([1, 7, 999, 1000, 2500, 10**6]),
+    channels=st.sampled_from(["sum", "each"]),
+)
+def test_events_count_where_their_microsecond_lies(seed, window_us, channels):
+    """Windows begin at stored step 0 to 2 of steps of 1 ms and last 4 steps, whatever a window's length."""
+    rng = np.random.default_rng(seed)
+    t_us = [np.sort(rng.integers(0, 6000, rng.integers(0, 30))) for _ in range(3)]
+    rows = np.concatenate([np.bincount(t // 1000, minlength=6) for t in t_us])
+    channel = rng.integers(0, 2, len(np.concatenate(t_us)))
+    spikes = Spikes(
+        np.concatenate([[0], np.cumsum(rows)]), channel.astype(np.int32), 6, 2, 1.0,
+        np.concatenate(t_us).astype(np.int32),
+    )  # fmt: skip
+    start, edges_us = np.array([2, 0, 1]), event_edges_us(4000, window_us / 1000)
+    assert edges_us[0] == 0 and edges_us[-1] == 4000
+    order = np.array([2, 0, 1, 0])
+    counts = event_counts(spikes, order, start[order], edges_us, channels)
+    borders = np.concatenate([[0], np.cumsum([len(t) for t in t_us])])
+    expected = np.zeros((4, len(edges_us) - 1, 2), int)
+    for n, i in enumerate(order):
+        for t, c in zip(t_us[i] - 1000 * start[i], channel[borders[i] : borders[i + 1]], strict=True):
+            if 0 <= t < 4000:
+                expected[n, t // window_us, c] += 1
+    assert np.array_equal(counts, expected.sum(axis=2, keepdims=True) if channels == "sum" else expected)
+
+
+@every_family
+def test_events_at_the_starts_of_their_steps_give_the_same_answers(family):
+    data = textures()
+    step = np.repeat(np.arange(60 * 25) % 25, np.diff(data.spikes.row_offsets))
+    timed = replace(data, spikes=replace(data.spikes, t_us=(10_000 * step).astype(np.int32)))
+    binned, by_time = (family.fit(x, Training(), rngs).validation for x in (data, timed))
+    assert np.array_equal(binned.label, by_time.label)
+    assert binned.time_ms == pytest.approx(by_time.time_ms)
+    assert np.array_equal(binned.input_spikes, by_time.input_spikes)
+    finer = replace(family, window_ms=2.5)  # shorter than a step of 10 ms
+    assert finer.fit(timed, Training(), rngs).validation.time_ms[-1] == 230.0
+    with pytest.raises(ValueError, match=r"window_ms must be >= 0\.001, got 0\.0001"):
+        replace(family, window_ms=1e-4).fit(timed, Training(), rngs)
 
 
 def test_samples_in_any_order_and_more_than_once():
