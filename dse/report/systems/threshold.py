@@ -22,7 +22,11 @@ def rows(parts: Sequence[StudyTask]) -> list[Row]:
         if one is not None:
             text = f"{low:g} to {high:g}" if one is leaky or leaky is None else None
             row = measured(one[0], "F", f"first_spike_ms, mean, {name}", text, one[1], "first_spike_ms")
-            table += [row] if row.ours is not None else []
+            ends = [
+                measured(one[0], "F", f"{column}, {name}", end, one[1], column)
+                for column, end in (("first_spike_class_min_ms", low), ("first_spike_class_max_ms", high))
+            ]
+            table += [x for x in (row, *ends) if x.ours is not None]
     return table
 
 
