@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import importlib
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
 from dse.config.sections import front_end
-from dse.recordings.scene import SceneTrials
+from dse.report.causes import Causes, fact_beside, fits
 from dse.report.designs import StudyTask, described, sections_of, tasks_of
+from dse.report.digits import WITHIN, as_number, gap_of, printed_text, text_of
 from dse.report.facts import Fact
 from dse.report.ours import Measure, Ours, Side, missing
-from dse.report.papers import Entry, Holds, Number, Publication, Value, publication, publications
+from dse.report.papers import Entry, Holds, Number, Publication, publication, publications
 from dse.study.results import Study
 
 _TEXTURE = ("texture", "fabric", "material", "textile", "surface")
 _CITED = "quoted from another work"
-_LARGE = 1e5
-_WITHIN = "within one standard error"
 _HOW = (
     "designs are selected on validation; se, low and high are over the runs (folds or repeats) of a design; "
     "of one run, se is Wilson's of the accuracy; same: whether it is the same quantity; causes: as below"
 )
-_CODES = "abcdefghijklmnopqrstuvwxyz"
 
 
 class SetupError(ValueError):
@@ -84,13 +79,6 @@ class PaperReport:
     notes: list[str] = field(default_factory=list)
 
 
-class _Difference(NamedTuple):
-    """A difference between our set-up and the printed one; number: None for the recordings themselves."""
-
-    text: str
-    number: Number | None = None
-
-
 def key_of(name: str) -> str | None:
     """Return the number of a paper from its number or its readable name; None: there is no such paper."""
     return next((key for key, paper in publications().items() if name in (key, paper.name)), None)
@@ -112,7 +100,7 @@ def paper_report(studies: Sequence[Study], key: str) -> PaperReport:
     sides, others = _sides(studies, paper, key, module)
     if not sides:
         raise SetupError("\n".join(others))
-    causes = _Causes(paper, sides)
+    causes = Causes(paper)
     rows = [row for number in paper.numbers() for row in _rows(number, sides, module, causes)]
     unprinted: Mapping[str, Measure] = getattr(module, "UNPRINTED", {})
     for name, measure in unprinted.items():
@@ -162,95 +150,7 @@ def why_not(part: StudyTask, holds: Holds) -> str:
     return ""
 
 
-class _Causes:
-    """The differences between the set-up of every side and the printed one, each with a letter."""
-
-    def __init__(self, paper: Publication, sides: Sequence[Side]) -> None:
-        self._paper = paper
-        self._of = {id(side): list(self._differences(side)) for side in sides}
-        texts = dict.fromkeys(x.text for several in self._of.values() for x in several)
-        self._codes = {text: _code(k) for k, text in enumerate(texts)}
-
-    def of(self, side: Side, number: Number | None = None, family: str = "") -> list[str]:
-        """Return the differences of a side that bear on a number, which has the family of its design."""
-        condition = {} if number is None else number.condition
-        return [x.text for x in self._of[id(side)] if x.number is None or _bears(x.number, condition, family)]
-
-    def code(self, texts: Sequence[str]) -> str:
-        """Return the letters of differences, of three or more in a row the first and the last."""
-        letters, places = list(self._codes), [list(self._codes).index(text) for text in texts]
-        runs: list[list[int]] = []
-        for place in places:
-            if runs and place == runs[-1][-1] + 1:
-                runs[-1].append(place)
-            else:
-                runs.append([place])
-        names = [[self._codes[letters[place]] for place in run] for run in runs]
-        return " ".join(f"{x[0]}-{x[-1]}" if len(x) > 2 else " ".join(x) for x in names)
-
-    def of_setting(self, side: Side, number: Number) -> list[str]:
-        """Return how a side differs in a number of the set-up; nothing if it does not."""
-        return [x.text for x in self._of[id(side)] if x.number == number]
-
-    def legend(self) -> list[str]:
-        """Return what every letter stands for."""
-        return [f"{code}: {text}" for text, code in self._codes.items()]
-
-    def scale(self, side: Side) -> str:
-        """Return how large a side was run, against the printed sizes."""
-        sizes = []
-        for number in self._paper.numbers():
-            fact = _fact(number, side)
-            if number.entry.scale and fact is not None and _fits(number, side):
-                unit = f" {number.entry.unit}".rstrip()
-                texts = text_of(fact), printed_text(number.value)
-                sizes.append(f"{number.entry.quantity} {texts[0]} (printed {texts[1]}){unit}")
-        return "; ".join(sizes)
-
-    def _differences(self, side: Side) -> Iterator[_Difference]:
-        row = side.chosen
-        if row is not None:
-            data = sections_of(side.part.study.folder, int(row["trial"])).data
-            of_ours = "simulated touch"
-            if not isinstance(data, SceneTrials):
-                of_ours = f"recordings {Path(side.part.data).name}"
-            yield _Difference(f"{of_ours}; the paper's recordings {self._paper.recordings}")
-        for number in self._paper.numbers():
-            fact = _fact(number, side)
-            if number.kind == "setup" and fact is not None and _fits(number, side):
-                if not agrees(number.value, fact):
-                    unit = f" {number.entry.unit}".rstrip()
-                    texts = text_of(fact), printed_text(number.value)
-                    yield _Difference(
-                        f"{number.entry.quantity}: {texts[0]} instead of {texts[1]}{unit}", number
-                    )
-
-
-def _code(k: int) -> str:
-    """Return a, b, ..., z, aa, ab, ..."""
-    n = len(_CODES)
-    return _CODES[k] if k < n else _code(k // n - 1) + _CODES[k % n]
-
-
-def _fact(number: Number, side: Side) -> Fact:
-    """Return what a side has beside a number of the set-up, under its conditions where facts have them."""
-    reads = number.entry.reads
-    return side.facts.get(".".join([reads, *number.condition.values()]), side.facts.get(reads))
-
-
-def _fits(number: Number, side: Side) -> bool:
-    """Return whether the conditions of a number are not those of another side."""
-    return all(side.labels.get(name, value) == value for name, value in number.condition.items())
-
-
-def _bears(setting: Number, condition: Mapping[str, str], family: str) -> bool:
-    """Return whether a setting bears on a result: of the same conditions, and not of another family."""
-    alike = all(condition.get(name, value) == value for name, value in setting.condition.items())
-    prefix = setting.entry.reads.partition(".")[0]
-    return alike and (not family or prefix not in ("hots",) or prefix == family)
-
-
-def _rows(number: Number, sides: Sequence[Side], module: ModuleType, causes: _Causes) -> Iterator[PaperRow]:
+def _rows(number: Number, sides: Sequence[Side], module: ModuleType, causes: Causes) -> Iterator[PaperRow]:
     if number.kind == "cited":
         yield _row(number, None, missing(_CITED), causes)
     elif number.kind == "result":
@@ -260,10 +160,10 @@ def _rows(number: Number, sides: Sequence[Side], module: ModuleType, causes: _Ca
 
 
 def _result_rows(
-    number: Number, sides: Sequence[Side], measure: Measure, causes: _Causes
+    number: Number, sides: Sequence[Side], measure: Measure, causes: Causes
 ) -> Iterator[PaperRow]:
     """Yield a row per side that has a value, or one row that says why none has."""
-    several = [(side, measure(side, number.condition)) for side in sides if _fits(number, side)]
+    several = [(side, measure(side, number.condition)) for side in sides if fits(number, side)]
     known = [(side, ours) for side, ours in several if ours.value is not None]
     for side, ours in known or several[:1]:
         yield _row(number, side, ours, causes)
@@ -273,18 +173,18 @@ def _result_rows(
 
 def _absent(number: Number, sides: Sequence[Side]) -> str:
     """Return that no side is of the conditions of a number; '' if one is."""
-    if any(_fits(number, side) for side in sides):
+    if any(fits(number, side) for side in sides):
         return ""
     labels = [name for name in number.condition if any(name in side.labels for side in sides)]
     return f"no study of {' and '.join(number.entry.by[x].format(number.condition[x]) for x in labels)}"
 
 
-def _setup_rows(number: Number, sides: Sequence[Side], causes: _Causes) -> Iterator[PaperRow]:
+def _setup_rows(number: Number, sides: Sequence[Side], causes: Causes) -> Iterator[PaperRow]:
     """Yield a row per value of ours; studies of one value share it."""
     several: dict[Fact, list[Side]] = {}
     for side in sides:
-        fact = _fact(number, side)
-        if fact is not None and _fits(number, side):
+        fact = fact_beside(number, side)
+        if fact is not None and fits(number, side):
             several.setdefault(fact, []).append(side)
     for fact, alike in several.items():
         names = ", ".join(dict.fromkeys(side.part.name for side in alike))
@@ -299,15 +199,17 @@ def _setup_rows(number: Number, sides: Sequence[Side], causes: _Causes) -> Itera
         )
 
 
-def _row(number: Number, side: Side | None, ours: Ours, causes: _Causes, study: str = "") -> PaperRow:
+def _row(number: Number, side: Side | None, ours: Ours, causes: Causes, study: str = "") -> PaperRow:
     entry, design = number.entry, ours.row
-    printed, value = _as_number(number.value), _as_number(ours.value)
-    family = "" if design is None else str(design["family"])
+    printed, value = as_number(number.value), as_number(ours.value)
     is_result, has_value = number.kind == "result", ours.value is not None
     gap = "" if printed is None or value is None else gap_of(printed, value, ours.se)
     texts: list[str] = []
-    if side is not None and has_value and not (is_result and gap in ("", _WITHIN) and printed is not None):
-        texts = causes.of(side, number, family) if is_result else causes.of_setting(side, number)
+    if side is not None and has_value and not is_result:
+        texts = causes.of_setting(side, number)
+    elif side is not None and has_value and (printed is None or gap not in ("", WITHIN)):
+        chosen = side.chosen if design is None else design
+        texts = [] if chosen is None else causes.of_result(side, chosen, number.condition)
     reasons = "; ".join(filter(None, [ours.why, *texts]))
     return PaperRow(
         kind="set-up" if number.kind == "setup" else number.kind,
@@ -325,62 +227,12 @@ def _row(number: Number, side: Side | None, ours: Ours, causes: _Causes, study: 
         why=ours.why,
         causes=causes.code(texts),
         differs=": ".join(filter(None, [gap if is_result else "", reasons])),
-        scale=causes.scale(side) if side is not None and is_result else "",
+        scale=causes.scale(side, design) if side is not None and is_result else "",
         printed_value=printed,
         ours_value=value,
         task="" if side is None else side.part.task,
-        family=family,
+        family="" if design is None else str(design["family"]),
         trial=None if design is None else int(design["trial"]),
         design="" if design is None else described(design),
         study=study or ("" if side is None else side.part.name),
     )
-
-
-def _as_number(value: Value | Fact) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
-
-
-def text_of(value: Value | Fact) -> str:
-    """Return a number as text, a range as `1 to 6`."""
-    if isinstance(value, tuple):
-        return " to ".join(map(text_of, value))
-    if isinstance(value, str) or value is None:
-        return value or ""
-    return f"{value:.0f}" if 10_000 <= abs(value) < 1e6 else f"{value:.4g}"
-
-
-def printed_text(value: Value) -> str:
-    """Return a printed number as text, with all of its digits."""
-    return f"{value:.6g}" if isinstance(value, int | float) else text_of(value)
-
-
-def agrees(printed: Value, ours: Value | Fact) -> bool:
-    """Return whether ours is the printed value of a set-up: a number to half a per cent, all else exactly."""
-    if isinstance(printed, tuple) and isinstance(ours, tuple):
-        return len(printed) == len(ours) and all(map(agrees, printed, ours))
-    if isinstance(printed, int | float) and isinstance(ours, int | float):
-        return math.isclose(ours, printed, rel_tol=0.005, abs_tol=1e-12)
-    return printed == ours
-
-
-def rounds_to(printed: float, ours: float) -> bool:
-    """Return whether a result of ours is the printed one, to the digits that are printed.
-
-    Fractions are printed in per cent, weights and spikes in 10 000.
-    """
-    if abs(printed) >= _LARGE:
-        return round(ours / 1e4) == round(printed / 1e4)
-    decimals = len(f"{printed:.9f}".rstrip("0").partition(".")[2])
-    return math.isclose(round(ours, max(decimals, 2) if abs(printed) <= 1 else decimals), printed)
-
-
-def gap_of(printed: float, ours: float, se: float | None) -> str:
-    """Return how far ours is from the printed value: a difference of fractions, else a ratio; '' if alike."""
-    difference = ours - printed
-    if rounds_to(printed, ours):
-        return ""
-    if se is not None and abs(difference) <= se:
-        return _WITHIN
-    if (abs(printed) <= 1 and abs(ours) <= 1) or printed == 0:
-        return f"{abs(difference):.2g} {'above' if difference > 0 else 'below'}"
-    return f"{ours / printed:.2g} times the printed value"

@@ -59,6 +59,7 @@ class Side:
     part: StudyTask
     labels: Mapping[str, str]
     families: tuple[str, ...]
+    _facts: dict[int, Facts] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def designs(self, *families: str, transductive: bool = False) -> pandas.DataFrame:
         """Return the designs of some families; none: of all that the paper has."""
@@ -70,10 +71,15 @@ class Side:
         honest = best(self.designs())
         return best(self.designs(transductive=True)) if honest is None else honest
 
-    @cached_property
-    def facts(self) -> Facts:
-        """What the best design was trained on, and how."""
-        return {} if self.chosen is None else facts_of(self.part, self.chosen)
+    def facts(self, row: pandas.Series[Any] | None = None) -> Facts:
+        """Return what a design was trained on, and how; None: the best one."""
+        design = self.chosen if row is None else row
+        if design is None:
+            return {}
+        trial = int(design["trial"])
+        if trial not in self._facts:
+            self._facts[trial] = facts_of(self.part, design)
+        return self._facts[trial]
 
     @property
     def n_test(self) -> int:

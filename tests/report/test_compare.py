@@ -10,7 +10,7 @@ import pytest
 
 from dse.recordings.scene import SceneTrials
 from dse.report import PaperReport, PaperRow, SetupError, key_of, paper_report
-from dse.report.compare import agrees, gap_of, rounds_to
+from dse.report.digits import agrees, gap_of, rounds_to
 from dse.report.papers import publication, publications
 from dse.report.tables import (
     elm_receptors,

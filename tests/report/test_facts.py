@@ -74,9 +74,14 @@ def test_shipped_spaces_are_set_up_as_printed(
 
 
 def test_a_smaller_study_says_so(tmp_path: Path) -> None:
-    rows = paper_report([study_of(tmp_path, "texture_profile_grid_small", GRID, (576, 288, 288))], "002").rows
+    space = "texture_profile_grid_small"
+    small = load_space(shipped_spaces()[space]).resolve(GRID)
+    assert isinstance(small.data, SceneTrials)
+    rows = paper_report([study_of(tmp_path, space, GRID, (576, 288, 288))], "002").rows
     differs = {row.quantity: row.differs for row in rows if row.kind == "set-up" and row.causes}
-    assert differs["epochs"] == "epochs: 20 instead of 100"
-    assert differs["trials of each texture and profile"].endswith("8 instead of 100")
+    assert differs["epochs"] == f"epochs: {small.training.epochs} instead of 100"
+    trials = "trials of each texture and profile"
+    assert differs[trials] == f"{trials}: {small.data.trials} instead of 100"
     assert "pools" not in differs and "threshold of the neuron" not in differs
-    assert differs["step of the hidden sizes"] == "step of the hidden sizes: uneven instead of 25"
+    [step] = [row for row in rows if row.quantity == "step of the hidden sizes"]
+    assert (step.printed, step.ours) == ("25", "uneven")
