@@ -1,8 +1,8 @@
 "use strict";
 // Up to four designs side by side: their numbers, what differs between them, and one of their figures each.
 const Compare = (() => {
-  const TABS = ["confusion", "energy", "learning", "bits", "cores"]; // what is compared as a figure
-  const SCALED = ["energy", "learning", "bits"]; // those whose axes follow their numbers
+  const TABS = ["confusion", "recognition", "first_spike", "energy", "learning", "bits", "cores"]; // what is compared as a figure
+  const SCALED = ["recognition", "first_spike", "energy", "learning", "bits"]; // those whose axes follow their numbers
   const UNKNOWN = "–";
   const NARROW = 1.35; // how much longer the axis of bars is beside the panel's
   const PLACES = ["trial", "task", "hardware"]; // named by the head of the table and its first rows

@@ -3,12 +3,16 @@
 // point of the same trial; its numbers come from the trial's decision surface, so that no server is asked.
 const Design = (() => {
   const TABS = {
-    confusion: "confusion", surface: "φ/θ", raster: "raster", energy: "energy", cores: "cores", learning: "learning", bits: "bits",
+    confusion: "confusion", surface: "φ/θ", raster: "raster", recognition: "over time", first_spike: "first spike",
+    histograms: "prototypes", energy: "energy", power: "power", cores: "cores", learning: "learning", bits: "bits",
   };
   // What the figures are of: all but the raster and the surface stay as they are when φ and θ move.
   const OF = {
     confusion: "Answers at the end of the recording, as trained; all repeats.", energy: "An answer at the end of the recording, as trained.",
-    cores: "As trained.", bits: "Answers at the end of the recording.",
+    cores: "As trained.", bits: "Answers at the end of the recording.", power: "As trained.",
+    recognition: "Answers after shorter recordings, as trained; mean of all repeats. The ring is t_c.",
+    first_spike: "Recordings of the first repeat: median of each class, from its least to its largest time.",
+    histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
   const NO_PARTS = "Its runs recorded nothing to draw.";
 
@@ -155,6 +159,23 @@ const Design = (() => {
     },
     energy({ data: [bars] }) {
       return `Energy of an inference: ${listed(bars.customdata).map(plain).join(", ")}.`;
+    },
+    recognition({ data: [line] }, number) {
+      const [time, accuracy] = [listed(line.x), listed(line.y)];
+      return `Accuracy over input length: ${accuracy.map((value, k) => `${number(value, true)} after ${number(time[k])} ms`).join(", ")}.`;
+    },
+    first_spike({ data: [bars] }, number) {
+      const median = listed(bars.x);
+      const known = listed(bars.customdata).map((name, k) => [plain(name), median[k]]).filter(([, time]) => Number.isFinite(time));
+      return `First output spike: ${known.map(([name, time]) => `${name}, ${number(time)} ms`).join("; ")}.`;
+    },
+    histograms({ data, layout }) {
+      const names = (layout.annotations ?? []).slice(0, data.length).map(({ text }) => plain(text));
+      return `Class histograms over ${listed(data[0]?.y).length} prototypes: ${names.join(", ")}.`;
+    },
+    power({ layout }) {
+      const names = (layout.xaxis.ticktext ?? []).map(plain);
+      return `Power at rest and beyond: ${names.map((name, k) => `${name} ${plain(layout.annotations[k].text)}`).join(", ")}.`;
     },
     cores({ data, layout }) {
       const counted = (layout.annotations ?? []).filter(({ name }) => name === "cores").map(({ text }) => plain(text));

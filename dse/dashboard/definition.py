@@ -20,7 +20,19 @@ from dse.dashboard.sources import sources
 from dse.dashboard.views import view_names
 from dse.registry import PluginError, Rule, load_plugin, param, rule_of
 
-Tab = Literal["confusion", "surface", "raster", "energy", "cores", "learning", "bits"]
+Tab = Literal[
+    "confusion",
+    "surface",
+    "raster",
+    "recognition",
+    "first_spike",
+    "histograms",
+    "energy",
+    "power",
+    "cores",
+    "learning",
+    "bits",
+]
 DEFAULT = "study"
 _AXES = ("x", "y", "z")
 

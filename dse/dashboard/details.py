@@ -22,18 +22,24 @@ from dse import store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
 from dse.dashboard.write import packed, plain_figure
+from dse.figures import full_read_outs, mean_of
 from dse.figures.breakdown import draw_breakdown, gather_breakdown
 from dse.figures.confusion import draw_confusion, gather_confusion
 from dse.figures.core_map import draw_core_map, gather_core_map
+from dse.figures.first_spike import draw_first_spikes, gather_first_spikes
 from dse.figures.front import numbers
+from dse.figures.histograms import draw_histograms, gather_histograms
 from dse.figures.learning import draw_learning, gather_learning
+from dse.figures.power import IDLE, RUNNING, draw_power, gather_power
 from dse.figures.precision import BITS, PRUNED, draw_precision, gather_precision
 from dse.figures.raster import draw_recording, gather_recording
+from dse.figures.recognition import draw_recognition, gather_recognition
 from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
 from dse.measure import decision
+from dse.measure.objectives.first_spike import first_spike_ms
 from dse.measure.run import read_out
-from dse.records import Array, DecisionSurface, Operations, Workload
+from dse.records import Array, DecisionSurface, Operations, Parameters, Workload
 from dse.store import StoreError
 from dse.study import pricing
 from dse.study.precision import AS_TRAINED
@@ -43,6 +49,7 @@ if TYPE_CHECKING:
     import pandas
 
 MOST_EXAMPLES = 6
+_MOST_HISTOGRAMS = 12  # a panel each
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
 _MOST_EPOCHS = 120  # points of a line: more are finer than a pixel or two
 _DIGITS = 6  # of a float32; a page shows three
@@ -120,8 +127,10 @@ def gather_details(
         notes: one sentence for each part that cannot be read;
         tasks: {task: figures, surfaces, examples}, each only if it was recorded.
 
-        figures: `confusion` (counts of the full read-out, summed over repeats), `learning`, `bits`, and per
-        hardware `energy` and `cores`, both of the full read-out as trained.
+        figures: `confusion` (counts of the full read-out, summed over repeats), `recognition` (after shorter
+        recordings, mean over repeats), `first_spike` and `histograms` (of the first repeat), `power` (on all
+        hardware), `learning`, `bits`, and per hardware `energy` and `cores`, both of the full read-out as
+        trained.
         surfaces: for each precision, `phi`, `theta`, and per hardware ('' if the table names none) columns
         of the rows of the table, theta fastest; `first_point` is the value of `point` in the first row.
         examples: recordings of the first repeat, some with the right answer of the full read-out and some
@@ -262,7 +271,10 @@ def _of_task(
             return None
 
     surfaces = attempted("The decision surface", _surfaces, rows, source.limited) or []
-    figures: dict[str, dict[str, Any] | None] = {"bits": attempted("Accuracy against bits", _bits, rows)}
+    figures: dict[str, dict[str, Any] | None] = {
+        "bits": attempted("Accuracy against bits", _bits, rows),
+        "power": attempted("Power", _power, rows),
+    }
     misfits: dict[str, Sequence[str]] = {}
     examples: list[dict[str, Any]] = []
     if runs:
@@ -270,6 +282,10 @@ def _of_task(
         head = task if task in heads else ""
         classes = heads[head].classes if head else runs[0].classes
         figures["confusion"] = attempted("The confusion matrix", _confusion, runs, head, classes)
+        figures["recognition"] = attempted("Accuracy over time", _recognition, runs, head)
+        if not heads:
+            figures["first_spike"] = attempted("The first output spike", _first_spike, runs[0])
+            figures["histograms"] = attempted("Class histograms", _histograms, runs[0])
         figures["learning"] = attempted("The learning curve", _learning, runs)
         loads = attempted("Energy by cause", _loads, runs, head) or []
         names = map(str, rows["hardware"].unique()) if loads and "hardware" in rows else ()
@@ -380,6 +396,54 @@ def _bits(rows: pandas.DataFrame) -> dict[str, Any] | None:
     precisions = gather_precision(on_first)
     figure = draw_precision(replace(precisions, costs={BITS: precisions.costs[BITS]}))
     figure.update_layout(height=_HEIGHT, margin=_MARGIN, legend=_LEGEND)
+    return plain_figure(figure)
+
+
+def _power(rows: pandas.DataFrame) -> dict[str, Any] | None:
+    """Return power at rest and running on every hardware; None where no profile says it."""
+    if not {"hardware", IDLE, RUNNING} <= set(rows):
+        return None
+    full = full_read_outs(rows)
+    if not (np.isfinite(numbers(full, IDLE)) & np.isfinite(numbers(full, RUNNING))).any():
+        return None
+    figure = draw_power(gather_power(full))
+    figure.update_layout(height=_HEIGHT, margin=_MARGIN, legend=_LEGEND)
+    return plain_figure(figure)
+
+
+def _recognition(runs: Sequence[_Run], head: str) -> dict[str, Any] | None:
+    """Return accuracy over input length; None for a classifier that answers at the end alone."""
+    suffix = f"_{head}" if head else ""
+    read_outs = [arrays for run in runs if (arrays := run.arrays(f"read_out{suffix}.npz"))]
+    if not read_outs or len(read_outs[0]["accuracy"]) < 2:
+        return None
+    time_ms, accuracy = (mean_of(read_outs, name) for name in ("decision_latency_ms", "accuracy"))
+    figure = draw_recognition(gather_recognition({"accuracy": (time_ms, accuracy)}))
+    figure.update_layout(height=_HEIGHT, margin=_MARGIN, showlegend=False)
+    return plain_figure(figure)
+
+
+def _first_spike(run: _Run) -> dict[str, Any] | None:
+    """Return the first output spike of every class; None for a classifier without output spikes."""
+    arrays = run.arrays("response.npz")
+    if arrays is None or "output" not in arrays:
+        return None
+    times_ms = first_spike_ms(store.response_of(arrays))
+    if not np.isfinite(times_ms).any():
+        return None
+    figure = draw_first_spikes(gather_first_spikes(times_ms, arrays["target"], run.classes))
+    figure.update_layout(margin=_MARGIN)
+    return plain_figure(figure)
+
+
+def _histograms(run: _Run) -> dict[str, Any] | None:
+    """Return the class histograms of a HOTS, of the first classes; None for any other family."""
+    arrays = run.arrays("weights.npz")
+    fitted = None if arrays is None else store.fitted_of(arrays)
+    if not isinstance(fitted, Parameters) or "signatures" not in fitted.arrays:
+        return None
+    shown = run.classes[:_MOST_HISTOGRAMS]
+    figure = draw_histograms(gather_histograms(fitted.arrays, run.classes, shown), n_columns=2)
     return plain_figure(figure)
 
 

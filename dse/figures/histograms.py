@@ -14,7 +14,7 @@ import numpy as np
 from dse import store
 from dse.figures import Results, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.figures.panels import chosen_classes, class_panels
+from dse.figures.panels import MOST_COLUMNS, chosen_classes, class_panels
 from dse.records import Array, Parameters
 from dse.registry import param, register
 
@@ -87,11 +87,12 @@ def gather_histograms(
     )
 
 
-def draw_histograms(histograms: Histograms) -> plotly.graph_objects.Figure:
-    """Draw a bar per prototype, a panel per class, all on one scale."""
+def draw_histograms(histograms: Histograms, n_columns: int = MOST_COLUMNS) -> plotly.graph_objects.Figure:
+    """Draw a bar per prototype, a panel per class, all on one scale; at most `n_columns` panels in a row."""
     title = "fraction of events" if histograms.normalised else "events per recording"
     top = float(histograms.activity.max())
-    figure, places = class_panels(histograms.classes, "prototype of the last layer", title, top)
+    x_title = "prototype of the last layer"
+    figure, places = class_panels(histograms.classes, x_title, title, top, n_columns)
     for (row, column), activity in zip(places, histograms.activity, strict=True):
         figure.add_bar(
             x=np.arange(len(activity)),

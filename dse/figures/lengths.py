@@ -34,8 +34,8 @@ class Lengths:
     trained_ms: (k,) rising lengths that nets were trained on. trial: (k,) the best net of each.
     trained: quantity -> (k,). low, high: quantity -> (k,) distance to the ends of its range: one standard
         error of the accuracy, the least and the largest of the runs of a time; 0 where none is known.
-    on_test: whether `trained` is of the test set; it is of the validation set where the study has no other.
-    early_ms: (m,) rising lengths after which one net was read out. early: quantity -> (m,), validation set.
+    early_ms: (m,) rising lengths after which one net was read out. early: quantity -> (m,).
+    on_test: whether all are of the test set; they are of the validation set where the study has no other.
     """
 
     trained_ms: Array
@@ -43,9 +43,9 @@ class Lengths:
     trained: Mapping[str, Array]
     low: Mapping[str, Array]
     high: Mapping[str, Array]
-    on_test: bool
     early_ms: Array
     early: Mapping[str, Array]
+    on_test: bool
 
 
 @register("figures", "lengths")
@@ -96,12 +96,12 @@ def gather_lengths(trials: pandas.DataFrame, read_outs: Sequence[Mapping[str, Ar
         trained={name: numbers(best, column) for name, column in columns.items()},
         low={name: low for name, (low, _) in ranges.items()},
         high={name: high for name, (_, high) in ranges.items()},
-        on_test=on_test,
         early_ms=early_ms,
         early={
-            name: np.mean([np.asarray(run.get(name, nothing), np.float64) for run in read_outs], axis=0)
-            for name in QUANTITIES
+            name: np.mean([np.asarray(run.get(column, nothing), np.float64) for run in read_outs], axis=0)
+            for name, column in columns.items()
         },
+        on_test=on_test,
     )
 
 
@@ -125,7 +125,7 @@ def draw_lengths(lengths: Lengths) -> plotly.graph_objects.Figure:
     of_set = "test" if lengths.on_test else "validation"
     sources = (
         (f"trained per length, {of_set} set", lengths.trained_ms, lengths.trained, "solid"),
-        ("one network, read out early, validation set", lengths.early_ms, lengths.early, "dash"),
+        (f"one network, read out early, {of_set} set", lengths.early_ms, lengths.early, "dash"),
     )
     for column, quantity in enumerate(QUANTITIES, 1):
         for index, (name, times, values, dash) in enumerate(sources):

@@ -13,12 +13,12 @@ from dse.records import Dataset, Ints
 if TYPE_CHECKING:
     import plotly.graph_objects
 
-_MOST_COLUMNS = 4
+MOST_COLUMNS = 4
 _ROW_PX, _MARGIN_PX = 130, 90
 
 
 def class_panels(
-    names: Sequence[str], x_title: str, y_title: str, top: float
+    names: Sequence[str], x_title: str, y_title: str, top: float, most_columns: int = MOST_COLUMNS
 ) -> tuple[plotly.graph_objects.Figure, list[tuple[int, int]]]:
     """Return an empty figure with a panel for every class, and the row and column of each panel, from 1.
 
@@ -27,10 +27,11 @@ def class_panels(
         x_title: below all panels.
         y_title: beside all panels.
         top: largest value of any panel.
+        most_columns: panels in a row, at most.
     """
     from plotly.subplots import make_subplots
 
-    n_columns = min(len(names), _MOST_COLUMNS)
+    n_columns = min(len(names), most_columns)
     n_rows = -(-len(names) // n_columns)
     figure = make_subplots(
         rows=n_rows,

@@ -96,8 +96,8 @@ sort: 3
             "5: front.y must be another column than front.x, got 'accuracy' twice",
             "6: unknown front.dimensions 4; known: 2, 3",
             "7: unknown key 'front.colour'; known: x, y, z, dimensions, log",
-            "8: unknown design[0] 'energie'; known: confusion, surface, raster, energy, cores, learning, "
-            "bits. Did you mean 'energy'?",
+            "8: unknown design[0] 'energie'; known: confusion, surface, raster, recognition, first_spike, "
+            "histograms, energy, power, cores, learning, bits. Did you mean 'energy'?",
             "9: budgets.accuracy must be a number, got 'high'",
             "9: budgets.n_weights must be a finite number, got nan",
             "9: budgets.fits must be a number, got true",

@@ -8,17 +8,23 @@ import sys
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 
 from dse.config import load_space
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
 from dse.deploy import bundle
 from dse.figures.confusion import draw_confusion, gather_confusion
+from dse.figures.first_spike import draw_first_spikes, gather_first_spikes
+from dse.figures.histograms import draw_histograms, gather_histograms
+from dse.figures.power import draw_power, gather_power
+from dse.figures.recognition import draw_recognition, gather_recognition
 from dse.measure.decision import decide
 from dse.study import explore
 from tests import tiny_study
 from tests.dashboard.designs import (
     ACCURACY,
+    CLASSES,
     LATENCY_MS,
     details,
     example,
@@ -249,6 +255,32 @@ def test_tabs_are_those_that_were_recorded_and_open_by_keyboard(opened):
         "document.querySelector('#design-pane').textContent.includes('nothing to draw')"
     )
     assert tab_names(page) == []
+
+
+def test_figures_of_the_papers_say_their_numbers(opened):
+    power = pd.DataFrame({"hardware": ["a", "b"], "power_idle_w": [56.0, 0.5], "power_w": [56.005, 2.25]})
+    histograms = {"signatures": np.ones((1, 2, 3)), "signature_class": np.arange(2)}
+    times_ms = np.array([20.0, 140.0, np.nan])
+    figures = {
+        "recognition": draw_recognition(gather_recognition({"accuracy": ([50, 100], [0.5, 0.9])})),
+        "first_spike": draw_first_spikes(gather_first_spikes(times_ms, np.array([0, 0, 1]), CLASSES)),
+        "histograms": draw_histograms(gather_histograms(histograms, CLASSES), n_columns=2),
+        "power": draw_power(gather_power(power)),
+    }
+    own = {name: plain(figure) for name, figure in figures.items()}
+    page = opened({0: details(figures=own, surfaces=[], examples=[])}, fragment="chosen=0.0")
+    assert tab_names(page) == ["over time", "first spike", "prototypes", "power"]
+    told = {}
+    for name in figures:
+        page.tab.click(f"#tab-{name}")
+        drawn(page, name)
+        told[name] = figure_says(page)
+    assert told == {
+        "recognition": "Accuracy over input length: 0.500 after 50 ms, 0.900 after 100 ms.",
+        "first_spike": "First output spike: denim: median of 2 of 2 samples, 80 ms.",
+        "histograms": "Class histograms over 3 prototypes: denim, silk & wool.",
+        "power": "Power at rest and beyond: a 56 + 0.005 W, b 0.5 + 1.75 W.",
+    }
 
 
 def test_what_the_file_does_not_carry_is_said(opened):

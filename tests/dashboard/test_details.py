@@ -12,7 +12,16 @@ import pandas as pd
 import pytest
 
 from dse import store
-from dse.dashboard.details import MOST_EXAMPLES, gather_details, packed_details, shown_first
+from dse.dashboard.details import (
+    MOST_EXAMPLES,
+    _histograms,
+    _Run,
+    gather_details,
+    packed_details,
+    shown_first,
+)
+from dse.measure.objectives.first_spike import first_spike_ms
+from dse.records import Parameters
 from dse.store import StoreError
 from dse.study import explore, results
 from tests import tiny_study
@@ -156,15 +165,54 @@ def test_energy_is_that_of_the_full_read_out(found, family):
         )
 
 
+def test_accuracy_over_time_is_the_mean_over_repeats(found):
+    document, task = details(found)
+    line, ring = task["figures"]["recognition"]["data"]
+    runs = arrays_of(found, "read_out.npz", document["trial"])
+    for axis, name in (("x", "decision_latency_ms"), ("y", "accuracy")):
+        assert numbers(line[axis]).tolist() == np.mean([run[name] for run in runs], axis=0).tolist()
+    assert ring["x"][0] in numbers(line["x"])
+
+
+def test_first_spikes_are_those_of_the_first_repeat(found):
+    document, task = details(found)
+    [bars] = task["figures"]["first_spike"]["data"]
+    arrays = arrays_of(found, "response.npz", document["trial"])[0]
+    times_ms = first_spike_ms(store.response_of(arrays))
+    medians = [np.median(times_ms[(arrays["target"] == k) & np.isfinite(times_ms)]) for k in range(3)]
+    assert numbers(bars["x"]).tolist() == medians
+    assert task["figures"]["first_spike"]["layout"]["yaxis"]["ticktext"] == NAMES
+
+
+def test_power_is_that_of_the_table(found):
+    document, task = details(found)
+    points = found.points()
+    full = points[(points["trial"] == document["trial"]) & points["point"].eq(0)]
+    known = full[full["power_idle_w"].notna() & full["power_w"].notna()]
+    figure = task["figures"]["power"]
+    assert figure["layout"]["xaxis"]["ticktext"] == known["hardware"].tolist()
+    assert numbers(figure["data"][0]["y"]).tolist() == known["power_idle_w"].tolist()
+
+
+def test_histograms_of_what_was_learnt(tmp_path):
+    learnt = Parameters({"signatures": np.ones((1, 3, 4)), "signature_class": np.arange(3)}, 6)
+    store.save_arrays(tmp_path / "weights.npz", store.record_arrays(learnt))
+    figure = _histograms(_Run(tmp_path, frozenset({"weights.npz"}), NAMES, {}))
+    assert [numbers(bars["y"]).tolist() for bars in figure["data"]] == [[1, 1, 1, 1]] * 3
+    assert _histograms(_Run(tmp_path, frozenset(), NAMES, {})) is None
+
+
 def test_only_what_was_recorded_is_there(found):
     document, task = details(found, "knn")
     assert document["notes"] == []
     assert set(task) == {"figures", "surfaces"}
-    assert set(task["figures"]) == {"confusion", "energy"}
+    assert set(task["figures"]) == {"confusion", "energy", "power"}
     assert task["surfaces"] == []
     _, spiking = details(found)
     assert list(spiking["figures"]["cores"]) == ["loihi1_silicon"]
-    assert set(spiking["figures"]) == {"confusion", "learning", "energy", "cores"}
+    assert set(spiking["figures"]) == {
+        *("confusion", "recognition", "first_spike", "learning", "energy", "power", "cores")
+    }
 
 
 def test_examples_are_what_the_first_repeat_answered(found):
@@ -208,23 +256,26 @@ def copied(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("file", "part", "what"),
+    ("file", "parts"),
     [
-        ("confusion.npz", "confusion", "The confusion matrix"),
-        ("history.npz", "learning", "The learning curve"),
-        ("read_out.npz", "energy", "Energy by cause"),
-        ("response.npz", "examples", "An example"),
+        ("confusion.npz", {"The confusion matrix": ["confusion"]}),
+        ("history.npz", {"The learning curve": ["learning"]}),
+        (
+            "read_out.npz",
+            {"Accuracy over time": ["recognition"], "Energy by cause": ["energy", "cores", "misfits"]},
+        ),
+        ("response.npz", {"The first output spike": ["first_spike"], "An example": ["examples"]}),
     ],
 )
-def test_a_damaged_artefact_takes_no_more_than_its_figure(copied, file, part, what):
+def test_a_damaged_artefact_takes_no_more_than_its_figures(copied, file, parts):
     document, task = details(copied)
     whole = {**task["figures"], **task}
     path = store.run_folder(copied.folder, document["trial"], 0) / file
     path.write_bytes(path.read_bytes()[:-40])
     damaged, rest = details(copied)
-    assert damaged["notes"] == [f"{what} {DAMAGED}"]
+    assert damaged["notes"] == [f"{what} {DAMAGED}" for what in parts]
     left = {**rest["figures"], **rest}
-    lost = {part, *(["cores", "misfits"] if part == "energy" else [])}
+    lost = {name for names in parts.values() for name in names}
     assert set(whole) - set(left) == lost & set(whole)
     assert all(left[name] == whole[name] for name in left if name != "figures")
 
@@ -240,7 +291,7 @@ def test_a_damaged_record_takes_its_repeat(copied, text):
     (one.parent.parent / "repeat_0" / "record.json").write_text(text)
     document, task = details(copied)
     assert len(document["notes"]) == 2
-    assert task["figures"] == {}
+    assert set(task["figures"]) == {"power"}, "which the table has"
     assert len(task["surfaces"]) == 1
 
 
@@ -309,7 +360,7 @@ def test_a_record_that_is_none_is_left_out(found, tmp_path, part):
         path.write_text(json.dumps({**json.loads(path.read_text()), **part}))
     document = gather_details(copy, points, trial)
     [task] = document["tasks"].values()
-    assert list(task["figures"]) == []
+    assert list(task["figures"]) == ["power"], "which the table has"
     assert len(task["surfaces"]) == 1
     assert [note.split(";")[0] for note in document["notes"]] == [
         f"The record of repeat {repeat} cannot be read" for repeat in range(2)

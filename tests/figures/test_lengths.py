@@ -69,11 +69,13 @@ def test_times_of_the_test_set_with_their_range_over_the_runs(trials):
         t_p_test_ms_min=[300.0, 90.0, 200.0, 80.0, np.nan],
         t_p_test_ms_max=[320.0, 99.0, 300.0, 90.0, np.nan],
     )
-    found = gather_lengths(tested, [read_out([0.4, 0.8], [1, 2])])
+    early = {"accuracy_test": np.array([0.3, 0.7]), "t_p_test_ms": np.array([220.0, 270.0])}
+    found = gather_lengths(tested, [read_out([0.4, 0.8], [1, 2]) | early])
     assert found.on_test and found.trained["accuracy"].tolist() == [0.5, 0.85]
     assert found.trained["t_p_ms"].tolist() == [95, 260]
     assert found.low["t_p_ms"].tolist() == [5, 60] and found.high["t_p_ms"].tolist() == [4, 40]
-    assert np.isnan(found.trained["t_h_ms"]).all()
+    assert np.isnan(found.trained["t_h_ms"]).all() and np.isnan(found.early["t_h_ms"]).all()
+    assert found.early["accuracy"].tolist() == [0.3, 0.7] and found.early["t_p_ms"].tolist() == [220, 270]
     assert draw_lengths(found).data[0].name == "trained per length, test set"
 
 
