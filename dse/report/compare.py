@@ -187,7 +187,9 @@ def _setup_rows(number: Number, sides: Sequence[Side], causes: Causes) -> Iterat
         if fact is not None and fits(number, side):
             several.setdefault(fact, []).append(side)
     for fact, alike in several.items():
-        names = ", ".join(dict.fromkeys(side.part.name for side in alike))
+        names = (
+            "all" if 1 < len(alike) == len(sides) else ", ".join(dict.fromkeys(x.part.name for x in alike))
+        )
         value = (
             fact if isinstance(fact, str) else text_of(fact) if isinstance(fact, tuple) else float(fact or 0)
         )

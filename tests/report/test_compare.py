@@ -214,7 +214,7 @@ def test_a_leak_as_printed_and_without(tmp_path: Path) -> None:
     assert [row.kind for row in found.rows].index("set-up") == 5, "after the results"
     found = paper_report([write(tmp_path / "honest", [honest])], "003")
     row = rows_of(found, "accuracy")[0]
-    assert (row.ours, row.same) == ("0.7", False) and "0.3 below: means learnt" in row.differs
+    assert (row.ours, row.same) == ("0.7", False) and "0.3 below: means of the training set" in row.differs
 
 
 def test_the_rate_of_a_receptor_is_that_of_all_its_channels(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas
 
 _ACCURACY = {"accuracy_test": "", "accuracy": VALIDATION}
-_HONEST = "no window of the test overlaps one of the training set, as those of the paper do"
+_HONEST = "windows of test and training do not overlap; the printed ones do"
 _RATE = "input_spike_rate_hz"
 _WITHIN = 0.9
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas
 
 _ACCURACY = {"accuracy_test": "", "accuracy": VALIDATION}
-_HONEST = "means learnt on the training set: the printed encoding reads the label"
+_HONEST = "means of the training set; the printed encoding reads the label"
 _ENDS = {"fastest": "min", "slowest": "max"}
 
 
