@@ -80,8 +80,9 @@ class PaperReport:
 
 
 def key_of(name: str) -> str | None:
-    """Return the number of a paper from its number or its readable name; None: there is no such paper."""
-    return next((key for key, paper in publications().items() if name in (key, paper.name)), None)
+    """Return the number of a paper from it, its readable name or its source; None: there is no such paper."""
+    papers = publications().items()
+    return next((key for key, paper in papers if name in (key, paper.name, paper.source)), None)
 
 
 def paper_report(studies: Sequence[Study], key: str) -> PaperReport:

@@ -66,7 +66,7 @@ def only(found: PaperReport, *names: str) -> PaperRow:
 def test_every_printed_number_has_a_place_and_something_of_ours_or_a_reason() -> None:
     assert list(publications()) == list(TABLES)
     for key, paper in publications().items():
-        assert key_of(paper.name) == key_of(key) == key
+        assert key_of(paper.name) == key_of(paper.source) == key_of(key) == key
         assert set(TABLES[key].OURS) == set(paper.results), key
         for number in paper.numbers():
             assert number.entry.where and number.entry.quantity, number
@@ -124,9 +124,9 @@ def test_a_length_stands_beside_the_same_length_alone(tmp_path: Path) -> None:
     designs: list[dict[str, Any]] = [
         {
             **{"runs": [0.8, 0.9, 0.7], "decision_latency_ms": ms, "accuracy_test": 0.93},
-            **{"t_p_ms": 400.0, "t_p_test_ms": 437.4, "t_h_ms": 100.0},
+            **{"t_p_ms": 400.0, "t_p_test_ms": 437.4, "t_h_ms": t_h_ms},
         }
-        for ms in (1000.0, 5000.0)
+        for ms, t_h_ms in ((1000.0, 100.0), (4000.0, None), (5000.0, 120.0))
     ]
     k_fold = {"k_fold": {"k": 3, "group": None, "test": {"repetition": 1}, "seed": 1, "fold": 0}}
     study = on_scene(tmp_path / "lengths", "neurotac_davis", "texture", designs, split=k_fold)
@@ -137,6 +137,7 @@ def test_a_length_stands_beside_the_same_length_alone(tmp_path: Path) -> None:
     )
     assert only(found, "t_p", "samples of 250 ms").differs == "no network of this length"
     assert only(found, "t_h", "samples of 1000 ms").same is False
+    assert only(found, "t_h", "samples of 4000 ms").why == "no setting reaches the human baseline"
     assert only(found, "peak accuracy", "samples of 1000 ms").why.startswith("at the end of the sample")
     phi = only(found, "φ of t_p", "samples of 5000 ms")
     assert (phi.ours_value, phi.low, phi.high, phi.runs, phi.why) == (7, 7, 7, 3, "median over the folds")
