@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar, NamedTuple
 
@@ -124,7 +124,7 @@ class HOTS:
         arrays |= {"signatures": signature, "signature_class": label, "positions": dataset.positions}
         fitted = Parameters(arrays, dataset.spikes.n_channels)
         seconds = time.perf_counter() - began
-        n_input = sum(len(inputs.spikes(i)[0]) for i in samples)
+        n_input = sum(int(np.ptp(inputs.rows(i))) for i in samples)
         health = {
             "hots_prototypes": sum(map(len, prototypes)),
             "hots_unused_prototypes": int((counts[:, -1].sum(axis=0) == 0).sum()),
@@ -163,7 +163,8 @@ class HOTS:
             for memory, learnt in layers:
                 events = events._replace(plane=_assigned(memory, events, learnt))
             counts[row] = histograms(step, events.plane, lengths, counts.shape[2])
-            input_spikes[row] = np.searchsorted(inputs.spikes(i)[0], lengths)
+            rows = inputs.rows(i)
+            input_spikes[row] = rows[lengths] - rows[0]
         features = self._features(counts)
         label = np.empty(shape, dtype=np.int64)
         for k, signature in enumerate(arrays["signatures"]):
@@ -287,28 +288,28 @@ class _Inputs:
     dataset: Dataset
     places: _Places
     near: _Near | None
+    _passed: dict[int, Array] = field(default_factory=dict)  # sample -> bits of its events
 
     def events(self, i: int) -> tuple[Array, Stream]:
         """Return the events of sample i that pass the filter, and their steps within the window."""
-        step, channel = self.spikes(i)
+        rows = self.rows(i)
+        step = np.repeat(np.arange(len(rows) - 1), np.diff(rows))
+        channel = self.dataset.spikes.channel[rows[0] : rows[-1]]
         x, y, plane, *_ = self.places
         events = Stream(self._times_us(i, step), x[channel], y[channel], plane[channel])
         if self.near is None:
             return step, events
-        passed = neighbours(events, self.near.radius, self.near.span_us) >= self.near.n
+        if i not in self._passed:
+            n_near = neighbours(events, self.near.radius, self.near.span_us)
+            self._passed[i] = np.packbits(n_near >= self.near.n)
+        passed = np.unpackbits(self._passed[i], count=len(step)).view(np.bool_)
         return step[passed], Stream(*(a[passed] for a in events))
 
     def in_planes(self, i: int, plane: Array) -> Stream:
         """Return the events of sample i that pass the filter, in the planes of a deeper layer."""
         return self.events(i)[1]._replace(plane=plane)
 
-    def spikes(self, i: int) -> tuple[Array, Array]:
-        """Return step within the window and channel of all spikes of sample i."""
-        rows = self._rows(i)
-        step = np.repeat(np.arange(len(rows) - 1), np.diff(rows))
-        return step, self.dataset.spikes.channel[rows[0] : rows[-1]]
-
-    def _rows(self, i: int) -> Array:
+    def rows(self, i: int) -> Array:
         """Return where the spikes of every step of sample i's window begin, and where the last ones end."""
         spikes = self.dataset.spikes
         first = int(i) * spikes.n_steps + int(self.dataset.start[i])
@@ -319,7 +320,7 @@ class _Inputs:
         spikes, step_us = self.dataset.spikes, 1000 * self.dataset.spikes.step_ms
         if spikes.t_us is None:
             return np.rint(step * step_us).astype(np.int64)
-        rows = self._rows(i)
+        rows = self.rows(i)
         t_us = spikes.t_us[rows[0] : rows[-1]].astype(np.int64)
         return np.asarray(t_us - round(int(self.dataset.start[i]) * step_us))
 
