@@ -174,7 +174,7 @@ const Design = (() => {
       return `Class histograms over ${listed(data[0]?.y).length} prototypes: ${names.join(", ")}.`;
     },
     power({ layout }) {
-      const names = (layout.xaxis.ticktext ?? []).map(plain);
+      const names = (layout.yaxis.ticktext ?? []).map(plain);
       return `Power at rest and beyond: ${names.map((name, k) => `${name} ${plain(layout.annotations[k].text)}`).join(", ")}.`;
     },
     cores({ data, layout }) {

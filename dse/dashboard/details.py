@@ -407,7 +407,8 @@ def _power(rows: pandas.DataFrame) -> dict[str, Any] | None:
     if not (np.isfinite(numbers(full, IDLE)) & np.isfinite(numbers(full, RUNNING))).any():
         return None
     figure = draw_power(gather_power(full))
-    figure.update_layout(height=_HEIGHT, margin=_MARGIN, legend=_LEGEND)
+    figure.update_layout(margin=_MARGIN, legend=_LEGEND)
+    figure.update_xaxes(range=[0, 1.6 * figure.layout.xaxis.range[1]])  # the numbers beside the bars
     return plain_figure(figure)
 
 

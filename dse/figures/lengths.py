@@ -150,6 +150,10 @@ def draw_lengths(lengths: Lengths) -> plotly.graph_objects.Figure:
             )
         figure.update_xaxes(title_text="sample length (ms)", rangemode="tozero", row=1, col=column)
         figure.update_yaxes(rangemode="tozero", row=1, col=column)
+        if not np.isfinite(np.concatenate([values[quantity] for _, _, values, _ in sources])).any():
+            x = 0.5 * max(lengths.trained_ms.max(), lengths.early_ms.max())
+            figure.add_annotation(x=x, y=0.5, text="none", showarrow=False, row=1, col=column)
+            figure.update_yaxes(range=[0, 1], showticklabels=False, row=1, col=column)
     figure.update_layout(
         height=340,
         margin={"t": 64, "l": 48, "r": 16},

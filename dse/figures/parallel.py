@@ -134,7 +134,7 @@ def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
     longest = max((len(_clipped(word)) for word in first), default=0)
     left = max(longest + 2, len(_clipped(parallel.columns[0])) // 2) * _CHARACTER_PX
     right = len(_clipped(parallel.columns[-1])) // 2 * _CHARACTER_PX
-    figure.update_layout(margin={"l": max(56, left), "r": max(32, right), "t": 48, "b": 24})
+    figure.update_layout(margin={"l": max(56, left), "r": max(48, right), "t": 48, "b": 24})
     return figure
 
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 IDLE, RUNNING = "power_idle_w", "power_w"
 _INTERVAL = "#59616B"
+_ROOM = 1.4  # width of the axis by the longest bar; the rest is for its numbers
+_BAR_PX, _MARGIN_PX = 48, 100
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def gather_power(points: pandas.DataFrame) -> Power:
 
 
 def draw_power(power: Power) -> plotly.graph_objects.Figure:
-    """Draw a bar per hardware: at rest, and on top what running adds; the interval is that of the sum."""
+    """Draw a bar per hardware: at rest, and after it what running adds; the interval is that of the sum."""
     import plotly.graph_objects as go
 
     names = [html.escape(name, quote=False) for name in power.hardware]
@@ -98,28 +100,31 @@ def draw_power(power: Power) -> plotly.graph_objects.Figure:
     figure = go.Figure()
     for (name, watts), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
         figure.add_bar(
-            x=places,
-            y=watts,
+            orientation="h",
+            y=places,
+            x=watts,
             name=name,
             marker={"color": colour},
-            hovertemplate=f"{name}: %{{y:.4g}} W<extra></extra>",
+            hovertemplate=f"{name}: %{{x:.4g}} W<extra></extra>",
         )
     bars = {"type": "data", "symmetric": False, "array": power.high_w, "arrayminus": power.low_w}
-    figure.data[1].error_y = {**bars, "thickness": 1, "width": 4, "color": _INTERVAL}
-    # Above the interval, because a part may be too small to hold its number.
+    figure.data[1].error_x = {**bars, "thickness": 1, "width": 4, "color": _INTERVAL}
+    # Beside the interval, because a part may be too small to hold its number.
     ends_w = power.idle_w + power.beyond_w + power.high_w
     for place, (idle_w, beyond_w) in enumerate(zip(power.idle_w, power.beyond_w, strict=True)):
         figure.add_annotation(
-            x=place,
-            y=float(ends_w[place]),
+            x=float(ends_w[place]),
+            y=place,
             text=f"{short(float(idle_w))} + {short(float(beyond_w))} W",
             showarrow=False,
-            yanchor="bottom",
+            xanchor="left",
+            xshift=6,
         )
     figure.update_layout(
         barmode="stack",
-        xaxis={"tickvals": places, "ticktext": names, "showgrid": False},
-        yaxis={"title": {"text": "power (W)"}, "rangemode": "tozero"},
+        xaxis={"title": {"text": "power (W)"}, "range": [0, _ROOM * float(ends_w.max())]},
+        yaxis={"tickvals": places, "ticktext": names, "autorange": "reversed", "showgrid": False},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+        height=_MARGIN_PX + _BAR_PX * max(3, len(names)),
     )
     return figure

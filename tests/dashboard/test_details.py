@@ -190,8 +190,8 @@ def test_power_is_that_of_the_table(found):
     full = points[(points["trial"] == document["trial"]) & points["point"].eq(0)]
     known = full[full["power_idle_w"].notna() & full["power_w"].notna()]
     figure = task["figures"]["power"]
-    assert figure["layout"]["xaxis"]["ticktext"] == known["hardware"].tolist()
-    assert numbers(figure["data"][0]["y"]).tolist() == known["power_idle_w"].tolist()
+    assert figure["layout"]["yaxis"]["ticktext"] == known["hardware"].tolist()
+    assert numbers(figure["data"][0]["x"]).tolist() == known["power_idle_w"].tolist()
 
 
 def test_histograms_of_what_was_learnt(tmp_path):

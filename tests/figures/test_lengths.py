@@ -48,6 +48,8 @@ def test_the_best_trial_of_every_length_beside_the_mean_of_the_read_outs(trials)
 def test_a_net_without_decision_grid_has_no_times(trials):
     bare = {name: read_out([0.4, 0.8], [1, 2])[name] for name in ("decision_latency_ms", "accuracy")}
     assert np.isnan(gather_lengths(trials, [bare]).early["t_p_ms"]).all()
+    never = draw_lengths(gather_lengths(trials.assign(t_h_ms=np.nan), [bare]))
+    assert [note.text for note in never.layout.annotations[3:]] == ["none"]
 
 
 def test_drawing_has_a_panel_for_each_quantity(trials):

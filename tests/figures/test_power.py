@@ -32,8 +32,8 @@ def test_bars_on_each_other():
     assert [bar.name for bar in figure.data] == ["at rest", "beyond, running"]
     assert figure.layout.barmode == "stack"
     assert [note.text for note in figure.layout.annotations] == ["56 + 0.005 W", "28 + 18 W", "0.5 + 1.75 W"]
-    assert list(figure.layout.xaxis.ticktext) == ["CPU", "GPU", "&lt;Loihi 2&gt;"]
-    assert list(figure.data[1].error_y.array) == pytest.approx([0, 1, 0.5])
+    assert list(figure.layout.yaxis.ticktext) == ["CPU", "GPU", "&lt;Loihi 2&gt;"]
+    assert list(figure.data[1].error_x.array) == pytest.approx([0, 1, 0.5])
 
 
 def test_what_it_refuses():
