@@ -205,6 +205,8 @@ def test_every_event_is_stored_with_its_time(file: str):
     for i in range(16):
         events, bins = window_of(data, i, 0, 12), window_of(binned, i, 0, 12)
         assert [sorted(set(row)) for row in events] == bins
+    new, _ = build_for(design, Path(), data.classes)
+    assert np.array_equal(new.spikes.t_us, spikes.t_us) and new.test.size == 16
 
 
 def test_an_encoder_sees_how_many_events_there_are(encoders):  # noqa: F811
