@@ -23,6 +23,7 @@ _NEAR = 0.02
 _LOIHI = "Loihi 2"
 # Platform of the paper -> how names of hardware profiles begin: of the same kind, then of the next.
 _PLATFORMS = {"CPU": ("cpu",), "GPU": ("gpu",), _LOIHI: ("loihi2", "loihi1")}
+_NOT_REACHED = "no setting reaches the human baseline"
 _NO_DECISION = "at the end of the sample, without the decision maker"
 
 
@@ -55,7 +56,8 @@ def _setting(name: str, side: Side, condition: Mapping[str, str]) -> Ours:
     runs = side.part.arrays(int(row["trial"]), "read_out")
     each = sorted(x for run in runs if name in run and (x := number(run[name][-1])) is not None)
     if not each:
-        return missing("the study has no decision grid, or no setting reaches it")
+        grid = number(row.get("t_p_ms")) is not None
+        return missing(_NOT_REACHED if grid else "the study has no decision grid")
     border = number(row.get("t_p_on_border")) if name.endswith("_p") else None
     why = "median over the folds" if len(each) > 1 else ""
     if border:
@@ -93,7 +95,7 @@ def _largest_theta(surface: Mapping[str, np.ndarray]) -> float | None:
 def _t_h(side: Side, condition: Mapping[str, str]) -> Ours:
     ours = _column({"t_h_test_ms": "", "t_h_ms": VALIDATION}, side, condition)
     if ours.value is None and ours.row is not None and number(ours.row.get("t_p_ms")) is not None:
-        return replace(ours, why="no setting reaches the human baseline")
+        return replace(ours, why=_NOT_REACHED)
     return ours
 
 
@@ -127,7 +129,7 @@ def _on(side: Side, platform: str, column: str) -> Ours:
         if value is None or prefix is None:
             continue
         quoted = publication(_PAPER).source in side.part.study.chip(name).text
-        why = f"profile {name}" + ", which holds the printed power" * quoted + ", another chip" * (prefix > 0)
+        why = f"profile {name}" + ", the printed power" * quoted + ", another chip" * (prefix > 0)
         low, high = number(row.get(f"{column}_low")), number(row.get(f"{column}_high"))
         ours = Ours(value, None, low, high, int(row["repeats"]), row, same=not (quoted or prefix), why=why)
         several.append((quoted, prefix, ours))
