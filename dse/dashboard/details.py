@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
 MOST_EXAMPLES = 6
 _MOST_HISTOGRAMS = 12  # a panel each
+_OF_HOTS = "hots_prototypes"  # a column that HOTS alone has
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
 _MOST_EPOCHS = 120  # points of a line: more are finer than a pixel or two
 _DIGITS = 6  # of a float32; a page shows three
@@ -285,7 +286,8 @@ def _of_task(
         figures["recognition"] = attempted("Accuracy over time", _recognition, runs, head)
         if not heads:
             figures["first_spike"] = attempted("The first output spike", _first_spike, runs[0])
-            figures["histograms"] = attempted("Class histograms", _histograms, runs[0])
+            if np.isfinite(numbers(rows, _OF_HOTS)).any():  # the weights of other families may be large
+                figures["histograms"] = attempted("Class histograms", _histograms, runs[0])
         figures["learning"] = attempted("The learning curve", _learning, runs)
         loads = attempted("Energy by cause", _loads, runs, head) or []
         names = map(str, rows["hardware"].unique()) if loads and "hardware" in rows else ()

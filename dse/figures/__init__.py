@@ -131,6 +131,16 @@ def with_value(points: pandas.DataFrame, column: str, value: str) -> pandas.Data
     return points[points[column].astype(str) == value]
 
 
+def of_task(rows: pandas.DataFrame, task: str = "") -> pandas.DataFrame:
+    """Return the rows of one task; without a name those of the first.
+
+    Raises:
+        ValueError: no row is of it.
+    """
+    first = str(rows["task"].iloc[0]) if "task" in rows and len(rows) else ""
+    return with_value(rows, "task", task or first)
+
+
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the points that answer at the end of the window, as trained."""
     frame = points

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
+from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
@@ -59,9 +59,7 @@ class TradeFigure:
     task: str = param("", doc="what is predicted (default: the first task)", axis=False)
 
     def gather(self, results: Results) -> Trade:
-        frame = full_read_outs(on_one_chip(results.points(), self.hardware))
-        if "task" in frame and len(frame):
-            frame = with_value(frame, "task", self.task or str(frame["task"].iloc[0]))
+        frame = of_task(full_read_outs(on_one_chip(results.points(), self.hardware)), self.task)
         return gather_energy(frame, self.parameter, self.x, self.y)
 
     def draw(self, record: Trade) -> plotly.graph_objects.Figure:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results
+from dse.figures import Results, of_task
 from dse.figures.front import numbers
 from dse.figures.labels import axis_title, short
 from dse.records import Array
@@ -58,9 +58,11 @@ class GridFigure:
     x: str = param(doc="column of the horizontal axis, such as model.hidden", axis=False)
     y: str = param(doc="column of the vertical axis", axis=False)
     value: str = param("accuracy", doc="column of numbers", axis=False)
+    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
 
     def gather(self, results: Results) -> Grid:
-        return gather_grid(results.trials, self.x, self.y, self.value)
+        trials = of_task(results.trials, self.task)
+        return gather_grid(trials, self.x, self.y, self.value)
 
     def draw(self, record: Grid) -> plotly.graph_objects.Figure:
         return draw_grid(record)

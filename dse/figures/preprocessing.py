@@ -87,6 +87,7 @@ def gather_stages(stages: Stages) -> tuple[Raster, ...]:
     x, y = events.x.astype(np.int64) - left, events.y.astype(np.int64) - top
     kept = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     end_us = int(events.t_us[-1]) + 1 if len(events.t_us) else stages.end_us
+    is_whole = stages.crop == (0, 0, width, height)
     pooled = gather_pooled(stages)
     t_us = _spike_us(stages)
     inside = (t_us >= stages.begin_us) & (t_us < stages.end_us)
@@ -96,7 +97,7 @@ def gather_stages(stages: Stages) -> tuple[Raster, ...]:
             events.t_us, events.y.astype(np.int64) * width + events.x, end_us, width * height,
         ),
         _raster(
-            f"cropped to {columns} × {rows} pixels", "pixel",
+            "not cropped" if is_whole else f"cropped to {columns} × {rows} pixels", "pixel",
             events.t_us[kept], (y * columns + x)[kept], end_us, columns * rows,
         ),
         replace(pooled, title=f"pooled to {stages.n_channels} channels"),

@@ -6,6 +6,7 @@ al., temporal and spatio-temporal domains, Fig. 5a (REFERENCES.md).
 
 from __future__ import annotations
 
+import fnmatch
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import numpy as np
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
-from dse.records import Array
+from dse.records import Array, Floats
 from dse.registry import param, register
 
 if TYPE_CHECKING:
@@ -60,7 +61,10 @@ class Sweep:
 class SweepFigure:
     """Columns over a parameter, a panel each: the design best in the first column at each of its values."""
 
-    x: str = param(doc="column of numbers, such as model.window_ms", axis=False)
+    x: str = param(
+        doc="column of numbers, such as model.window_ms; with * all columns like it, as in model.*.window_ms",
+        axis=False,
+    )
     columns: tuple[str, ...] = param(("accuracy",), doc="columns of numbers, a panel each", axis=False)
     family: str = param("", doc="family of classifiers (default: a line for each)", axis=False)
     task: str = param("", doc="what is predicted (default: a line for each)", axis=False)
@@ -82,15 +86,18 @@ def gather_sweep(points: pandas.DataFrame, x: str, columns: Sequence[str], by: s
 
     Args:
         points: full read-outs on one hardware.
-        x: column of the parameter.
+        x: column of the parameter; with * several columns, of which each row has a number in one at most.
         columns: at least one; of the first, the largest number is best, and the first trial of several.
         by: column that separates lines beside family and task; '': none.
 
     Raises:
-        ValueError: a column is not in the table or listed twice, or no row has numbers of x and of the first.
+        ValueError: a column is not in the table or listed twice, no row has numbers of x and of the first, or
+            a row has several of x.
     """
     if not columns or len({x, *columns}) <= len(columns):
         raise ValueError(f"columns must be one or more, none twice and none the x '{x}', got {list(columns)}")
+    if "*" in x:
+        points = points.assign(**{x: _merged(points, x)})
     if unknown := [name for name in (x, *columns, *([by] if by else [])) if name not in points.columns]:
         raise ValueError(f"columns must be in the table, got {unknown}")
     known = np.isfinite(numbers(points, x)) & np.isfinite(numbers(points, columns[0]))
@@ -106,6 +113,16 @@ def gather_sweep(points: pandas.DataFrame, x: str, columns: Sequence[str], by: s
         lines=tuple(_line(_name(name, by), of_line, columns) for name, of_line in each),
         n_left_out=int((~known).sum()),
     )
+
+
+def _merged(points: pandas.DataFrame, pattern: str) -> Floats:
+    """Return the number that each row has in one of the columns of a pattern, NaN where it has none."""
+    alike = fnmatch.filter(map(str, points.columns), pattern)
+    values = np.column_stack([np.full(len(points), np.nan), *(numbers(points, name) for name in alike)])
+    known = np.isfinite(values)
+    if (known.sum(axis=1) > 1).any():
+        raise ValueError(f"a row must have a number in one of {', '.join(alike)}, got several")
+    return np.where(known.any(axis=1), np.nansum(values, axis=1), np.nan)
 
 
 def _name(values: Sequence[object], by: str) -> str:

@@ -42,6 +42,11 @@ def test_every_stage_by_hand(monkeypatch):
     ]
 
 
+def test_a_frame_without_crop():
+    _, cropped, *_ = gather_stages(replace(stages(), crop=(0, 0, 4, 2)))
+    assert cropped.title == "not cropped" and cropped.counts.sum() == 4
+
+
 def test_cells_hold_whole_bins(monkeypatch):
     monkeypatch.setattr(preprocessing, "_CELLS", (3, 4))
     pooled = gather_pooled(stages())

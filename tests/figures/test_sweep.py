@@ -46,6 +46,26 @@ def test_a_line_per_value_of_another_column():
     assert [line.trial.tolist() for line in found.lines] == [[4], [1, 0], [2]]
 
 
+def test_columns_alike_are_one_parameter():
+    frame = pd.DataFrame(
+        {
+            "trial": [0, 1, 2],
+            "family": ["knn", "mlp", "mlp"],
+            "model.knn.window_ms": [100.0, np.nan, np.nan],
+            "model.mlp.window_ms": [np.nan, 50.0, 200.0],
+            "accuracy": [0.9, 0.7, 0.8],
+        }
+    )
+    knn, mlp = gather_sweep(frame, "model.*.window_ms", ["accuracy"]).lines
+    assert (knn.x.tolist(), mlp.x.tolist()) == ([100], [50, 200])
+    figure = draw_sweep(gather_sweep(frame, "model.*.window_ms", ["accuracy"]))
+    assert figure.layout.xaxis.title.text == "model.*.window (ms)"
+    with pytest.raises(ValueError, match=r"a row must have a number in one of model.x.window_ms, model.knn"):
+        gather_sweep(frame.rename(columns={"trial": "model.x.window_ms"}), "model.*.window_ms", ["accuracy"])
+    with pytest.raises(ValueError, match=r"a row must have numbers of model.*.tau and accuracy, got none"):
+        gather_sweep(frame, "model.*.tau", ["accuracy"])
+
+
 def test_one_line_needs_no_legend():
     [line] = draw_sweep(gather_sweep(points()[:3], "window_ms", ["accuracy"])).data
     assert not line.showlegend

@@ -13,6 +13,7 @@ import pytest
 
 from dse import registry
 from dse.cli import main
+from dse.figures import image
 from dse.testing import check_figure, check_objective
 from tests.spaces import write_space
 
@@ -133,6 +134,27 @@ def test_a_figure_is_drawn(installed: Path, tmp_path: Path) -> None:
     out = tmp_path / "bars.html"
     assert main(["figure", str(installed), "bars", "--out", str(out), "--set", "column=accuracy"]) == 0
     assert "plotly" in out.read_text()
+
+
+def test_a_figure_for_print(
+    installed: Path, tmp_path: Path, chromium_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
+    monkeypatch.setenv("DSE_CHROMIUM", str(chromium_path))
+    out = tmp_path / "bars.pdf"
+    assert main(["figure", str(installed), "bars", "--out", str(out), "--size", "400x300"]) == 0
+    assert out.read_bytes().startswith(b"%PDF-")
+
+
+def test_a_figure_for_print_without_kaleido(
+    installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(image, "find_spec", lambda name: None)
+    assert main(["figure", str(installed), "bars", "--out", str(tmp_path / "bars.svg")]) == 2
+    assert capsys.readouterr().err == (
+        "dse figure: a figure as PDF, SVG or PNG needs kaleido: pip install 'dse[figures]'\n"
+    )
+    assert not list(tmp_path.iterdir())
 
 
 def test_its_components_keep_their_contracts(installed: Path) -> None:
