@@ -62,12 +62,17 @@ def static_image(
         size_px: width and height, 96 px to the inch; None: those of its layout, else `SIZE_PX`.
 
     Raises:
-        MissingExtra: kaleido or a browser is missing.
+        MissingExtra: kaleido or a browser is missing, or the browser does not start.
     """
     if find_spec("kaleido") is None:
         raise MissingExtra("a figure as PDF, SVG or PNG needs kaleido: pip install 'dse[figures]'")
     import kaleido
-    from choreographer.errors import ChromeNotFoundError
+    from choreographer.errors import (
+        BrowserClosedError,
+        BrowserDepsError,
+        BrowserFailedError,
+        ChromeNotFoundError,
+    )
 
     layout = figure.layout
     width, height = size_px or (layout.width or SIZE_PX[0], layout.height or SIZE_PX[1])
@@ -80,6 +85,11 @@ def static_image(
     except ChromeNotFoundError:
         raise MissingExtra(
             "a figure as PDF, SVG or PNG needs Chrome or Chromium: install one, or name it in DSE_CHROMIUM"
+        ) from None
+    except (BrowserClosedError, BrowserDepsError, BrowserFailedError):
+        raise MissingExtra(
+            "a figure as PDF, SVG or PNG needs a Chrome or Chromium that starts: "
+            f"{browser.get('path', 'the one on this machine')} did not; name another in DSE_CHROMIUM"
         ) from None
     return content
 

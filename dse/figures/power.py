@@ -91,7 +91,10 @@ def gather_power(points: pandas.DataFrame) -> Power:
 
 
 def draw_power(power: Power) -> plotly.graph_objects.Figure:
-    """Draw a bar per hardware: at rest, and after it what running adds; the interval is that of the sum."""
+    """Draw a bar per hardware: at rest, and after it what running adds; the interval is that of the sum.
+
+    Hardware whose power is not known is named below.
+    """
     import plotly.graph_objects as go
 
     names = [html.escape(name, quote=False) for name in power.hardware]
@@ -120,9 +123,11 @@ def draw_power(power: Power) -> plotly.graph_objects.Figure:
             xanchor="left",
             xshift=6,
         )
+    unknown = html.escape(", ".join(power.without), quote=False)
+    title = "power (W)" + (f"<br>not known: {unknown}" if unknown else "")
     figure.update_layout(
         barmode="stack",
-        xaxis={"title": {"text": "power (W)"}, "range": [0, _ROOM * float(ends_w.max())]},
+        xaxis={"title": {"text": title}, "range": [0, _ROOM * float(ends_w.max())]},
         yaxis={"tickvals": places, "ticktext": names, "autorange": "reversed", "showgrid": False},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
         height=_MARGIN_PX + _BAR_PX * max(3, len(names)),

@@ -54,6 +54,16 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         static_image(figure(), "png")
 
 
+def test_a_browser_that_does_not_start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
+    broken = tmp_path / "chromium"
+    broken.write_text("#!/bin/sh\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("DSE_CHROMIUM", str(broken))
+    with pytest.raises(MissingExtra, match=f"needs a Chrome or Chromium that starts: {broken} did not"):
+        static_image(figure(), "svg")
+
+
 def test_no_browser(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(tmp_path / "none"))
