@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from dse import registry, store
@@ -60,13 +59,6 @@ FIGURES: dict[str, dict[str, Any]] = {
 }
 
 
-class WithPower(SmallStudy):
-    """The power that no profile of the small study has."""
-
-    def points(self) -> pd.DataFrame:
-        return super().points().assign(power_idle_w=0.5, power_w=2.25)
-
-
 class WithHistograms(SmallStudy):
     """What a HOTS of the small study would have learnt."""
 
@@ -76,7 +68,7 @@ class WithHistograms(SmallStudy):
         return [store.record_arrays(learnt)] if name == "weights.npz" else super().arrays(trial, name)
 
 
-STUDIES: dict[str, type[SmallStudy]] = {"power": WithPower, "histograms": WithHistograms}
+STUDIES: dict[str, type[SmallStudy]] = {"histograms": WithHistograms}
 ARRAYS = {
     "signal": np.arange(24.0).reshape(2, 4, 3),
     "spikes": np.eye(6, dtype=np.uint8).reshape(2, 3, 6),
