@@ -1,8 +1,8 @@
 """Recordings of the iCub's skin in the order of time: a plugin of threshold_icub.yaml.
 
-The published file, (recording, 6, 10, 75), has lost that order: its buffer of (75 steps, 60 taxels) was read as
-(6, 75, 10). In the order of this source a step differs from the one before by 14 % of the signal's standard
-deviation; as stored, by 151 %.
+The published file, (recording, 6, 10, 75), has lost that order: its buffer of (75 steps, 60 taxels) was read
+as (6, 75, 10). In the order of this source a step differs from the one before by 14 % of the signal's
+standard deviation; as stored, by 151 %.
 """
 
 from __future__ import annotations

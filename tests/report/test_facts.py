@@ -77,7 +77,7 @@ def test_a_smaller_study_says_so(tmp_path: Path) -> None:
     space = "texture_profile_grid_small"
     small = load_space(shipped_spaces()[space]).resolve(GRID)
     assert isinstance(small.data, SceneTrials)
-    rows = paper_report([study_of(tmp_path, space, GRID, (576, 288, 288))], "002").rows
+    rows = paper_report([study_of(tmp_path, space, GRID, (864, 288, 288))], "002").rows
     differs = {row.quantity: row.differs for row in rows if row.kind == "set-up" and row.causes}
     assert differs["epochs"] == f"epochs: {small.training.epochs} instead of 100"
     trials = "trials of each texture and profile"
