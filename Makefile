@@ -10,6 +10,9 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
+# Tests that compile most kernels: they run first, in one process, so that no two compile the same.
+COMPILING := tests/engine/test_cpu.py tests/engine/test_kernels.py tests/scene/test_simulate.py
+
 # Stamps, each written last, so that a broken set-up is tried again.
 STUDY := $(VENV)/.study
 TESTS := $(VENV)/.tests
@@ -24,14 +27,14 @@ export DSE_DATA
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
 
-# Types are checked while one process compiles the kernels that the tests then share. Test files with studies and
-# pages come first (tests/conftest.py), and wait much: there are more processes than cores.
+# Types are checked while one process compiles kernels. Test files with studies and pages come first
+# (tests/conftest.py), and wait much: there are more processes than cores.
 test: $(TESTS)
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@$(MAKE) --no-print-directory -j 2 types kernels
-	$(PYTEST) --ignore tests/engine/gpu
+	$(PYTEST) --ignore tests/engine/gpu $(COMPILING:%=--ignore %)
 
 test-gpu: $(GPU)
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
@@ -47,7 +50,7 @@ types: $(TESTS)
 	$(BIN)/mypy
 
 kernels: $(TESTS)
-	$(BIN)/python -m pytest -q tests/engine/test_cpu.py tests/engine/test_kernels.py
+	$(BIN)/python -m pytest -q $(COMPILING)
 
 format: $(TESTS)
 	$(BIN)/ruff check --fix .
