@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 
@@ -118,13 +118,14 @@ def _sides(
     studies: Sequence[Study], paper: Publication, key: str, module: ModuleType
 ) -> tuple[list[Side], list[str]]:
     """Return the tasks of studies that stand beside a paper, and a sentence about every other study."""
+    labels: Callable[[StudyTask], Mapping[str, str]] = getattr(module, "labels", lambda part: {})
     sides: list[Side] = []
     others = []
     for study in studies:
         tasks = tasks_of(study)
         reasons = {part.task: why_not(part, paper.holds) for part in tasks}
         parts = [part for part in tasks if not reasons[part.task]]
-        sides += [Side(part, module.labels(part), paper.holds.families) for part in parts]
+        sides += [Side(part, labels(part), paper.holds.families) for part in parts]
         if not parts:
             why = "; ".join(dict.fromkeys(reasons.values())) or "it has no finished design"
             others.append(f"{study.folder.name}: is of another set-up than paper {key} ({paper.name}): {why}")

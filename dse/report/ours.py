@@ -22,6 +22,8 @@ SPREAD = ("value", "se", "low", "high")
 """Fields of `Ours` in the unit of the quantity."""
 NO_HONEST = "every design of the study has seen the labels"
 VALIDATION = "on validation; none of the test set"
+ACCURACY: Mapping[str, str] = {"accuracy_test": "", "accuracy": VALIDATION}
+"""Columns of `of_column`."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,12 @@ class Side:
         """The best design, which stands for the set-up; one that has seen labels if there is no other."""
         honest = best(self.designs())
         return best(self.designs(transductive=True)) if honest is None else honest
+
+    @cached_property
+    def as_printed(self) -> tuple[pandas.Series[Any] | None, bool]:
+        """The best design that has seen labels, as the paper has, else the best one; and whether it has."""
+        leaky = best(self.designs(transductive=True))
+        return (best(self.designs()), False) if leaky is None else (leaky, True)
 
     def facts(self, row: pandas.Series[Any] | None = None) -> Facts:
         """Return what a design was trained on, and how; None: the best one."""
@@ -138,6 +146,27 @@ def of_column(side: Side, row: pandas.Series[Any] | None, columns: Mapping[str, 
             ours = replace(ours, se=float(wilson_se(round(value * n), n)) if n else None)
         return ours
     return replace(missing(f"the study did not record {next(iter(columns))}"), row=row)
+
+
+def unless_printed(ours: Ours, as_printed: bool, why: str) -> Ours:
+    """Return a value as another quantity, and why, unless its design is as printed."""
+    if as_printed or ours.value is None:
+        return ours
+    return replace(ours, same=False, why="; ".join(filter(None, [why, ours.why])))
+
+
+def without_leak(why: str) -> Measure:
+    """Return the measure of accuracy of designs that have seen no labels.
+
+    Args:
+        why: why that is another quantity than the printed accuracy.
+    """
+
+    def measure(side: Side, condition: Mapping[str, str]) -> Ours:
+        row = best(side.designs())
+        return missing(NO_HONEST) if row is None else replace(of_column(side, row, ACCURACY), why=why)
+
+    return measure
 
 
 def over_runs(values: Sequence[float], row: pandas.Series[Any] | None = None) -> Ours:

@@ -8,42 +8,37 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.report.designs import StudyTask, best, sections_of
-from dse.report.ours import NO_HONEST, SPREAD, VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
+from dse.report.designs import sections_of
+from dse.report.ours import (
+    ACCURACY,
+    SPREAD,
+    VALIDATION,
+    Measure,
+    Ours,
+    Side,
+    missing,
+    of_column,
+    over_runs,
+    unless_printed,
+    without_leak,
+)
 
 if TYPE_CHECKING:
     import pandas
 
-_ACCURACY = {"accuracy_test": "", "accuracy": VALIDATION}
 _HONEST = "windows of test and training do not overlap; the printed ones do"
 _RATE = "input_spike_rate_hz"
 _WITHIN = 0.9
 
 
-def labels(part: StudyTask) -> dict[str, str]:
-    """Return no conditions."""
-    return {}
-
-
-def _row(side: Side) -> tuple[pandas.Series[Any] | None, bool]:
-    """Return the best design with the printed split, else the best one; and whether it is as printed."""
-    leaky = best(side.designs(transductive=True))
-    return (best(side.designs()), False) if leaky is None else (leaky, True)
-
-
 def _accuracy(side: Side, condition: Mapping[str, str]) -> Ours:
-    row, as_printed = _row(side)
-    ours = of_column(side, row, _ACCURACY)
-    return (
-        ours
-        if as_printed or ours.value is None
-        else replace(ours, same=False, why="; ".join(filter(None, [_HONEST, ours.why])))
-    )
+    row, as_printed = side.as_printed
+    return unless_printed(of_column(side, row, ACCURACY), as_printed, _HONEST)
 
 
 def _recognition(side: Side, condition: Mapping[str, str]) -> Ours:
     """Return the input length with the highest accuracy, of each run."""
-    row, _ = _row(side)
+    row, _ = side.as_printed
     if row is None:
         return missing("no such design")
     runs = side.part.arrays(int(row["trial"]), "read_out")
@@ -54,7 +49,7 @@ def _recognition(side: Side, condition: Mapping[str, str]) -> Ours:
 
 
 def _spike_rate(side: Side, condition: Mapping[str, str]) -> Ours:
-    row, _ = _row(side)
+    row, _ = side.as_printed
     ours = of_column(side, row, {_RATE: ""})
     if row is None or ours.value is None:
         return ours
@@ -84,13 +79,8 @@ def _least_rate(side: Side, condition: Mapping[str, str]) -> Ours:
     return replace(over_runs([rates[place]], near.iloc[place]), same=False, why=why)
 
 
-def _without_leak(side: Side, condition: Mapping[str, str]) -> Ours:
-    row = best(side.designs())
-    return missing(NO_HONEST) if row is None else replace(of_column(side, row, _ACCURACY), why=_HONEST)
-
-
 def _information(side: Side, condition: Mapping[str, str]) -> Ours:
-    row, _ = _row(side)
+    row, _ = side.as_printed
     return of_column(side, row, {"itr_bits": "", "itr_bits_test": ""})
 
 
@@ -101,6 +91,6 @@ OURS: Mapping[str, Measure] = {
     "least_rate_hz": _least_rate,
 }
 UNPRINTED: Mapping[str, Measure] = {
-    "accuracy without the leak": _without_leak,
+    "accuracy without the leak": without_leak(_HONEST),
     "information transfer (Fig. 12 draws it), bit": _information,
 }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.measure.decision import HUMAN_ACCURACY
-from dse.report.designs import StudyTask, best, full_read_outs
+from dse.report.designs import best, full_read_outs
 from dse.report.ours import VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
 from dse.report.papers import publication
 from dse.report.rows import number
@@ -25,11 +25,6 @@ _LOIHI = "Loihi 2"
 _PLATFORMS = {"CPU": ("cpu",), "GPU": ("gpu",), _LOIHI: ("loihi2", "loihi1")}
 _NOT_REACHED = "no setting reaches the human baseline"
 _NO_DECISION = "at the end of the sample, without the decision maker"
-
-
-def labels(part: StudyTask) -> dict[str, str]:
-    """Return no conditions: lengths are those of designs."""
-    return {}
 
 
 def _row(side: Side, condition: Mapping[str, str]) -> pandas.Series[Any] | None:

@@ -9,10 +9,9 @@ import numpy as np
 
 from dse.report.designs import StudyTask, best, sections_of
 from dse.report.facts import is_artificial, scene_of
-from dse.report.ours import VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
+from dse.report.ours import ACCURACY, Measure, Ours, Side, missing, of_column, over_runs
 
 _COUNTING = ("knn", "naive_bayes", "mlp")
-_ACCURACY = {"accuracy_test": "", "accuracy": VALIDATION}
 
 
 def labels(part: StudyTask) -> dict[str, str]:
@@ -23,7 +22,7 @@ def labels(part: StudyTask) -> dict[str, str]:
 
 def _accuracy(side: Side, condition: Mapping[str, str]) -> Ours:
     row = best(side.designs(condition["family"]))
-    return _no(condition["family"]) if row is None else of_column(side, row, _ACCURACY)
+    return _no(condition["family"]) if row is None else of_column(side, row, ACCURACY)
 
 
 def _t_c(side: Side, condition: Mapping[str, str]) -> Ours:
@@ -35,7 +34,7 @@ def _hots(side: Side, condition: Mapping[str, str]) -> Ours:
     designs, n = side.designs("hots"), int(condition["layers"])
     layers = [int(getattr(side.part.model(int(trial)), "layers", 0)) for trial in designs["trial"]]
     row = best(designs[np.array(layers, dtype=int) == n])
-    return _no(f"hots of {n} layers") if row is None else of_column(side, row, _ACCURACY)
+    return _no(f"hots of {n} layers") if row is None else of_column(side, row, ACCURACY)
 
 
 def _window(side: Side, condition: Mapping[str, str]) -> Ours:

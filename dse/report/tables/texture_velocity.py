@@ -12,7 +12,7 @@ import numpy as np
 from dse.measure.correlation import spearman
 from dse.report.designs import StudyTask, best, sections_of
 from dse.report.facts import scene_of
-from dse.report.ours import SPREAD, VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
+from dse.report.ours import ACCURACY, SPREAD, VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
 from dse.report.papers import publication
 from dse.report.rows import number
 from dse.skyline.front import front_ends
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 _PAPER = "002"
 _BEST = "best accuracy"
 _TEST, _VALIDATION = "accuracy_test", "accuracy"
-_ACCURACY = {_TEST: "", _VALIDATION: VALIDATION}
 _CHOICE = "spikes_per_inference_no_input"
 _S = {"spikes_total_no_input": ""}
 _COST = {"spikes": "spikes_total_no_input", "n_weights": "n_weights"}
@@ -96,7 +95,7 @@ def _gain_of_size(side: Side, condition: Mapping[str, str]) -> Ours:
     designs = _designs(side)
     hidden = np.array([np.sum(getattr(side.part.model(int(t)), "hidden", 0)) for t in designs["trial"]])
     sizes = [int(text) for text in condition["sizes"].split(" to ")]
-    ends = [of_column(side, best(designs[hidden == size]), _ACCURACY) for size in sizes]
+    ends = [of_column(side, best(designs[hidden == size]), ACCURACY) for size in sizes]
     if missing_sizes := [size for size, end in zip(sizes, ends, strict=True) if end.value is None]:
         return missing(f"no designs of {' and '.join(map(str, missing_sizes))} hidden neurons")
     small, large = (float(end.value or 0) for end in ends)
@@ -167,22 +166,22 @@ def _every_accuracy(side: Side, condition: Mapping[str, str]) -> Ours:
     values = designs[_TEST if on_test else _VALIDATION].astype(float)
     if values.isna().all():
         return missing("no such design")
-    return replace(of_column(side, designs.iloc[int(np.nanargmin(values))], _ACCURACY), same=on_test)
+    return replace(of_column(side, designs.iloc[int(np.nanargmin(values))], ACCURACY), same=on_test)
 
 
 OURS: Mapping[str, Measure] = {
-    "accuracy": partial(_column, _ACCURACY),
+    "accuracy": partial(_column, ACCURACY),
     "spikes": _spikes,
     "n_weights": partial(_column, {"n_weights": ""}),
     "hidden": partial(_setting, "hidden"),
     "true_rate": partial(_setting, "true_rate"),
-    "accuracy_in_text": partial(_column, _ACCURACY),
+    "accuracy_in_text": partial(_column, ACCURACY),
     "spearman": _spearman,
     "gain_of_size": _gain_of_size,
     "groups": _groups,
     "confused": _confused,
     "spikes_reduction": partial(_reduction, _S),
     "weights_reduction": partial(_reduction, {"n_weights": ""}),
-    "accuracy_loss": partial(_reduction, _ACCURACY),
+    "accuracy_loss": partial(_reduction, ACCURACY),
     "every_accuracy": _every_accuracy,
 }
