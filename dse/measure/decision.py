@@ -186,37 +186,33 @@ def early(
 
 
 def early_at(
-    output: ArrayLike,
-    target: ArrayLike,
-    lengths: ArrayLike,
-    phi: ArrayLike,
-    theta: ArrayLike,
-    step_ms: float,
-    settings: ArrayLike,
+    output: ArrayLike, target: ArrayLike, lengths: ArrayLike, step_ms: float, settings: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean decision time and accuracy after each of several input lengths, at a setting of each, (k,).
+
+    Only the settings themselves are evaluated, not the grid that they were chosen from.
 
     Args:
         output: (n, T, class) uint8 output spikes of other samples than chose the settings.
         target: (n,) their true class.
         lengths: (k,) steps in 1..T, any order.
-        phi: (phi,) as of `early`.
-        theta: (theta,) as of `early`.
         step_ms: duration of a step.
-        settings: (k, 2) phi and theta of each length, of the grid; NaN where there is none.
+        settings: (k, 2) phi and theta of each length; NaN where there is none, and then in the result.
 
     Raises:
         ValueError: as of `early`.
     """
-    spikes = _spikes(output)
+    spikes, chosen = _spikes(output), np.asarray(settings, np.float64)
     steps = _lengths(lengths, spikes.shape[1])
-    of_lengths, _ = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((*spikes.shape[:2], 0)))
-    found = [
-        (np.nan, np.nan) if np.isnan(chosen).any() else at(one, Setting(np.nan, np.nan, *chosen))[:2]
-        for one, chosen in zip(of_lengths, np.asarray(settings, np.float64), strict=True)
-    ]
-    time_ms, accuracy = np.array(found, np.float64).T
-    return time_ms, accuracy
+    times_ms, accuracies = np.full((2, len(steps)), np.nan)
+    there = np.flatnonzero(~np.isnan(chosen).any(axis=1))
+    if there.size:
+        phi, theta = (np.unique(values) for values in chosen[there].T)
+        no_work = np.empty((*spikes.shape[:2], 0))
+        of_lengths, _ = _surfaces(spikes, target, steps[there], phi, theta, step_ms, no_work)
+        for k, one in zip(there, of_lengths, strict=True):
+            times_ms[k], accuracies[k], *_ = at(one, Setting(np.nan, np.nan, *chosen[k]))
+    return times_ms, accuracies
 
 
 def t_p(surface: DecisionSurface, *, strict: bool = False) -> Setting:

@@ -447,7 +447,7 @@ def _of_spikes(
                 ("t_h", (early.phi_h, early.theta_h)),
             ):
                 time_ms, right = decision.early_at(
-                    output_test, target.test, lengths, phi, theta, step_ms, np.transpose(chosen)
+                    output_test, target.test, lengths, step_ms, np.transpose(chosen)
                 )
                 of_lengths |= {f"{name}_test_ms": time_ms, f"accuracy_at_{name}_test": right}
     return _Answered(

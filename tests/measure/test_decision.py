@@ -359,7 +359,7 @@ def test_each_length_is_read_at_its_own_setting(chosen_on, other):
     lengths = np.arange(1, n_steps + 1)
     chosen = early(output, target, lengths, [0, 2], [0.3, 0.7], 1.0)
     settings = np.stack([chosen.phi_h, chosen.theta_h], axis=1)
-    time_ms, accuracy = early_at(more, more_target, lengths, [0, 2], [0.3, 0.7], 1.0, settings)
+    time_ms, accuracy = early_at(more, more_target, lengths, 1.0, settings)
     for k, (phi, theta) in enumerate(settings):
         if np.isnan(phi):
             assert np.isnan(time_ms[k]) and np.isnan(accuracy[k])
