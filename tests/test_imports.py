@@ -23,6 +23,7 @@ LAYERS = (
     ("dashboard",),
     ("deploy", "report"),
     ("study",),
+    ("audit",),
     ("dataset", "figures", "models"),
     ("measure", "recordings"),
     ("encoders", "engine", "hardware", "scene", "search", "skyline"),

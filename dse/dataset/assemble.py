@@ -231,6 +231,20 @@ def transductive(folder: Path) -> str:
     return str(read_meta(folder)["transductive"])
 
 
+def lengths(folder: Path) -> Ints:
+    """Return (n,) steps of the recordings of a prepared data set, without those of a test file."""
+    return np.asarray(read_spikes(folder.parent / read_meta(folder)["spikes"]).lengths)
+
+
+def recordings(design: Sections, base: Path) -> Recordings:
+    """Return the recordings of a design, cut into windows if it says so; sample i of its data set is one.
+
+    Raises:
+        RecordingError: anything wrong with the recordings.
+    """
+    return _read(design.data, base, design.window)[0]
+
+
 def as_prepared(design: Sections, folder: Path) -> Sections:
     """Return a design with the values that its prepared data set has fitted to the recordings."""
     return design.with_fitted(read_meta(folder)["fitted"])

@@ -1,0 +1,78 @@
+"""Every probe on every task of a search space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dse.audit import groups, length, position, rest, totals, twins
+from dse.audit.gather import designs, first_values, material
+from dse.audit.material import Material
+from dse.audit.rows import AuditRow
+from dse.config import SearchSpace
+from dse.dataset.parts import Progress, silent
+
+_HOW = (
+    "a shortcut is at least half of what readers of counts over time reach above chance, and no accident "
+    "(p < 0.001); accuracy is that of validation samples, never of the test set; without: accuracy of the "
+    "same reader where the shortcut does not help"
+)
+
+
+@dataclass(frozen=True)
+class Audit:
+    """The rows of an audit, task by task, and sentences about them."""
+
+    rows: tuple[AuditRow, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def shortcuts(self) -> list[str]:
+        """Return the probes that have found a shortcut, each with its task."""
+        return [f"{row.probe} ({row.task})" for row in self.rows if row.shortcut]
+
+
+def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: Progress = silent) -> Audit:
+    """Return what could pass for skill in the recordings and the split of a search space.
+
+    Probes run on the spikes of its first design, for each of its targets.
+
+    Args:
+        space: search space.
+        root: of the cache of prepared data.
+        shifts: steps by which windows are moved; empty: an eighth of their length.
+        progress: called with a sentence as recordings are read.
+
+    Raises:
+        RecordingError: the recordings do not fit the search space.
+        OSError: the cache cannot be written.
+    """
+    notes = [_HOW]
+    if values := first_values(space):
+        notes.append("audited at " + ", ".join(f"{name} {value}" for name, value in values.items()))
+    rows: list[AuditRow] = []
+    for design in designs(space):
+        probed, sentences = probe(material(space, design, root, shifts, progress), shifts)
+        rows += probed
+        notes += sentences
+    return Audit(tuple(rows), tuple(dict.fromkeys(notes)))
+
+
+def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], list[str]]:
+    """Return the rows of one task, and sentences about what could not be probed."""
+    if totals.only_class(read):
+        return [], [f"{read.task}: training has one class, so that there is nothing to tell apart"]
+    moved = position.rows(read, shifts)
+    verdict = "the better of these is what shortcuts are compared with"
+    rows = [read.row("counts over time", score, verdict) for score in read.scores.values()]
+    rows += [*totals.rows(read), *rest.rows(read), *length.rows(read)]
+    rows += [*moved, *twins.rows(read), *groups.rows(read)]
+    notes = [f"{read.task}: {silence}"] if (silence := totals.silence(read)) else []
+    if not moved:
+        notes.append(f"{read.task}: windows have no room to move in their recordings")
+    constant = [name for name, values in read.columns.items() if len(set(values[read.train].tolist())) == 1]
+    constant = [name for name in constant if name not in read.split_columns]
+    if constant:
+        notes.append(f"{read.task}: training has one value of {', '.join(constant)}")
+    return rows, notes

@@ -1,0 +1,136 @@
+"""The first design of a search space -> what its probes read."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dse import dataset, seeds
+from dse.audit import position
+from dse.audit.material import Levels, Material
+from dse.config import SearchSpace
+from dse.config.contracts import Encoder
+from dse.config.resolved import Sections
+from dse.config.settings import Window
+from dse.config.space import Design
+from dse.dataset.parts import Progress, place_signals, seen_by_encoder, silent
+from dse.recordings.targets import target_columns
+from dse.recordings.windows import mean_levels
+from dse.records import Bools, Floats, Ints, Signals, Spikes
+from dse.search.space import corners
+
+MOST = 1000
+"""Training and validation samples that the probes use, each; of more, a random draw."""
+FIRST = 16
+"""The resting level is the mean of the first sixteenth of a window."""
+
+_DATA = ("task", "window", "preprocessing", "encoder")
+
+
+def designs(space: SearchSpace) -> Iterator[Design]:
+    """Yield the first design of a search space for every target; all other axes have their first value."""
+    first = next(corners(space, (), 1))
+    axis = space.axes.get("task.target")
+    for value in (None,) if axis is None else axis.values or ():
+        yield first if axis is None else first | {axis.name: value}
+
+
+def first_values(space: SearchSpace) -> dict[str, object]:
+    """Return the axes of the data and the value of each that is audited, without the target."""
+    design = next(designs(space))
+    return {
+        name: value for name, value in design.items() if name.split(".")[0] in _DATA and name != "task.target"
+    }
+
+
+def material(
+    space: SearchSpace, design: Design, root: Path, shifts: Sequence[int] = (), progress: Progress = silent
+) -> Material:
+    """Prepare the data set of a design, with room to move its windows, and return what probes read.
+
+    Args:
+        space: search space.
+        design: of `designs`.
+        root: of the cache.
+        shifts: steps by which windows are moved; empty: an eighth of their length.
+        progress: called with a sentence as recordings are read.
+
+    Raises:
+        RecordingError: the recordings do not fit the search space.
+        OSError: the cache cannot be written.
+    """
+    base, sections = space.source.parent, space.resolve(design)
+    roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts))
+    folder = dataset.prepare(roomy, base, root, space.execution.threads, progress)
+    data = dataset.load(folder)
+    train, validation = (_drawn(samples) for samples in (data.train, data.validation))
+    recordings = dataset.recordings(sections, base)
+    window = sections.window
+    every = window.every_steps or window.cut_steps or 1
+    levels = None
+    if isinstance(recordings, Signals):
+        prepared = dataset.as_prepared(sections, folder)
+        assert prepared.encoder is not None  # signals without an encoder are refused
+        if not prepared.encoder.transductive:
+            used = np.isin(np.arange(recordings.n_recordings), np.concatenate([train, validation]))
+            levels = _levels(recordings, prepared, prepared.encoder, used)
+    return Material(
+        task=space.task_name(design),
+        dataset=data,
+        train=train,
+        validation=validation,
+        columns=recordings.columns,
+        lengths=dataset.lengths(folder),
+        target_columns=target_columns(sections.task.target),
+        split_columns=sections.split.columns(),
+        contact_events=window.onset_threshold,
+        at_contact=window.at == "contact_onset",
+        jitter_steps=window.jitter_steps,
+        levels=levels,
+        reach=0 if window.cut_steps is None else (window.cut_steps - 1) // every,
+        leak=dataset.transductive(folder),
+    )
+
+
+def _with_room(window: Window, shifts: Sequence[int]) -> Window:
+    """Return a window that training may move far enough for the shifts; whole recordings have no room."""
+    if window.n_steps is None:
+        return window
+    usual = window.n_steps // position.FRACTIONS[0]
+    if window.jitter_steps:
+        usual = max(usual, position.furthest(window.jitter_steps, window.n_steps))
+    most = max(map(abs, shifts), default=usual)
+    return dataclasses.replace(window, jitter_steps=max(window.jitter_steps, most))
+
+
+def _drawn(samples: Ints) -> Ints:
+    """Return at most `MOST` of some samples, in rising order."""
+    if len(samples) <= MOST:
+        return samples
+    rng = seeds.generator(0, {}, "audit samples")
+    return np.sort(rng.choice(samples, MOST, replace=False))
+
+
+def _levels(signals: Signals, design: Sections, encoder: Encoder, used: Bools) -> Levels:
+    (start, _, _, n_steps), _ = place_signals(signals, design.window, used)
+    first = signals.offsets[:-1] + start
+    n_first = max(1, n_steps // FIRST)
+    time = np.arange(n_steps) - (n_steps - 1) / 2
+    level, slope = np.zeros((2, signals.n_recordings, signals.n_channels))
+    for i in np.flatnonzero(used):
+        values = signals.values[first[i] : first[i] + n_steps].astype(np.float64)
+        level[i] = values[:n_first].mean(axis=0)
+        slope[i] = time @ values / max((time**2).sum(), 1.0)
+
+    def encoded(constant: Floats, trend: Floats) -> Spikes:
+        since = np.arange(len(signals.values)) - np.repeat(first, signals.lengths)
+        removed = np.repeat(constant, signals.lengths, axis=0)
+        removed = removed + np.repeat(trend, signals.lengths, axis=0) * since[:, None]
+        changed = dataclasses.replace(signals, values=(signals.values - removed).astype(np.float32))
+        shown = seen_by_encoder(changed, design.window, mean_levels(changed, start, n_steps))
+        return encoder.encode_all(shown, start, np.where(used, n_steps, 0))
+
+    return Levels(level, slope, encoded)

@@ -1,0 +1,162 @@
+"""Sessions, recordings and conditions: what readers lose where training has not met a sample's group.
+
+A column whose every value has one class (a session that recorded one fabric) may stand for the class; a
+column that crosses the classes (force) is a condition that a classifier should generalise over.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dse import seeds
+from dse.audit.material import LOGISTIC_BINS, Material, in_both, percent
+from dse.audit.readers import NEAREST, classes_of, logistic, nearest
+from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, share_lost
+from dse.audit.totals import best_of_readers
+from dse.audit.twins import FEW
+from dse.recordings.splits import NUMBER, ORIGINAL, dealt
+from dse.records import Array, Bools, Ints
+
+MOST_FOLDS = 8
+"""Values that are left out one by one; of more values, `FOLDS` groups of them."""
+FOLDS = 5
+
+
+def rows(material: Material) -> list[AuditRow]:
+    """Return a row per label column that neither the target nor the split reads, and the row of the leak."""
+    audit = [_leak(material)] if material.leak else []
+    for name, values in material.columns.items():
+        if name in (*material.target_columns, *material.split_columns, NUMBER):
+            continue
+        n_values = len(np.unique(values[material.train]))
+        if n_values < 2:
+            continue
+        if n_values * FEW <= len(material.train):
+            audit.append(_group(material, name, values))
+        elif values.dtype.kind in "iuf":
+            audit.append(_order(material, name, values))
+    return audit
+
+
+def _leak(material: Material) -> AuditRow:
+    """Return the row of an evaluation that has seen its answers: windows with common steps, or an encoder."""
+    original, number = material.columns.get(ORIGINAL), material.columns.get(NUMBER)
+    before, without = material.best, None
+    if original is not None and number is not None and material.reach:
+        same = original[material.validation][:, None] == original[material.train]
+        apart = np.abs(number[material.validation][:, None] - number[material.train])
+        before = material.scores[NEAREST]
+        place = nearest(material.distances, ~(same & (apart <= material.reach)))
+        without = material.score(NEAREST, classes_of(material.codes, place))
+    remedy = "an encoder that reads no labels"
+    if "encoder" not in material.leak:
+        remedy = f"split by column '{ORIGINAL}', e.g. split.stratified.group: {ORIGINAL}"
+    return material.row("label leak", before, material.leak, shortcut=True, remedy=remedy, without=without)
+
+
+def _group(material: Material, name: str, values: Array) -> AuditRow:
+    """Return what the better reader of counts over time reaches on values that training has not met."""
+    nested = _is_nested(material, values)
+    probe = f"identity: {name}" if nested else f"unseen {name}"
+    shared = in_both(values, material.train, material.validation)
+    if not shared.any():
+        verdict = f"training and validation have no value of {name} in common"
+        return material.row(probe, material.best, verdict)
+    trained = _class_elsewhere(material, values)
+    chosen = shared & trained
+    if chosen.mean() < HALF:
+        return _inseparable(material, probe, name, values)
+    before = material.best.of(chosen, material.truth)
+    answers = _unseen(material, values)
+    after = material.score(before.reader, answers).of(chosen, material.truth)
+    lost = share_lost(before, after)
+    shortcut = is_above(before) and lost >= HALF and is_lower(before.correct, after.correct)
+    if shortcut:
+        verdict = f"{percent(lost)} of the accuracy above chance is recognition of known {name}"
+    elif not is_above(before):
+        verdict = f"this reader is at chance on known {name} too"
+    elif is_lower(before.correct, after.correct):
+        verdict = f"{percent(lost)} of the accuracy above chance is lost on {name} that training has not met"
+    else:
+        verdict = f"it holds on {name} that training has not met"
+    remedy = f"evaluation: {{leave_out: {name}}}"
+    return material.row(probe, before, verdict, shortcut=shortcut, remedy=remedy, without=after)
+
+
+def _is_nested(material: Material, values: Array) -> bool:
+    """Return whether every value of a column has one class in training."""
+    _, group = np.unique(values[material.train], return_inverse=True)
+    pairs = np.unique(np.stack([group, material.codes], axis=1), axis=0)
+    return len(pairs) == len(np.unique(group))
+
+
+def _class_elsewhere(material: Material, values: Array) -> Bools:
+    """Return (validation,) bool: whether training has the sample's class with another value too."""
+    known = values[material.train]
+    other = values[material.validation][:, None] != known
+    return np.asarray((other & (material.truth[:, None] == material.codes)).any(axis=1))
+
+
+def _inseparable(material: Material, probe: str, name: str, values: Array) -> AuditRow:
+    """Return the row of a column whose values each hold a whole class: the column answers for the label."""
+    train = values[material.train]
+    first = {value: code for value, code in zip(train.tolist(), material.codes.tolist(), strict=True)}
+    guesses = [first.get(value, -1) for value in values[material.validation].tolist()]
+    score = material.score(f"look-up of {name}", np.array(guesses))
+    shortcut = is_above(score)
+    verdict = f"{name} names the class with {score.accuracy:.3f}"
+    if shortcut:
+        verdict += f", and no class has several values: {name} and the label cannot be told apart"
+    remedy = f"recordings of each class with several values of {name}, split by them"
+    return material.row(probe, score, verdict, shortcut=shortcut, remedy=remedy)
+
+
+def _unseen(material: Material, values: Array) -> Ints:
+    """Return the answer to each validation sample of a reader trained without the sample's group."""
+    group = np.unique(values, return_inverse=True)[1]
+    if material.best.reader == NEAREST:
+        allowed = group[material.validation][:, None] != group[material.train]
+        return classes_of(material.codes, nearest(material.distances, allowed))
+    fold = _folds(material, group)
+    x, query = (material.counts(s, LOGISTIC_BINS) for s in (material.train, material.validation))
+    answers = np.full(len(material.validation), -1)
+    for number in np.unique(fold[material.validation]):
+        rest, asked = fold[material.train] != number, fold[material.validation] == number
+        if rest.any():
+            answers[asked] = logistic(x[rest], material.codes[rest], query[asked])
+    return answers
+
+
+def _folds(material: Material, group: Ints) -> Ints:
+    """Return the fold of every sample: its group, or one of few folds of groups that divide the classes."""
+    used = np.concatenate([material.train, material.validation])
+    if len(np.unique(group[used])) <= MOST_FOLDS:
+        return group
+    fold = np.full(len(group), -1)
+    rng = seeds.generator(0, {}, "audit folds")
+    fold[used] = dealt(material.dataset.target[used], group[used], [1 / FOLDS] * FOLDS, rng)
+    return fold
+
+
+def _order(material: Material, name: str, values: Array) -> AuditRow:
+    """Return whether a number of every sample, such as the order of trials, tells the class, and shows.
+
+    It shows where the nearest training sample of the same class has a nearer number than half of them.
+    """
+    number = values.astype(np.float64)[:, None]
+    score = best_of_readers(material, number[material.train], number[material.validation])
+    tells = is_above(score, readers=3)
+    apart = np.abs(number[material.validation] - number[material.train].T)
+    same = material.truth[:, None] == material.codes
+    place = nearest(material.distances, same)
+    median = np.nanmedian(np.where(same, apart, np.nan), axis=1)
+    closer = apart[np.arange(len(place)), place] < median
+    shows = is_above_rate(closer, 0.5)
+    verdict = (
+        f"{name} tells the class with {score.accuracy:.3f}"
+        if tells
+        else f"{name} tells the class no better than chance"
+    )
+    verdict += ", and spikes of near numbers are alike" if shows else ", and spikes do not show it"
+    remedy = f"a split by blocks of {name}"
+    return material.row(f"identity: {name}", score, verdict, shortcut=tells and shows, remedy=remedy)

@@ -1,0 +1,162 @@
+"""What probes read: spikes as classifiers get them, labels, and signals before the encoder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dse.audit.readers import LOGISTIC, NEAREST, classes_of, distances, logistic, nearest
+from dse.audit.rows import AuditRow, Score, largest_class
+from dse.dataset.shifts import shifted
+from dse.models.counts.rate_windows import as_features, window_counts
+from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
+
+LOGISTIC_BINS, NEAREST_BINS = 16, 8
+"""Equal time bins of the window that logistic regression and nearest neighbours count spikes in."""
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Sampled signals before the encoder.
+
+    level: (n, channel) mean of the first samples of the window. slope: (n, channel) per step, least squares.
+    encoded: returns the spikes of the windows, from step 0, of signals less `constant` (n, channel), less
+        `trend` (n, channel) times the steps since the start of the window.
+    """
+
+    level: Floats
+    slope: Floats
+    encoded: Callable[[Floats, Floats], Spikes]
+
+
+@dataclass(frozen=True)
+class Material:
+    """One task of a search space: its spikes, and the training and validation samples that the probes use.
+
+    dataset: as prepared; its test set is not read.
+    columns: label columns, each (n,).
+    lengths: (n,) steps of the recordings.
+    target_columns, split_columns: the label columns that the target and the split read.
+    contact_events: events of a bin with which contact begins.
+    at_contact: whether windows begin at contact.
+    jitter_steps: by which training windows are moved.
+    levels: of sampled signals; None of other recordings.
+    reach: windows that were cut from one recording share steps where their numbers differ by at most this.
+    leak: why the evaluation has seen its answers; '' where it has not.
+    """
+
+    task: str
+    dataset: Dataset
+    train: Ints
+    validation: Ints
+    columns: Mapping[str, Array]
+    lengths: Ints
+    target_columns: tuple[str, ...]
+    split_columns: tuple[str, ...]
+    contact_events: float = 3.0
+    at_contact: bool = False
+    jitter_steps: int = 0
+    levels: Levels | None = None
+    reach: int = 0
+    leak: str = ""
+
+    @property
+    def codes(self) -> Ints:
+        """(train,) classes of the training samples."""
+        return self.dataset.target[self.train]
+
+    @property
+    def truth(self) -> Ints:
+        """(validation,) classes of the validation samples."""
+        return self.dataset.target[self.validation]
+
+    def counts(self, samples: Ints, bins: int, steps: int = 0) -> Floats:
+        """Return spikes per bin and channel, (samples, bins * channel), of windows moved by some steps."""
+        moved = shifted(self.dataset, steps) if steps else self.dataset
+        return counts(moved.spikes, samples, moved.start[samples], self.dataset.n_steps, bins)
+
+    @cached_property
+    def distances(self) -> Floats:
+        """Squared distances (validation, train) of counts in `NEAREST_BINS` bins."""
+        x = self.counts(self.train, NEAREST_BINS)
+        return distances(x, self.counts(self.validation, NEAREST_BINS))
+
+    @cached_property
+    def scores(self) -> dict[str, Score]:
+        """Readers of counts over time by name: what they reach on the windows of the split."""
+        x, query = self.counts(self.train, LOGISTIC_BINS), self.counts(self.validation, LOGISTIC_BINS)
+        return {
+            LOGISTIC: self.score(LOGISTIC, logistic(x, self.codes, query)),
+            NEAREST: self.score(NEAREST, classes_of(self.codes, nearest(self.distances))),
+        }
+
+    @property
+    def best(self) -> Score:
+        """The more accurate reader of counts over time."""
+        return max(self.scores.values(), key=lambda score: score.accuracy)
+
+    def score(self, reader: str, predicted: Ints) -> Score:
+        """Return the score of predictions for the validation samples."""
+        return Score(reader, predicted == self.truth, largest_class(self.truth))
+
+    def row(
+        self,
+        probe: str,
+        score: Score,
+        verdict: str,
+        *,
+        shortcut: bool = False,
+        remedy: str = "",
+        without: Score | None = None,
+    ) -> AuditRow:
+        """Return a row of the audit; the remedy is stated for a shortcut alone."""
+        return AuditRow(
+            task=self.task,
+            probe=probe,
+            reader=score.reader,
+            accuracy=score.accuracy,
+            se=score.se,
+            chance=score.chance,
+            without=None if without is None else without.accuracy,
+            without_se=None if without is None else without.se,
+            samples=score.n,
+            shortcut=shortcut,
+            verdict=verdict,
+            remedy=remedy if shortcut else "",
+        )
+
+
+def counts(spikes: Spikes, samples: Ints, start: Ints, n_steps: int, bins: int) -> Floats:
+    """Return spikes per bin and channel, (samples, bins * channel) float64.
+
+    Bins are equal; the steps that are left over at the end of a window are not counted.
+
+    Args:
+        spikes: of all samples.
+        samples: their numbers.
+        start: (samples,) first step of each window.
+        n_steps: length of the windows.
+        bins: their number, at most one per step.
+    """
+    bins = min(bins, n_steps)
+    edges = np.arange(bins + 1) * (n_steps // bins)
+    return as_features(window_counts(spikes, samples, start, edges, "each")).astype(np.float64)
+
+
+def spikes_per_step(spikes: Spikes, samples: Ints, start: Ints, n_steps: int) -> Ints:
+    """Return how many spikes each step of each window has, (samples, n_steps) int64."""
+    rows = (samples * spikes.n_steps + start)[:, None] + np.arange(n_steps + 1)
+    return np.asarray(np.diff(spikes.row_offsets[rows], axis=1))
+
+
+def percent(share: float) -> str:
+    """Return a share in words: '77 %'."""
+    return f"{100 * share:.0f} %"
+
+
+def in_both(values: Array, train: Ints, validation: Ints) -> Bools:
+    """Return (validation,) bool: whether training has the sample's value of a column too."""
+    return np.isin(values[validation], values[train])

@@ -1,0 +1,120 @@
+"""Where in the recording the window lies: readers that train on the windows of the split meet moved ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dse.audit.material import LOGISTIC_BINS, NEAREST_BINS, Material, percent
+from dse.audit.readers import LOGISTIC, NEAREST, classes_of, distances, logistic, nearest
+from dse.audit.rows import HALF, AuditRow, Score, is_above, is_lower, share_lost
+from dse.dataset.shifts import has_room
+from dse.records import Bools
+
+FRACTIONS = (8, 16, 32)
+"""Windows are moved by an eighth of their length, or less where fewer than half of them have room."""
+CROPS = 17
+"""Positions of each training window, for a reader that has seen crops."""
+
+
+def usual_shifts(material: Material) -> tuple[int, ...]:
+    """Return the shifts of an audit in steps, later and earlier; none where windows have no room."""
+    for fraction in FRACTIONS:
+        steps = material.dataset.n_steps // fraction
+        with_room = [
+            s
+            for s in (steps, -steps)
+            if s and has_room(material.dataset, s)[material.validation].mean() >= HALF
+        ]
+        if with_room:
+            return tuple(with_room)
+    return ()
+
+
+def rows(material: Material, shifts: Sequence[int] = ()) -> list[AuditRow]:
+    """Return a row per reader, for the usual shifts together; with shifts, one per reader and shift.
+
+    Samples without room for all of the shifts take no part: each row compares the same windows, unmoved and
+    moved. Where training windows are moved too, a further reader has seen crops, and meets windows beyond.
+    """
+    steps = tuple(shifts) or usual_shifts(material)
+    room = _room(material, steps)
+    if not room.any():
+        return []
+    audit = []
+    for reader in (LOGISTIC, NEAREST):
+        after = _moved(material, reader, steps)
+        for group in [(s,) for s in steps] if shifts else [steps]:
+            audit.append(_row(material, room, material.scores[reader], {s: after[s] for s in group}))
+    if material.jitter_steps:
+        beyond = tuple(shifts) or (furthest(material.jitter_steps, material.dataset.n_steps),)
+        room = _room(material, beyond)
+        if room.any():
+            before, after = _of_crops(material, beyond)
+            audit += [_row(material, room, before, {s: after[s]}) for s in beyond]
+    return audit
+
+
+def furthest(jitter_steps: int, n_steps: int) -> int:
+    """Return a shift just beyond the crops of training."""
+    return jitter_steps + max(1, n_steps // 16)
+
+
+def _room(material: Material, steps: Sequence[int]) -> Bools:
+    """Return (validation,) bool: which windows have room for all of the shifts."""
+    has = [has_room(material.dataset, s)[material.validation] for s in steps]
+    return np.asarray(np.all(has, axis=0)) if has else np.zeros(len(material.validation), bool)
+
+
+def _row(material: Material, room: Bools, before: Score, after: Mapping[int, Score]) -> AuditRow:
+    """Return the row of one reader: before windows are moved, and after, by shift."""
+    before = before.of(room, material.truth)
+    moved = [score.of(room, material.truth) for score in after.values()]
+    mean = Score(before.reader, np.concatenate([score.correct for score in moved]), before.chance)
+    lost = share_lost(before, mean)
+    shortcut = is_above(before) and lost >= HALF and all(is_lower(before.correct, x.correct) for x in moved)
+    if shortcut:
+        verdict = f"{percent(lost)} of the accuracy above chance is where in the recording the window lies"
+    elif not is_above(before):
+        verdict = "this reader is at chance, wherever the window lies"
+    elif all(is_lower(before.correct, x.correct) for x in moved):
+        verdict = f"{percent(lost)} of the accuracy above chance is lost"
+    else:
+        verdict = "it holds"
+    by = " or ".join(f"{s:+d}" for s in after)
+    time_ms = max(map(abs, after)) * material.dataset.spikes.step_ms
+    verdict += f" (windows moved by {by} steps, {time_ms:.4g} ms)"
+    return material.row(
+        "position in time",
+        before,
+        verdict,
+        shortcut=shortcut,
+        remedy=f"window.jitter_steps, and evaluation: {{shifts: [{', '.join(map(str, after))}]}}",
+        without=mean,
+    )
+
+
+def _moved(material: Material, reader: str, steps: Sequence[int]) -> dict[int, Score]:
+    """Return what a reader of the windows of the split answers to moved ones, by shift."""
+    bins = LOGISTIC_BINS if reader == LOGISTIC else NEAREST_BINS
+    x = material.counts(material.train, bins)
+    queries = [material.counts(material.validation, bins, s) for s in steps]
+    if reader == LOGISTIC:
+        answers = np.split(logistic(x, material.codes, np.concatenate(queries)), len(steps))
+    else:
+        answers = [classes_of(material.codes, nearest(distances(x, query))) for query in queries]
+    return {s: material.score(reader, answer) for s, answer in zip(steps, answers, strict=True)}
+
+
+def _of_crops(material: Material, steps: Sequence[int]) -> tuple[Score, dict[int, Score]]:
+    """Return what nearest neighbours among crops of training answer to unmoved windows, and by shift."""
+    crops = np.unique(np.linspace(-material.jitter_steps, material.jitter_steps, CROPS).round().astype(int))
+    x = np.concatenate([material.counts(material.train, NEAREST_BINS, int(s)) for s in crops])
+    codes = np.tile(material.codes, len(crops))
+
+    def score(shift: int) -> Score:
+        query = material.counts(material.validation, NEAREST_BINS, shift)
+        return material.score(f"{NEAREST}, crops", classes_of(codes, nearest(distances(x, query))))
+
+    return score(0), {s: score(s) for s in steps}

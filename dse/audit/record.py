@@ -1,0 +1,77 @@
+"""The last audit of a search space, in the cache of prepared data; and as a file of its studies."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dse.audit.audit import Audit
+from dse.audit.gather import designs
+from dse.audit.rows import AuditRow
+from dse.config import SearchSpace
+from dse.dataset import cache, dataset_key
+from dse.store import StoreError, read_json, write_json
+
+FILE = "audit.json"
+"""Of a study."""
+_VERSION = 1
+
+
+def key(space: SearchSpace) -> str:
+    """Return the name of an audit's entry: a hash of the data sets that it has read.
+
+    Raises:
+        RecordingError: a file is not found.
+    """
+    keys = [dataset_key(space.resolve(design), space.source.parent) for design in designs(space)]
+    return hashlib.sha256(json.dumps(["audit", _VERSION, keys]).encode()).hexdigest()
+
+
+def save(audit: Audit, space: SearchSpace, root: Path) -> None:
+    """Store an audit in a cache, in place of the one before.
+
+    Raises:
+        OSError: the cache cannot be written.
+    """
+    name = key(space)
+    cache.discard(root, name)
+    cache.made(root, name, lambda folder: write(audit, folder / FILE))
+
+
+def last(space: SearchSpace, root: Path) -> Audit | None:
+    """Return the last audit of a search space; None where there is none.
+
+    Raises:
+        RecordingError: a file of the recordings is not found.
+        OSError: the cache cannot be written.
+    """
+    folder = cache.find(root, key(space))
+    return None if folder is None else read(folder / FILE)
+
+
+def write(audit: Audit, path: Path) -> None:
+    """Write an audit to a file."""
+    write_json(path, {"rows": [row.columns for row in audit.rows], "notes": audit.notes})
+
+
+def read(path: Path) -> Audit | None:
+    """Return the audit of a file; None where there is none.
+
+    Raises:
+        StoreError: the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    document = read_json(path)
+    try:
+        return Audit(tuple(map(_row, document["rows"])), tuple(document["notes"]))
+    except (KeyError, TypeError) as error:
+        raise StoreError(f"{path}: is no audit: {error}") from error
+
+
+def _row(columns: Mapping[str, Any]) -> AuditRow:
+    return AuditRow(**{field.name: columns[field.name] for field in dataclasses.fields(AuditRow)})

@@ -1,0 +1,117 @@
+"""What a recording shows without touch: its resting level and drift, and what comes before contact."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dse.audit.material import (
+    LOGISTIC_BINS,
+    NEAREST_BINS,
+    Levels,
+    Material,
+    counts,
+    percent,
+    spikes_per_step,
+)
+from dse.audit.readers import LOGISTIC, classes_of, distances, logistic, nearest
+from dse.audit.rows import AuditRow, Score, is_above
+from dse.audit.totals import best_of_readers, is_shortcut, weight_of
+from dse.records import Floats, Spikes
+
+CHANGED = 0.2
+"""Spikes follow the level where removing it changes more than this share of their counts."""
+
+
+def rows(material: Material) -> list[AuditRow]:
+    """Return the rows of sampled signals: level and drift; of other recordings: what is before contact."""
+    levels = material.levels
+    if levels is None:
+        return _before_contact(material)
+    nothing = np.zeros_like(levels.level)
+    # Whole numbers, so that sensor counts stay whole and no threshold is missed by rounding.
+    whole = np.round(levels.level)
+    return [
+        _row(material, levels, "resting level", levels.level, (whole, nothing), "window.remove_mean: true"),
+        _row(
+            material, levels, "drift", levels.slope, (nothing, levels.slope),
+            "a split by session, e.g. split.stratified.group",
+        ),
+    ]  # fmt: skip
+
+
+def _row(
+    material: Material,
+    levels: Levels,
+    probe: str,
+    features: Floats,
+    removed: tuple[Floats, Floats],
+    remedy: str,
+) -> AuditRow:
+    """Return the row of a property of the signals, and whether their spikes still show it."""
+    score = best_of_readers(material, features[material.train], features[material.validation])
+    sentence = f"the {probe} of the signals explains {weight_of(material, score)}"
+    if not is_shortcut(material, score):
+        return material.row(probe, score, sentence)
+    changed = levels.encoded(*removed)
+    share = _share_changed(material, changed)
+    without = _read(material, changed)
+    if share <= CHANGED:
+        sentence += f", but spikes hardly show it: without it {percent(share)} of the counts differ"
+        return material.row(probe, score, sentence, without=without)
+    sentence += f", and {percent(share)} of the spike counts follow it"
+    return material.row(probe, score, sentence, shortcut=True, remedy=remedy, without=without)
+
+
+def _share_changed(material: Material, changed: Spikes) -> float:
+    """Return the difference of the counts per bin and channel, as a share of the spikes of both."""
+    samples = np.concatenate([material.train, material.validation])
+    n_steps = material.dataset.n_steps
+    after = counts(changed, samples, np.zeros_like(samples), n_steps, LOGISTIC_BINS)
+    before = material.counts(samples, LOGISTIC_BINS)
+    both = before.sum() + after.sum()
+    return float(np.abs(before - after).sum() / both) if both else 0.0
+
+
+def _read(material: Material, spikes: Spikes) -> Score:
+    """Return what the better reader of counts over time reaches on other spikes of the same windows."""
+    is_logistic = material.best.reader == LOGISTIC
+    x, query = (
+        counts(
+            spikes,
+            samples,
+            np.zeros_like(samples),
+            material.dataset.n_steps,
+            LOGISTIC_BINS if is_logistic else NEAREST_BINS,
+        )
+        for samples in (material.train, material.validation)
+    )
+    if is_logistic:
+        return material.score(LOGISTIC, logistic(x, material.codes, query))
+    return material.score(material.best.reader, classes_of(material.codes, nearest(distances(x, query))))
+
+
+def _before_contact(material: Material) -> list[AuditRow]:
+    """Return the row of the step of contact and the spikes before it; none where windows begin at contact."""
+    if material.at_contact:
+        return []
+    train, validation = (_contact(material, samples) for samples in (material.train, material.validation))
+    if not np.ptp(train, axis=0).any():
+        return []
+    score = best_of_readers(material, train, validation)
+    shortcut = is_shortcut(material, score) and is_above(score)
+    verdict = f"the step of contact, and the spikes before, explain {weight_of(material, score)}"
+    remedy = "window.at: contact_onset"
+    return [material.row("before contact", score, verdict, shortcut=shortcut, remedy=remedy)]
+
+
+def _contact(material: Material, samples: np.ndarray) -> Floats:
+    """Return the step of contact and the spikes per step before it, (samples, 2).
+
+    Contact is the first step with `contact_events` spikes; the end of the window where there is none.
+    """
+    data = material.dataset
+    spikes = spikes_per_step(data.spikes, samples, data.start[samples], data.n_steps)
+    touched = spikes >= material.contact_events
+    step = np.where(touched.any(axis=1), touched.argmax(axis=1), data.n_steps)
+    before = (spikes * (np.arange(data.n_steps) < step[:, None])).sum(axis=1)
+    return np.stack([step, before / np.maximum(step, 1)], axis=1).astype(np.float64)

@@ -1,0 +1,76 @@
+"""How many spikes a sample has, all together and by channel, without any order in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dse.audit.material import Material, percent
+from dse.audit.readers import READERS
+from dse.audit.rows import HALF, AuditRow, Score, is_above, share_explained
+from dse.records import Floats
+
+
+def best_of_readers(material: Material, train: Floats, validation: Floats) -> Score:
+    """Return the most accurate reader of a few numbers per sample.
+
+    Args:
+        material: with the classes.
+        train: (train, feature).
+        validation: (validation, feature).
+    """
+    scores = [
+        material.score(name, reader(train, material.codes, validation)) for name, reader in READERS.items()
+    ]
+    return max(scores, key=lambda score: score.accuracy)
+
+
+def is_shortcut(material: Material, score: Score) -> bool:
+    """Return whether a few numbers explain half of what counts over time reach, and not by accident."""
+    explained = share_explained(score, material.best.accuracy)
+    return is_above(score, len(READERS)) and explained >= HALF
+
+
+def weight_of(material: Material, score: Score) -> str:
+    """Return how much of the accuracy above chance a few numbers explain, in words."""
+    if not is_above(score, len(READERS)):
+        return "nothing"
+    return percent(share_explained(score, material.best.accuracy))
+
+
+def rows(material: Material) -> list[AuditRow]:
+    """Return a row for the total of a sample, and one for the totals of its channels.
+
+    The latter is for information: which channels spike is touch, and the row says what order in time adds.
+    """
+    train, validation = (material.counts(x, 1) for x in (material.train, material.validation))
+    total = best_of_readers(material, *(x.sum(axis=1, keepdims=True) for x in (train, validation)))
+    audit = [
+        material.row(
+            "spike total",
+            total,
+            f"the number of spikes explains {weight_of(material, total)}",
+            shortcut=is_shortcut(material, total),
+            remedy="encoder or preprocessing, so that classes have equally many spikes",
+        )
+    ]
+    if train.shape[1] > 1:
+        channels = best_of_readers(material, train, validation)
+        audit.append(
+            material.row(
+                "totals per channel",
+                channels,
+                f"which channels spike, without order in time, explains {weight_of(material, channels)}",
+            )
+        )
+    return audit
+
+
+def silence(material: Material) -> str:
+    """Return a sentence if most samples have no spike at all; '' if not."""
+    silent = float((material.counts(material.validation, 1).sum(axis=1) == 0).mean())
+    return f"{percent(silent)} of the validation windows have no spike" if silent > HALF else ""
+
+
+def only_class(material: Material) -> bool:
+    """Return whether nothing can be told apart: one class in training."""
+    return len(np.unique(material.codes)) < 2
