@@ -27,8 +27,8 @@ from rich.table import Table
 
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
+from dse.engine.goal import SPIKE_RATE, Goal
 from dse.engine.layers import prepare, weights
-from dse.engine.loss import spike_rate
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import Exponential, exponential
@@ -146,14 +146,10 @@ def by_definition(case: Case) -> Found:
         fired.append(spikes)
         inputs.append((cuba_lif.shift(spikes) if shifts else spikes).astype(np.float64))
     output, n_steps = inputs.pop(), inputs[0].shape[1]
-    loss, by_class = spike_rate(
-        output.sum(axis=1),
-        n_steps,
-        case.given("labels"),
-        case.settings["true_rate"],
-        case.settings["false_rate"],
-    )
-    grad = np.repeat(by_class[:, None], n_steps, axis=1)
+    goal = Goal(SPIKE_RATE, case.settings["true_rate"], case.settings["false_rate"])
+    outputs = goal.outputs(case.given("labels"), n_steps, output.shape[2])
+    loss, by_count = goal.loss.gradient(output.sum(axis=1, keepdims=True), outputs)
+    grad = np.repeat(by_count, n_steps, axis=1)
     by_weight = []
     for k in range(case.n_layers, 0, -1):
         if shifts:
@@ -163,7 +159,7 @@ def by_definition(case: Case) -> Found:
         )
         by_weight.append(np.einsum("nto,ntc->oc", grad, inputs[k - 1], optimize=True) * case.passes(k))
         grad = grad @ used[k - 1]
-    return Found(states, fired, output, loss, by_weight[::-1])
+    return Found(states, fired, output, float(loss), by_weight[::-1])
 
 
 def by_engine(case: Case) -> Found:

@@ -30,6 +30,7 @@ SECTIONS = {
     "encoders": "dse.encoders",
     "figures": "dse.figures",
     "hardware.kinds": "dse.hardware.kinds",
+    "losses": "dse.engine.losses",
     "models": "dse.models",
     "neurons": "dse.neurons",
     "objectives": "dse.measure.objectives",

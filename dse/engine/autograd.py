@@ -22,8 +22,9 @@ from torch import Tensor
 from dse.engine.adam import adam
 from dse.engine.batch import DIFFERENTIATED_ROWS
 from dse.engine.events import Rows
+from dse.engine.goal import SPIKE_RATE, Goal, n_correct
 from dse.engine.layers import Weights, check_inputs
-from dse.engine.loss import n_correct
+from dse.engine.losses import Loss
 from dse.engine.member import Masters, Member, Report, Turn
 from dse.neurons import Population
 from dse.neurons.fixed_point import WEIGHT_SCALE
@@ -136,12 +137,13 @@ def later(spikes: Tensor) -> Tensor:
     return torch.cat([torch.zeros_like(spikes[:1]), spikes[:-1]])
 
 
-def spike_rate(output: Tensor, labels: Tensor, true_rate: float, false_rate: float) -> Tensor:
-    """Return SLAYER's SpikeRate loss of output spikes (step, sample, class), summed over the batch."""
-    rate = output.mean(0)
-    target = torch.full_like(rate, false_rate)
-    target[torch.arange(len(labels))[:, None], labels.reshape(len(labels), -1)] = true_rate
-    return ((rate - target) ** 2).sum()
+def loss_of(output: Tensor, labels: Ints, goal: Goal) -> Tensor:
+    """Return the loss of output spikes (step, sample, class), summed over the batch."""
+    outputs = goal.outputs(labels, output.shape[0], output.shape[2])
+    labelled: Any = torch.as_tensor(outputs.is_label, dtype=output.dtype, device=output.device)
+    counts: Any = torch.stack([output[:length].sum(0) for length in outputs.lengths], dim=1)
+    value: Any = goal.loss.value(counts, dataclasses.replace(outputs, is_label=labelled))
+    return torch.as_tensor(value)
 
 
 def first_drive(rows: Rows, samples: slice, weight: Tensor) -> Tensor:
@@ -171,7 +173,7 @@ def run(
     populations: Sequence[Population[Any]],
     calculi: Sequence[TorchCalculus],
     gains: Sequence[Floats | None],
-    rates: tuple[float, float],
+    goal: Goal,
     shift: bool = True,
 ) -> Pass:
     """Run some samples through a stack.
@@ -184,10 +186,10 @@ def run(
         populations: of each layer, of tensors.
         calculi: of each layer.
         gains: per layer, (sample of the batch, input) factors of its input spikes, or None.
-        rates: of the label's output and of the others.
+        goal: what training minimises.
         shift: whether layers hand their spikes on one step later.
     """
-    y, fired = None, []
+    y, fired, of_layers = None, [], []
     for (weight, ring), population, calculus, gain in zip(matrices, populations, calculi, gains, strict=True):
         if y is None:
             drive = first_drive(rows, samples, weight)
@@ -199,11 +201,14 @@ def run(
             drive = y @ weight
         spikes = layer_spikes(drive, population, calculus, ring)
         fired.append(float(spikes.detach().sum()))
+        of_layers.append(spikes)
         y = later(spikes) if shift else spikes
     assert y is not None
-    target = torch.as_tensor(np.asarray(labels[samples], np.int64), device=y.device)
     counts = np.rint(y.detach().sum(0).cpu().numpy()).astype(np.int64)
-    return Pass(spike_rate(y, target, *rates), counts, tuple(fired))
+    loss = loss_of(y, labels[samples], goal)
+    if goal.hidden_spike_penalty:
+        loss = loss + goal.hidden_spike_penalty * torch.stack([s.sum() for s in of_layers[:-1]]).sum()
+    return Pass(loss, counts, tuple(fired))
 
 
 def gradients(
@@ -217,8 +222,11 @@ def gradients(
     arithmetic: Arithmetic = "integer",
     gains: Sequence[Floats | None],
     shift: bool = True,
+    heads: tuple[int, ...] = (),
+    loss: Loss = SPIKE_RATE,
+    hidden_spike_penalty: float = 0.0,
 ) -> tuple[float, list[Floats], list[Floats]]:
-    """Return the SpikeRate loss of a batch, dL/dW of each layer and dL/dR of each recurrent one, by autograd.
+    """Return the loss of a batch, dL/dW of each layer and dL/dR of each recurrent one, by autograd.
 
     Arguments are those of `dse.engine.network.gradients`, whose witness this is. It calculates in float64
     unless the arithmetic is float32.
@@ -234,7 +242,8 @@ def gradients(
     ]
     populations = [on_torch(w.population, c) for w, c in zip(layers, calculi, strict=True)]
     samples = slice(0, rows.n_samples)
-    done = run(rows, samples, labels, matrices, populations, calculi, gains, (true_rate, false_rate), shift)
+    goal = Goal(loss, true_rate, false_rate, heads, hidden_spike_penalty)
+    done = run(rows, samples, labels, matrices, populations, calculi, gains, goal, shift)
     done.loss.backward()  # type: ignore[no-untyped-call]
 
     def gradient(x: Tensor) -> Floats:
@@ -285,7 +294,7 @@ class _Network:
     """A member in training."""
 
     def __init__(self, member: Member, device: torch.device) -> None:
-        self._heads, self._rates = member.heads, (member.true_rate, member.false_rate)
+        self._goal = member.goal
         self._clip_norm, self._arithmetic = member.clip_norm, member.arithmetic
         self._calculi = [TorchCalculus(member.arithmetic, x.surrogate, device) for x in member.layers]
         self._populations = [
@@ -321,7 +330,7 @@ class _Network:
                 for m, r in zip(self._matrices, self._rings, strict=True)
             ]
             done = run(
-                rows, samples, labels, matrices, self._populations, self._calculi, turn.gains, self._rates
+                rows, samples, labels, matrices, self._populations, self._calculi, turn.gains, self._goal
             )
             loss += float(done.loss.detach())
             counts.append(done.counts)
@@ -343,7 +352,7 @@ class _Network:
         cells = max(1, rows.n_samples * rows.n_steps)
         return Report(
             loss,
-            n_correct(np.concatenate(counts), labels, self._heads),
+            n_correct(np.concatenate(counts), labels, self._goal.heads),
             tuple(float(f) / (cells * n) for f, n in zip(fired, self._sizes, strict=True)),
             norm,
         )

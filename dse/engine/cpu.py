@@ -105,8 +105,7 @@ class _Network:
 
     def __init__(self, member: Member) -> None:
         # Not the member itself, whose initial weights would stay in memory.
-        self.rates = member.true_rate, member.false_rate
-        self.heads = member.heads
+        self.goal = member.goal
         self.clip_norm = member.clip_norm
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
@@ -134,14 +133,13 @@ class _Network:
             self.sizes,
             batch,
             labels,
-            *self.rates,
+            self.goal,
             turn.gains,
             1,
             spaces,
             [m.gradient for m in self.matrices],
             [_NOTHING if r is None else r.gradient for r in self.rings],
             threads,
-            self.heads,
         )
         parts = [
             *zip(self.matrices, factors, strict=True),

@@ -388,16 +388,28 @@ def decode(
 
 
 @_kernel
-def spike_counts(fired: Array, n_samples: int, n_steps: int, n_groups: int, last: int, counts: Array) -> None:
-    """Count each column's spikes in the first `last` steps of each sample into (sample, column)."""
+def spike_counts(
+    fired: Array, n_samples: int, n_steps: int, n_groups: int, ends: Array, counts: Array
+) -> None:
+    """Count each column's spikes between some steps into (sample, stretch, column).
+
+    Args:
+        fired: uint16 spikes, (row, group).
+        n_samples, n_steps, n_groups: of them.
+        ends: (stretch,) the step after the last one of each stretch; the first begins at step 0.
+        counts: filled.
+    """
     counts[:] = 0
     for n in range(n_samples):
-        for row in range(n * n_steps, n * n_steps + last):
-            for group in range(n_groups):
-                spikes = np.uint64(fired[row * n_groups + group])
-                while spikes != np.uint64(0):
-                    counts[n, LANES * group + lowest_bit(spikes)] += 1
-                    spikes &= spikes - np.uint64(1)
+        first = 0
+        for stretch in range(len(ends)):
+            for row in range(n * n_steps + first, n * n_steps + ends[stretch]):
+                for group in range(n_groups):
+                    spikes = np.uint64(fired[row * n_groups + group])
+                    while spikes != np.uint64(0):
+                        counts[n, stretch, LANES * group + lowest_bit(spikes)] += 1
+                        spikes &= spikes - np.uint64(1)
+            first = ends[stretch]
 
 
 @_kernel
@@ -417,11 +429,12 @@ def scan_back(
     back: Array,
     n_columns: int,
     shift: int,
+    penalty: Array,
 ) -> None:
     """Replace the surrogate gradients of one block of one sample by dL/dz, backward in time.
 
     dL/ds is the factor of the column times either 1 (an output, whose loss depends on its spike count) or
-    the sum over the next layer's dL/dz, one step later, times the weights.
+    the sum over the next layer's dL/dz, one step later, times the weights; and the penalty.
 
     Args:
         slope, place, n_steps, width: the block of the sample.
@@ -432,6 +445,7 @@ def scan_back(
         back: (later column, column) weights.
         n_columns: padded columns of `back`.
         shift: steps by which the next layer sees spikes later.
+        penalty: (column,) what every spike adds to the loss; empty: nothing.
     """
     is_output = later.size == 0
     for group in range(width // LANES):
@@ -459,6 +473,8 @@ def scan_back(
                         g = fma(splat(later[source + c], g), weight, g)
                     first += w
                 g = g * factor
+            if penalty.size > 0:
+                g = g + load(penalty, o, LANES_16)
             lv = _flushed(fma(kv, lv, g * sensitive))
             lu = _flushed(fma(ku, lu, lv))
             store(slope, at, lu)
@@ -479,6 +495,7 @@ def scan_back_recurrent(
     n_later: int,
     back: Array,
     shift: int,
+    penalty: Array,
 ) -> None:
     """Replace the surrogate gradients of one sample of a layer that feeds itself by dL/dz (`scan_back`).
 
@@ -506,6 +523,8 @@ def scan_back_recurrent(
                 g = g * load(by_column, o, LANES_16)
             for c in range(n_columns):  # lu is still that of step t + 1
                 g = fma(splat(lu[c], g), load(ring_back, c * n_columns + o, LANES_16), g)
+            if penalty.size > 0:
+                g = g + load(penalty, o, LANES_16)
             store(g_all, o, g)
         column = 0
         while column < n_columns:

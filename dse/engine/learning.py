@@ -12,9 +12,9 @@ import numpy as np
 
 from dse.engine import kernels
 from dse.engine.batch import Batch
+from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
-from dse.engine.loss import n_correct, spike_rate
 from dse.native.compiled import compiled
 from dse.records import Array
 
@@ -33,6 +33,7 @@ def _back(
     back: Array,
     ring_back: Array,
     shift: int,
+    penalty: Array,
     slope: Array,
 ) -> None:
     """Replace a layer's surrogate gradients by dL/dz (arguments as in kernels.scan_back)."""
@@ -53,6 +54,7 @@ def _back(
                 n_later,
                 back,
                 shift,
+                penalty,
             )
         return
     while column < layer.n_columns:
@@ -75,7 +77,34 @@ def _back(
                 back,
                 layer.n_columns,
                 shift,
+                penalty,
             )
+        column += width
+
+
+@compiled()
+def _follow(slope: Array, n_samples: int, n_steps: int, n_columns: int, ends: Array, factors: Array) -> None:
+    """Multiply an output layer's surrogates by dL/ds where that depends on the step.
+
+    Args:
+        slope: in blocks.
+        n_samples: of the chunk.
+        n_steps: of a sample.
+        n_columns: padded neurons.
+        ends: (stretch,) the step after the last one of each stretch.
+        factors: (sample, stretch, column).
+    """
+    n_rows, column = n_samples * n_steps, 0
+    while column < n_columns:
+        width = width_at(column, n_columns)
+        for n in range(n_samples):
+            stretch = 0
+            for t in range(n_steps):
+                while stretch + 1 < len(ends) and t >= ends[stretch]:
+                    stretch += 1
+                at = n_rows * column + (n * n_steps + t) * width
+                for c in range(width):
+                    slope[at + c] *= factors[n, stretch, column + c]
         column += width
 
 
@@ -186,9 +215,7 @@ class _Lesson:
     n_neurons: Sequence[int]
     batch: Batch
     labels: Array
-    heads: tuple[int, ...]
-    true_rate: float
-    false_rate: float
+    goal: Goal
     gains: Sequence[Array | None]
     shift: int
     back: Sequence[Array]
@@ -200,17 +227,15 @@ def learn(
     n_neurons: Sequence[int],
     batch: Batch,
     labels: Array,
-    true_rate: float,
-    false_rate: float,
+    goal: Goal,
     gains: Sequence[Array | None],
     shift: int,
     spaces: Sequence[Workspace],
     gradients: Sequence[Array],
     ring_gradients: Sequence[Array],
     threads: Executor | None = None,
-    heads: tuple[int, ...] = (),
 ) -> Pass:
-    """Add the gradients of a batch's SpikeRate loss by every weight, before the gains' common factors.
+    """Add the gradients of a batch's loss by every weight, before the gains' common factors.
 
     The reset is ignored, rounding and truncation are straight-through (dse.neurons.cuba_lif.backward).
 
@@ -219,15 +244,13 @@ def learn(
         n_neurons: of each layer, without padding.
         batch: input spikes.
         labels: output neurons of the labels, (sample,), or (sample, head).
-        true_rate: target rate of the label's output.
-        false_rate: target rate of the other outputs.
+        goal: what training minimises.
         gains: per layer, (sample, input) factors of its input spikes, 0 or one common value; or None.
         shift: steps by which a layer hands its spikes on later.
         spaces: buffers, one per chunk that may run at a time; all but the first hold first-layer gradients.
         gradients: per layer, in blocks; added to.
         ring_gradients: the same of recurrent weights; empty where there are none.
         threads: runs chunks side by side where there are several spaces.
-        heads: classes of each head; empty: one head.
     """
     kind = spaces[0].slope[0].dtype
     factors = [common_factor(gain) for gain in gains]
@@ -237,9 +260,7 @@ def learn(
         n_neurons,
         batch,
         labels,
-        heads,
-        true_rate,
-        false_rate,
+        goal,
         gains,
         shift,
         [nothing, *(_turned(x.table, x.table_unit, x.n_inputs, x.n_columns, kind) for x in layers[1:])],
@@ -276,15 +297,19 @@ def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: 
     n_fired = _forward(lesson, first, end, gains, space)
 
     output, n_steps, n = lesson.running[-1], lesson.batch.rows.n_steps, end - first
-    counts = np.zeros((n, output.n_columns), np.int64)
-    n_groups = output.n_columns // LANES
-    kernels.spike_counts(space.fired[len(gains) - 1], n, n_steps, n_groups, n_steps - lesson.shift, counts)
-    counts = counts[:, : lesson.n_neurons[-1]]
-    labels = lesson.labels[first:end]
-    loss, by_class = spike_rate(counts, n_steps, labels, lesson.true_rate, lesson.false_rate)
+    labels, goal, n_classes = lesson.labels[first:end], lesson.goal, lesson.n_neurons[-1]
+    outputs = goal.outputs(labels, n_steps, n_classes)
+    ends = np.array(outputs.lengths) - lesson.shift
+    counts = np.zeros((n, len(ends), output.n_columns), np.int64)
+    kernels.spike_counts(space.fired[len(gains) - 1], n, n_steps, output.n_columns // LANES, ends, counts)
+    counts = counts.cumsum(axis=1)[..., :n_classes]
+    loss, by_count = goal.loss.gradient(counts, outputs)
 
-    _backward(lesson, chunk, n, gains, by_class, space, first_gradient)
-    return Pass(loss, n_correct(counts, labels, lesson.heads), n_fired)
+    _backward(lesson, chunk, n, gains, by_spike(by_count), ends, space, first_gradient)
+    total = float(loss)
+    if goal.hidden_spike_penalty:
+        total += goal.hidden_spike_penalty * int(n_fired[:-1].sum())
+    return Pass(total, n_correct(counts[:, -1], labels, goal.heads), n_fired)
 
 
 def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None], space: Workspace) -> Array:
@@ -328,21 +353,34 @@ def _backward(
     chunk: int,
     n: int,
     gains: Sequence[Array | None],
-    by_class: Array,
+    by_output: Array,
+    ends: Array,
     space: Workspace,
     first_gradient: Array,
 ) -> None:
-    """Turn surrogates into dL/dz, the last layer first, and sum them into the weights' gradients."""
+    """Turn surrogates into dL/dz, the last layer first, and sum them into the weights' gradients.
+
+    `by_output` is dL/ds of the outputs, (sample, stretch, class); `ends` are those of its stretches.
+    """
     batch, n_steps, last = lesson.batch, lesson.batch.rows.n_steps, len(gains) - 1
     kind = space.slope[0].dtype
     later, n_later, back = np.zeros(0, kind), 0, np.zeros(0, kind)
-    factors: Array | float = by_class
+    factors: Array | float = by_output[:, 0]
+    if len(ends) > 1:
+        by_column = np.zeros((*by_output.shape[:2], lesson.running[-1].n_columns), kind)
+        by_column[..., : by_output.shape[2]] = by_output
+        _follow(space.slope[last], n, n_steps, by_column.shape[2], ends, by_column)
+        factors = 1.0
     for d in range(last, -1, -1):
         layer, by_input, n_rows = lesson.running[d], space.slope[d], n * n_steps
         sizes = layer.n_inputs, layer.n_columns
         by_column = np.zeros((n, layer.n_columns), kind)
         by_column[:, : lesson.n_neurons[d]] = factors
-        _back(layer, n, n_steps, by_column, later, n_later, back, lesson.ring_back[d], lesson.shift, by_input)
+        penalised = bool(lesson.goal.hidden_spike_penalty) and d < last
+        penalty = aligned(layer.n_columns if penalised else 0, kind)
+        penalty[: lesson.n_neurons[d]] = lesson.goal.hidden_spike_penalty
+        ring_back, shift = lesson.ring_back[d], lesson.shift
+        _back(layer, n, n_steps, by_column, later, n_later, back, ring_back, shift, penalty, by_input)
         if d == 0:
             offsets, index = batch.offsets[chunk], batch.index
             _gather_gradient(

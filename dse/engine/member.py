@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from dse.engine.events import Rows
+from dse.engine.goal import SPIKE_RATE, Goal
+from dse.engine.losses import Loss
 from dse.neurons import Population
 from dse.neurons.surrogate import Exponential
 from dse.records import Arithmetic, Array, Floats, Ints
@@ -45,6 +47,8 @@ class Member:
     arithmetic: of the forward pass.
     clip_norm: gradients whose Euclidean norm over all weights is larger are scaled down to it; None: never.
     heads: classes of each head, which share the output neurons in this order; empty: one head.
+    loss: over the output spikes.
+    hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
     """
 
     layers: tuple[TrainedLayer, ...]
@@ -53,6 +57,13 @@ class Member:
     arithmetic: Arithmetic = "integer"
     clip_norm: float | None = None
     heads: tuple[int, ...] = ()
+    loss: Loss = SPIKE_RATE
+    hidden_spike_penalty: float = 0.0
+
+    @property
+    def goal(self) -> Goal:
+        """What its training minimises."""
+        return Goal(self.loss, self.true_rate, self.false_rate, self.heads, self.hidden_spike_penalty)
 
 
 @dataclass(frozen=True)
@@ -73,7 +84,7 @@ class Turn:
 class Report:
     """What one member's turn gave.
 
-    loss: SpikeRate loss, summed over the batch.
+    loss: with what hidden spikes add to it, summed over the batch.
     correct: samples whose most active output (lowest number on ties) is the label, in every head.
     fired: per layer, mean spikes per neuron and step.
     gradient_norm: Euclidean norm over all weights before clipping; NaN or infinite where a gradient is.

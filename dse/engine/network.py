@@ -10,9 +10,11 @@ import numpy as np
 from dse.engine.batch import batch_of, chunk_samples
 from dse.engine.events import Rows, delayed, dense
 from dse.engine.forward import Prepared
+from dse.engine.goal import SPIKE_RATE, Goal
 from dse.engine.layers import Weights, check_inputs, laid_out, precision
 from dse.engine.layout import aligned, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
+from dse.engine.losses import Loss
 from dse.neurons.surrogate import Exponential
 from dse.records import Arithmetic, Array
 
@@ -45,8 +47,10 @@ def gradients(
     gains: Sequence[Array | None],
     shift: bool = True,
     heads: tuple[int, ...] = (),
+    loss: Loss = SPIKE_RATE,
+    hidden_spike_penalty: float = 0.0,
 ) -> Gradients:
-    """Return the SpikeRate loss of a batch and its gradients by every weight as it ran.
+    """Return the loss of a batch and its gradients by every weight as it ran.
 
     Args:
         rows: input spikes of the batch.
@@ -59,6 +63,8 @@ def gradients(
         gains: per layer, (sample, input) factors of its input spikes (dropout), 0 or one value; or None.
         shift: each layer hands its spikes on one step later (SLAYER's `delay_shift`).
         heads: classes of each head; empty: one head.
+        loss: over the output spikes.
+        hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
 
     Raises:
         ValueError: the rows' inputs differ from the first layer's.
@@ -77,14 +83,12 @@ def gradients(
         sizes,
         batch_of(rows),
         labels,
-        true_rate,
-        false_rate,
+        Goal(loss, true_rate, false_rate, heads, hidden_spike_penalty),
         gains,
         int(shift),
         [space],
         feed_forward,
         rings,
-        heads=heads,
     )
     factors = [common_factor(gain) for gain in gains]
     cells = rows.n_samples * rows.n_steps

@@ -6,15 +6,16 @@
 
 Every check takes a component, makes the small data that it needs, and raises an `AssertionError` with one
 sentence that says what is violated. The contracts are Protocols: of sources, encoders and families in
-`dse.config.contracts`, of neurons in `dse.neurons`, of samplers in `dse.search.proposals`, of objectives in
-`dse.measure.objectives`, of kinds of hardware in `dse.hardware.profile`, of figures in `dse.figures`, of
-views in `dse.dashboard.views`.
+`dse.config.contracts`, of losses in `dse.engine.losses`, of neurons in `dse.neurons`, of samplers in
+`dse.search.proposals`, of objectives in `dse.measure.objectives`, of kinds of hardware in
+`dse.hardware.profile`, of figures in `dse.figures`, of views in `dse.dashboard.views`.
 """
 
 from dse.testing.chips import check_chip_kind
 from dse.testing.encoders import check_encoder
 from dse.testing.families import check_family
 from dse.testing.figures import check_figure
+from dse.testing.losses import check_loss
 from dse.testing.neurons import check_neuron
 from dse.testing.objectives import check_objective
 from dse.testing.samplers import check_sampler
@@ -26,6 +27,7 @@ __all__ = [
     "check_encoder",
     "check_family",
     "check_figure",
+    "check_loss",
     "check_neuron",
     "check_objective",
     "check_sampler",

@@ -11,6 +11,7 @@ from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.adam import adam
 from dse.engine.layers import weights
+from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif, fixed_point
@@ -65,7 +66,7 @@ def test_threads_change_no_bit(arithmetic: Arithmetic, ring: bool) -> None:
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
 def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
     x, labels = batch(5, 40)
-    one = member(arithmetic)
+    one = replace(member(arithmetic), loss=CountCrossEntropy(0.3, 2), hidden_spike_penalty=0.02)
     cohort = cpu.start([one], 5, 40)
     masters = [layer.feed_forward for layer in one.layers]
     moments = [(np.zeros_like(w), np.zeros_like(w)) for w in masters]
@@ -85,6 +86,8 @@ def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
             false_rate=0.05,
             arithmetic=arithmetic,
             gains=dropped(same, 5).gains,
+            loss=one.loss,
+            hidden_spike_penalty=0.02,
         )
         assert (report.loss, report.correct, report.fired) == (found.loss, found.correct, found.fired)
         norm = 0.0

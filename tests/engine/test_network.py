@@ -10,6 +10,9 @@ import pytest
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
 from dse.engine.layers import Weights, prepare, weights
+from dse.engine.losses import Loss
+from dse.engine.losses.count_cross_entropy import CountCrossEntropy
+from dse.engine.losses.spike_rate import SpikeRate
 from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
@@ -195,3 +198,29 @@ def test_gradients_of_two_heads_agree_with_automatic_differentiation() -> None:
     single = gradients(rows_of(x), layers, surrogates, labels[:, 0], **given)
     assert found.correct == single.correct  # the other head has one class
     assert found.loss != single.loss
+
+
+@pytest.mark.parametrize("recurrent", [True, False])
+@pytest.mark.parametrize("loss", [SpikeRate(), CountCrossEntropy(0.4), CountCrossEntropy(0.4, read_outs=3)])
+def test_every_loss_and_the_price_of_hidden_spikes_agree_with_automatic_differentiation(
+    loss: Loss, recurrent: bool
+) -> None:
+    from dse.engine.autograd import gradients as by_autograd
+
+    rng = np.random.default_rng(7)
+    x = (rng.random((4, 25, 12)) < 0.25).astype(np.uint8)
+    labels = np.array([[0, 3], [1, 3], [2, 3], [1, 3]])
+    layers, surrogates = small_layers(rng, recurrent), [exponential(80 / 64, 0.03, 3.0)] * 2
+    gains = [None, 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
+    given = {"true_rate": 0.6, "false_rate": 0.05, "gains": gains, "heads": (3, 1), "loss": loss}
+    free = gradients(rows_of(x), layers, surrogates, labels, **given)
+    found = gradients(rows_of(x), layers, surrogates, labels, hidden_spike_penalty=0.03, **given)
+    value, feed_forward, rings = by_autograd(
+        rows_of(x), layers, surrogates, labels, hidden_spike_penalty=0.03, **given
+    )
+    assert found.loss == pytest.approx(value, rel=1e-6)
+    assert found.loss - free.loss == pytest.approx(0.03 * free.fired[0] * 4 * 25 * 9)
+    for ours, theirs in zip(found.feed_forward, feed_forward, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * np.abs(theirs).max())
+    if recurrent:
+        np.testing.assert_allclose(found.recurrent[0], rings[0], rtol=0, atol=1e-5 * np.abs(rings[0]).max())

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from dse.engine.goal import by_spike
 from dse.engine.gpu import scans
-from dse.engine.gpu.layout import WIDTH, Stage
+from dse.engine.gpu.layout import WIDTH, Stage, columns
 from dse.engine.gpu.numbers import SPIKE_TYPE, UNFUSED, Numbers
 from dse.engine.gpu.weights import Stretch, Weights, on_device, weights_of
+from dse.engine.losses import Loss, Outputs
 from dse.engine.member import Member
+from dse.records import Array
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,47 @@ class Trace:
     n_sent: Tensor
 
 
+@dataclass(frozen=True)
+class Readers:
+    """The outputs of a stage's members that have a loss, heads and a number of classes in common.
+
+    members: their numbers.
+    tiles: (member, tile of its outputs) int64 tile numbers.
+    true_rate, false_rate: (member, 1, 1, 1) float64.
+    """
+
+    loss: Loss
+    heads: tuple[int, ...]
+    n_classes: int
+    members: tuple[int, ...]
+    tiles: Tensor
+    true_rate: Tensor
+    false_rate: Tensor
+
+    def counts(self, trace: Trace, n_steps: int) -> Tensor:
+        """Return the output spikes after each length of the loss, (member, sample, length, class) float64."""
+        lengths = self.loss.lengths(n_steps)
+        if len(lengths) == 1:
+            of_lengths = [trace.n_sent[self.tiles].double()]
+        else:
+            passed = trace.passed.view(len(trace.passed), -1, n_steps, WIDTH)[self.tiles]
+            of_lengths = [passed[:, :, :, :n].sum(dim=3, dtype=torch.float64) for n in lengths]
+        of_tiles = torch.stack(of_lengths, dim=1)  # (member, length, tile, sample, WIDTH)
+        return of_tiles.permute(0, 3, 1, 2, 4).flatten(3)[..., : self.n_classes]
+
+    def by_output(self, trace: Trace, labels: Tensor, n_steps: int) -> Tensor:
+        """Return dL/d(output spike), (stretch, member, tile, sample, WIDTH) float64."""
+        none = labels.new_zeros((len(labels), self.n_classes), dtype=torch.float64)
+        is_label: Any = none.scatter_(1, labels, 1.0)
+        counts: Any = self.counts(trace, n_steps)
+        lengths = self.loss.lengths(n_steps)
+        outputs = Outputs(is_label, lengths, self.heads, self.true_rate, self.false_rate)
+        _, by_count = self.loss.gradient(counts, outputs)
+        by_class = torch.nn.functional.pad(by_spike(by_count), (0, -self.n_classes % WIDTH))
+        n_members, n, n_stretches, _ = by_class.shape
+        return by_class.view(n_members, n, n_stretches, -1, WIDTH).permute(2, 0, 3, 1, 4)
+
+
 class Level:
     """A stage on the device."""
 
@@ -75,13 +120,10 @@ class Level:
         self._keep = on_device(stage.keep_u, device), on_device(stage.keep_v, device)
         self._threshold = on_device(stage.threshold, device)
         self._surrogate = on_device(stage.surrogate, device)
-        owners = [members[i] for i in stage.owner]
-        n_classes = np.asarray([m.layers[-1].feed_forward.shape[1] for m in owners])
-        neuron = (np.arange(stage.n_tiles) - stage.first)[:, None] * WIDTH + np.arange(WIDTH)
-        is_class = stage.is_output[:, None] & (neuron < n_classes[:, None])
-        self._class = on_device(np.where(is_class, neuron, -1)[:, None], device)
-        self._false = on_device(np.asarray([m.false_rate for m in owners])[:, None, None], device)
-        self._true = on_device(np.asarray([m.true_rate for m in owners])[:, None, None], device)
+        penalty = np.concatenate([_penalty(m, depth) for m in members if depth < len(m.layers)])
+        self._is_penalised = bool(penalty.any())
+        self._penalty = on_device(penalty, device).to(numbers.real)
+        self.readers = _readers(stage, members, device)
         self._tiles: dict[frozenset[int], Tiles] = {}
 
     @property
@@ -160,11 +202,24 @@ class Level:
         ahead.feed_forward.by_input(by_z, by_spike, tiles.hidden, self._first, self._ahead, rows)
         return by_spike
 
-    def _by_output(self, n_sent: Tensor, labels: Tensor, n_steps: int) -> Tensor:
-        """Return dL/d(output spike), (tile, sample, WIDTH), as dse.engine.loss.spike_rate computes it."""
-        is_label = (self._class[..., None] == labels[None, :, None]).any(dim=-1)
-        error = n_sent.double() / n_steps - self._false + is_label * (self._false - self._true)
-        return torch.where(self._class >= 0, 2 / n_steps * error, 0.0).to(self.numbers.real)
+    def _by_output(self, trace: Trace, labels: Tensor, n_steps: int) -> Tensor:
+        """Return dL/d(output spike), (tile, sample, WIDTH).
+
+        Where it depends on the step, it goes into the surrogate gradients instead, and 1 is returned.
+        """
+        out = trace.slope.new_zeros(trace.n_sent.shape)
+        slope = trace.slope.view(len(trace.slope), -1, n_steps, WIDTH)
+        for readers in self.readers:
+            stretches = readers.by_output(trace, labels, n_steps).to(self.numbers.real)
+            if len(stretches) == 1:
+                out[readers.tiles] = stretches[0]
+                continue
+            out[readers.tiles] = 1.0
+            first = 0
+            for length, of_stretch in zip(readers.loss.lengths(n_steps), stretches, strict=True):
+                slope[readers.tiles, :, first : length - 1] *= of_stretch[:, :, :, None]
+                first = length - 1
+        return out
 
     def backward(
         self,
@@ -189,7 +244,7 @@ class Level:
         by_z = slope.new_empty((numbers.n_parts, *slope.shape), dtype=numbers.part)
         lu, lv, by_ring = (torch.zeros_like(trace.n_sent, dtype=numbers.real) for _ in range(3))
         kinds: list[tuple[Tensor, Tensor, bool, Tensor | None]] = [
-            (tiles.output, self._by_output(trace.n_sent, labels, n_steps), True, None)
+            (tiles.output, self._by_output(trace, labels, n_steps), True, None)
         ]
         if arriving is not None:
             kinds.append((tiles.hidden, arriving, False, dropout.kept))
@@ -197,12 +252,12 @@ class Level:
             if ring is not None and end < n_steps and tiles.ring.numel():
                 own = (self._first, self._count)
                 ring.by_input(by_z, by_ring, tiles.ring, self._first, own, Stretch(end, n_steps, n))
-            for of, by_spike, is_output, kept in kinds:
+            for of, by_spikes, is_output, kept in kinds:
                 if not of.numel():
                     continue
                 scans.scan_back[(of.numel(), -(-n // scans.SAMPLES.value))](
                     slope,
-                    by_spike,
+                    by_spikes,
                     by_ring,
                     by_z,
                     lu,
@@ -210,6 +265,7 @@ class Level:
                     of,
                     trace.n_sent if kept is None else kept,
                     dropout.factor,
+                    self._penalty,
                     *self._keep,
                     n,
                     n_steps,
@@ -219,6 +275,7 @@ class Level:
                     N_PARTS=numbers.n_parts,
                     OUTPUT=is_output,
                     MASKED=kept is not None,
+                    PENALISED=self._is_penalised and not is_output,
                     STEPWISE=ring is not None,
                     num_warps=2,
                     **UNFUSED,
@@ -232,3 +289,34 @@ class Level:
         self.feed_forward.by_weight(source, by_z, factor, tiles.every, add=add)
         if self.ring is not None and tiles.ring.numel():
             self.ring.by_weight(trace.raw, by_z, self.ones, tiles.ring, add=add)
+
+
+def _penalty(member: Member, depth: int) -> Array:
+    """Return what each spike of a layer adds to the loss, (tile, WIDTH); outputs add nothing."""
+    of = member.hidden_spike_penalty if depth < len(member.layers) - 1 else 0.0
+    return columns(np.full((1, member.layers[depth].feed_forward.shape[1]), of))[:, 0]
+
+
+def _readers(stage: Stage, members: Sequence[Member], device: torch.device) -> list[Readers]:
+    """Return the outputs of a stage, grouped by what their losses have in common."""
+    groups: dict[tuple[Loss, tuple[int, ...], int], list[int]] = {}
+    for number in dict.fromkeys(stage.owner[stage.is_output].tolist()):
+        of = members[number]
+        n_classes = of.layers[-1].feed_forward.shape[1]
+        groups.setdefault((of.loss, of.heads or (n_classes,), n_classes), []).append(number)
+
+    def rates(values: Sequence[float]) -> Tensor:
+        return on_device(np.asarray(values)[:, None, None, None], device)
+
+    return [
+        Readers(
+            loss,
+            heads,
+            n_classes,
+            tuple(numbers),
+            on_device(np.stack([np.flatnonzero(stage.owner == k) for k in numbers]), device),
+            rates([members[k].true_rate for k in numbers]),
+            rates([members[k].false_rate for k in numbers]),
+        )
+        for (loss, heads, n_classes), numbers in groups.items()
+    ]

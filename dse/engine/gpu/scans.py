@@ -157,6 +157,7 @@ def scan_back(
     tiles: tl.tensor,
     kept: tl.tensor,
     factor: tl.tensor,
+    penalty: tl.tensor,
     keep_u_ptr: tl.tensor,
     keep_v_ptr: tl.tensor,
     n_samples: tl.tensor,
@@ -167,6 +168,7 @@ def scan_back(
     N_PARTS: tl.constexpr,
     OUTPUT: tl.constexpr,
     MASKED: tl.constexpr,
+    PENALISED: tl.constexpr,
     STEPWISE: tl.constexpr,
 ) -> None:
     """Set dL/dz of some steps, backward in time, the reset ignored (dse.neurons.cuba_lif.backward).
@@ -182,6 +184,7 @@ def scan_back(
         tiles: tile numbers, one per program on axis 0; blocks of samples on axis 1.
         kept: (tile, sample, WIDTH) uint8, 0 where dropout silences a neuron; read where MASKED.
         factor: (tile,) float32 gain of spikes that are kept, read where MASKED.
+        penalty: (tile, WIDTH) what every spike adds to the loss, read where PENALISED.
         keep_u_ptr: (tile, WIDTH) int32 4096 - decay.
         keep_v_ptr: likewise.
         n_samples: samples of the arrays.
@@ -192,6 +195,7 @@ def scan_back(
         N_PARTS: parts of by_z.
         OUTPUT: the tiles are output neurons.
         MASKED: some neurons are silenced.
+        PENALISED: spikes add to the loss.
         STEPWISE: sums are kept between calls.
     """
     tile = tl.load(tiles + tl.program_id(0)).to(tl.int64)
@@ -225,6 +229,8 @@ def scan_back(
             by_spike = tl.load(arriving + at + WIDTH, mask=leaves, other=0.0) * gain
         if STEPWISE:
             by_spike += tl.load(by_ring + of_sample, mask=leaves, other=0.0)
+        if PENALISED:
+            by_spike += tl.load(penalty + of_column)
         lv = keep_v * lv + by_spike * tl.load(slope + at, mask=inside, other=0.0)
         lu = keep_u * lu + lv
         store_parts(by_z, at, by_z_size, lu, inside, N_PARTS)

@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from dse.engine.adam import BETA_1, BETA_2
+from dse.engine.goal import n_correct
 from dse.engine.gpu.layout import WIDTH, columns, stages
 from dse.engine.gpu.level import Dropout, Level, Tiles
 from dse.engine.gpu.numbers import NUMBERS
 from dse.engine.gpu.weights import Weights, on_device
-from dse.engine.loss import n_correct, spike_rate
 from dse.engine.member import Masters, Member, Report, Turn
 from dse.records import Array
 
@@ -25,10 +25,16 @@ Gains = Mapping[int, Sequence[Array | None]]
 
 @dataclass(frozen=True)
 class Counts:
-    """Spikes of a chunk, per stage: (tile, WIDTH) all; (tile, sample, WIDTH) those that were handed on."""
+    """Spikes of a chunk.
+
+    fired: per stage, (tile, WIDTH) all of them.
+    sent: per stage, (tile, sample, WIDTH) those that were handed on.
+    outputs: member -> (sample, length, class) output spikes, where its loss reads out several lengths.
+    """
 
     fired: tuple[Tensor, ...]
     sent: tuple[Tensor, ...]
+    outputs: Mapping[int, Tensor]
 
 
 class Slab:
@@ -74,7 +80,14 @@ class Slab:
             level.by_weight(sources[d], trace, by_z, factors[d], tiles[d], add=add)
             if d:
                 arriving = levels[d - 1].arriving(level, by_z, tiles[d - 1])
-        return Counts(tuple(t.n_fired.sum(dim=1) for t in traces), tuple(t.n_sent for t in traces))
+        read_outs = {
+            number: of_member
+            for level, trace in zip(levels, traces, strict=True)
+            for readers in level.readers
+            if len(readers.loss.lengths(n_steps)) > 1
+            for number, of_member in zip(readers.members, readers.counts(trace, n_steps), strict=True)
+        }
+        return Counts(tuple(t.n_fired.sum(dim=1) for t in traces), tuple(t.n_sent for t in traces), read_outs)
 
     def _factor(self, depth: int, gains: Gains) -> Tensor:
         """Return (tile,) the gain of the spikes that a stage's tiles read."""
@@ -125,7 +138,11 @@ class Slab:
         depth = len(counts[0].fired) if counts else 0
         fired = [np.sum([c.fired[d].cpu().numpy() for c in counts], axis=0) for d in range(depth)]
         sent = [np.concatenate([c.sent[d].cpu().numpy() for c in counts], axis=1) for d in range(depth)]
-        return {number: self._report(number, fired, sent, labels, n_steps, norms[number]) for number in turns}
+        read = {
+            k: np.concatenate([c.outputs[k].cpu().numpy() for c in counts])
+            for k in (counts[0].outputs if counts else ())
+        }
+        return {k: self._report(k, fired, sent, read.get(k), labels, n_steps, norms[k]) for k in turns}
 
     def _norms(self, tiles: Sequence[Tiles], turns: Mapping[int, Turn]) -> dict[int, float]:
         """Return each member's Euclidean norm of its gradient by the masters, over all weights."""
@@ -162,6 +179,7 @@ class Slab:
         number: int,
         fired: Sequence[Array],
         sent: Sequence[Array],
+        read: Array | None,
         labels: Array,
         n_steps: int,
         norm: float,
@@ -171,10 +189,16 @@ class Slab:
         if not n:
             return Report(0.0, 0, (0.0,) * len(sizes), norm)
         own = [level.stage.owner == number for level in self._levels[: len(sizes)]]
-        rates = [float(f[o].sum()) / (n * n_steps * h) for f, o, h in zip(fired, own, sizes, strict=False)]
+        spikes = [int(f[o].sum()) for f, o in zip(fired, own, strict=False)]
+        rates = [fired_ / (n * n_steps * h) for fired_, h in zip(spikes, sizes, strict=True)]
         counts = sent[len(sizes) - 1][own[-1]].swapaxes(0, 1).reshape(n, -1)[:, : sizes[-1]]
-        loss, _ = spike_rate(counts, n_steps, labels, member.true_rate, member.false_rate)
-        return Report(loss, n_correct(counts, labels, member.heads), tuple(rates), norm)
+        goal = member.goal
+        outputs = goal.outputs(labels, n_steps, sizes[-1])
+        loss, _ = goal.loss.gradient(counts[:, None] if read is None else read, outputs)
+        total = float(loss)
+        if goal.hidden_spike_penalty:
+            total += goal.hidden_spike_penalty * sum(spikes[:-1])
+        return Report(total, n_correct(counts, labels, member.heads), tuple(rates), norm)
 
     def prune(self, number: int, kept: Masters) -> None:
         """Set the weights of a member that are not kept to 0, for good."""

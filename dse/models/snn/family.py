@@ -1,4 +1,4 @@
-"""Dense spiking classifiers: 1 to 3 hidden layers, trained by SpikeRate with a surrogate gradient."""
+"""Dense spiking classifiers: 1 to 3 hidden layers, trained with a surrogate gradient."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from dse.engine.layers import has_kernel
+from dse.engine.losses import Loss
 from dse.models.training import Training
 from dse.neurons import Neuron
 from dse.neurons.surrogate import Exponential, exponential
@@ -23,6 +24,14 @@ class Stack:
     false_rate: float = param(0.02, low=0, high=1, doc="target spike rate of the other output neurons")
     neuron: Neuron = param(  # noqa: RUF009
         "cuba_lif", component="neurons", doc="kind of the neurons; their own keys stand beside it"
+    )
+    loss: Loss = param(  # noqa: RUF009
+        "spike_rate", component="losses", doc="loss over the output spikes; its own keys stand beside it"
+    )
+    hidden_spike_penalty: float = param(
+        0.0,
+        low=0,
+        doc="activity regularisation: each spike of a hidden neuron adds this much to the loss of its sample",
     )
     tau_grad: float = param(
         0.03, low=0, low_open=True, doc="width of the hidden surrogate gradient, in units of 100 thresholds"

@@ -93,6 +93,8 @@ class Trainee:
             arithmetic=model.arithmetic,
             clip_norm=training.clip_norm,
             heads=heads if len(heads) > 1 else (),
+            loss=model.loss,
+            hidden_spike_penalty=model.hidden_spike_penalty,
         )
         curves: dict[str, list[float]] = {
             name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")

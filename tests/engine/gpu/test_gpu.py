@@ -23,6 +23,7 @@ from dse.engine import cpu
 from dse.engine import gpu as engine
 from dse.engine.autograd import gradients as by_autograd
 from dse.engine.layers import weights
+from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.member import Engine, Masters, Member, Report, TrainedLayer, Turn
 from dse.engine.network import gradients as on_cpu
 from dse.models.snn.family import SNN
@@ -101,6 +102,8 @@ MEMBERS = (
     member((INPUTS, 66, 4), 4, ring=True),
     member((INPUTS, 5, 4), 5, arithmetic="float32"),
     member((INPUTS, 9, 4), 6, arithmetic="ideal", ring=True),
+    replace(member((INPUTS, 70, 5, 4), 9), loss=CountCrossEntropy(), hidden_spike_penalty=0.02),
+    replace(member((INPUTS, 6, 4), 10, ring=True), loss=CountCrossEntropy(0.4, 3), hidden_spike_penalty=0.1),
 )
 NAMES = (
     "integer",
@@ -109,6 +112,8 @@ NAMES = (
     "recurrent",
     "float32",
     "ideal, recurrent",
+    "cross-entropy, hidden spikes penalised",
+    "cross-entropy at three lengths, recurrent, hidden spikes penalised",
 )
 X = np.random.default_rng(10).random((N, T, INPUTS)) < 0.3
 LABELS = np.array([0, 3, 1, 1, 2])
@@ -301,6 +306,8 @@ def test_gradients_agree_with_automatic_differentiation_and_with_the_cpu(
         "false_rate": of.false_rate,
         "arithmetic": of.arithmetic,
         "gains": turns_of(MEMBERS)[number].gains,
+        "loss": of.loss,
+        "hidden_spike_penalty": of.hidden_spike_penalty,
     }
     if not any(s.cut for s in surrogates):  # rounding decides what lies at a cut
         loss, feed_forward, rings = by_autograd(rows_of(X), layers, surrogates, LABELS, **settings)
@@ -376,22 +383,23 @@ def test_a_member_is_bitwise_the_same_alone_and_beside_others_even_diverging_one
 
 
 def test_chunks_and_slabs_change_nothing_but_the_order_of_sums(monkeypatch: pytest.MonkeyPatch) -> None:
-    members, turns = MEMBERS[:2], turns_of(MEMBERS[:2])
+    members = [*MEMBERS[:2], MEMBERS[7]]
+    turns = turns_of(members)
     whole = engine.start(members, N, T)
     first = whole.step(rows_of(X), LABELS, turns)
     monkeypatch.setattr(wide, "CHUNK_ROWS", 3 * T)
     monkeypatch.setattr(wide, "SLAB_BYTES", 1)
-    assert wide.slabs(MEMBERS, 100) == [[0], [1], [2], [3], [4], [5]]
+    assert wide.slabs(MEMBERS, 100) == [[k] for k in (0, 1, 6, 2, 3, 7, 4, 5)]
     cut = engine.start(members, N, T)
     second = cut.step(rows_of(X), LABELS, turns)
-    for k in range(2):
+    for k in range(3):
         assert_reports_agree(second[k], first[k], 1e-6)
         for a, b in zip(matrices(cut.gradients(k)), matrices(whole.gradients(k)), strict=True):
             assert_close(a, b, 1e-6)
 
 
 def test_members_of_one_kind_share_a_slab() -> None:
-    assert wide.slabs(MEMBERS, 100) == [[0, 1], [2, 3], [4], [5]]
+    assert wide.slabs(MEMBERS, 100) == [[0, 1, 6], [2, 3, 7], [4], [5]]
 
 
 def test_two_heads_train_as_on_the_cpu() -> None:
