@@ -13,6 +13,8 @@ import pytest
 from dse.config.contracts import Encoder, Generators, Recordings
 from dse.config.settings import Training
 from dse.encoders.send_on_delta import SendOnDelta
+from dse.engine.losses import Outputs
+from dse.engine.losses.spike_rate import SpikeRate
 from dse.figures.confusion import Confusion, ConfusionFigure
 from dse.hardware.kinds.operations import CountedOperations
 from dse.hardware.plan import Plan, energy_only
@@ -29,6 +31,7 @@ from dse.testing import (
     check_encoder,
     check_family,
     check_figure,
+    check_loss,
     check_neuron,
     check_objective,
     check_sampler,
@@ -364,3 +367,45 @@ class Mute(SendOnDelta):
 def test_every_key_is_documented() -> None:
     with pytest.raises(AssertionError, match=r"key Mute.gain must say what it means"):
         check_encoder(Mute(thresholds=(1.0,)))
+
+
+@dataclass(frozen=True)
+class HalvedLoss(SpikeRate):
+    """Its gradient is not its slope."""
+
+    def gradient(self, counts: Array, outputs: Outputs) -> tuple[Array, Array]:
+        value, by_count = super().gradient(counts, outputs)
+        return value, by_count / 2
+
+
+@dataclass(frozen=True)
+class EarlyLoss(SpikeRate):
+    """It leaves out the end of the input."""
+
+    def lengths(self, n_steps: int) -> tuple[int, ...]:
+        return (max(1, n_steps // 2),)
+
+
+@dataclass(frozen=True)
+class MeanLoss(SpikeRate):
+    """What it says of a sample depends on how many others there are."""
+
+    def value(self, counts: Array, outputs: Outputs) -> Array:
+        return super().value(counts, outputs) / len(counts)
+
+    def gradient(self, counts: Array, outputs: Outputs) -> tuple[Array, Array]:
+        value, by_count = super().gradient(counts, outputs)
+        return value / len(counts), by_count / len(counts)
+
+
+@pytest.mark.parametrize(
+    ("loss", "text"),
+    [
+        (HalvedLoss(), "HalvedLoss.gradient must be the slope of its value"),
+        (EarlyLoss(), r"EarlyLoss.lengths\(2\) must rise from at least 1 to 2, got \(1,\)"),
+        (MeanLoss(), "MeanLoss must be a sum over samples"),
+    ],
+)
+def test_loss(loss: Any, text: str) -> None:
+    with pytest.raises(AssertionError, match=text):
+        check_loss(loss)

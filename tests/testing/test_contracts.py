@@ -18,6 +18,7 @@ from dse.testing import (
     check_encoder,
     check_family,
     check_figure,
+    check_loss,
     check_neuron,
     check_objective,
     check_sampler,
@@ -44,6 +45,7 @@ ENCODERS: dict[str, dict[str, Any]] = {
     "threshold": {"level": "past"},
     "receptors": {},
 }
+LOSSES: dict[str, dict[str, Any]] = {"count_cross_entropy": {"count_scale": 2.0, "read_outs": 4}}
 SAMPLERS: dict[str, dict[str, Any]] = {
     "tpe": {"startup": 4},
     "nsga2": {"population": 4},
@@ -133,6 +135,11 @@ def test_threshold_that_knows_the_whole_window(matching: str) -> None:
 @pytest.mark.parametrize("name", names("neurons"))
 def test_neuron(name: str) -> None:
     check_neuron(registry.known("neurons")[name]())
+
+
+@pytest.mark.parametrize("name", names("losses"))
+def test_loss(name: str) -> None:
+    check_loss(registry.known("losses")[name](**LOSSES.get(name, {})))
 
 
 @pytest.mark.parametrize("name", names("search.samplers"))
