@@ -189,6 +189,8 @@ class Dataset:
     train, validation, test: int64 sample indices, disjoint; test may be empty.
     positions: (n_channels, 3) int32 x, y and plane (polarity or threshold) of every input channel.
     heads: the parts of a joint target; empty for a single target.
+    room_low, room_high: (n,) int32 inclusive bounds of the first step of any window whose steps are stored;
+        None: those of training windows.
     """
 
     spikes: Spikes
@@ -203,6 +205,8 @@ class Dataset:
     test: Ints
     positions: Ints
     heads: tuple[Head, ...] = ()
+    room_low: Ints | None = None
+    room_high: Ints | None = None
 
 
 @dataclass(frozen=True)

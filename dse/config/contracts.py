@@ -195,7 +195,8 @@ class Family(Protocol):
     """A component of section `model`: a classifier that trains and responds.
 
     A family with a class variable `takes_events` that is true also takes spikes with times of their own
-    (`Spikes.t_us`).
+    (`Spikes.t_us`). One with a class variable `draws_crops` that is true trains on crops between `start_low`
+    and `start_high`; any other trains on the evaluated windows, and may be given crops as further samples.
 
     A family whose answer is a `Response` spikes; any other gives `Answers` after several input lengths, with
     the numbers that it stores and the operations that it does, counted by a rule that it states.

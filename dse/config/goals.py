@@ -14,7 +14,7 @@ from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.settings import Decision, ExecutionSettings, Precision, Reach, Search
+from dse.config.settings import Decision, Evaluation, ExecutionSettings, Precision, Reach, Search
 from dse.config.space import DecisionGrid, SearchSettings
 from dse.config.values import Report, echo, keys_of, read_fields
 from dse.config.yaml_lines import Raw
@@ -90,7 +90,12 @@ def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
 
 
 def objectives(
-    raw: Raw, profiles: Sequence[str], report: Report, *, has_test: bool = True
+    raw: Raw,
+    profiles: Sequence[str],
+    report: Report,
+    *,
+    has_test: bool = True,
+    evaluation: Evaluation | None = None,
 ) -> tuple[tuple[str, str], ...]:
     """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares.
 
@@ -99,6 +104,7 @@ def objectives(
         profiles: hardware profiles of the search space.
         report: called with (path, sentence) for every mistake.
         has_test: whether the search space has a test set.
+        evaluation: what else is tested.
     """
     known = registry.columns()
     of_hardware = registry.columns("hardware")
@@ -125,6 +131,9 @@ def objectives(
         if known[name].of_test and not has_test:
             text = "needs a test set: section 'test', or key test of the split"
             report(where, f"objective '{name}' {text}")
+        key = known[name].of_evaluation
+        if key and getattr(evaluation, key, None) is None:
+            report(where, f"objective '{name}' needs {key} in section 'evaluation', got none")
         if not known[name].selects:
             report(where, f"objective '{name}' cannot select designs: the test set is only for reporting")
         directions[name] = natural

@@ -9,6 +9,7 @@ from pathlib import Path
 from dse import registry
 from dse.config import goals, parts
 from dse.config.contracts import Source
+from dse.config.evaluation import evaluation_faults
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space, names_a_file
 from dse.config.parts import Part
@@ -74,9 +75,14 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     split = sections.get("split")
     has_test = "test" in data or split is None or not split.good or split.fixed.has_test
+    evaluation = sections.get("evaluation")
+    good = evaluation is None or evaluation.good  # otherwise its objectives are not known to be at fault
     objectives: tuple[tuple[str, str], ...] = ()
-    if "objectives" in data:
-        objectives = goals.objectives(data["objectives"], hardware, report, has_test=has_test)
+    if "objectives" in data and good:
+        evaluated = None if evaluation is None else evaluation.fixed
+        objectives = goals.objectives(
+            data["objectives"], hardware, report, has_test=has_test, evaluation=evaluated
+        )
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
@@ -135,6 +141,8 @@ def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
     sections["window"] = parts.settings("window", data.get("window"), report)
     if "split" in data:
         sections["split"] = parts.settings("split", data["split"], report)
+    if "evaluation" in data:
+        sections["evaluation"] = parts.settings("evaluation", data["evaluation"], report)
     if recordings is not None and "test" in data:
         sections["test"] = parts.test_file(recordings, kind, data["test"], report)
     needed = None if recordings is None else front_end(recordings)
@@ -151,6 +159,8 @@ def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
     sections["training"] = parts.settings("training", data.get("training"), report)
     for message in _event_faults(sections):
         report(("preprocessing", "every_event"), message)
+    for path, message in evaluation_faults(sections):
+        report(path, message)
     return sections
 
 

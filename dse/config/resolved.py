@@ -11,7 +11,7 @@ from dse.config import parts
 from dse.config.contracts import PLACES, Encoder, Family, Source
 from dse.config.faults import ConfigError, Fault
 from dse.config.sections import SECTIONS, SETTINGS
-from dse.config.settings import Preprocessing, Split, Task, Training, Window
+from dse.config.settings import Evaluation, Preprocessing, Split, Task, Training, Window
 from dse.config.values import Report, Values, dotted, plain, read_object
 from dse.config.yaml_lines import Path as Keys
 from dse.config.yaml_lines import Raw
@@ -20,13 +20,28 @@ _COMPONENTS = ("data", "encoder", "model")
 _FITTED = ("preprocessing", "encoder")
 
 
+@dataclass(frozen=True)
+class LeftOut:
+    """Values of a label column that are left out of training, and tested on."""
+
+    column: str
+    values: tuple[Raw, ...]
+
+    @property
+    def name(self) -> str:
+        """The values as text, joined by |."""
+        return "|".join(f"{x:g}" if isinstance(x, float) else str(x) for x in self.values)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sections:
     """The sections of one design.
 
     kinds: names of the components: of data and model, and of encoder where there is one.
     test: where recordings of a final test lie, if they are not part of the data.
+    evaluation: what else is tested; None: nothing.
     preprocessing: of event recordings; encoder: of signals, and perhaps of what is spikes already.
+    left_out: groups that training leaves out and that are the test set; None: none. It is no section.
     """
 
     kinds: Mapping[str, str]
@@ -34,11 +49,13 @@ class Sections:
     task: Task
     window: Window
     split: Split
+    evaluation: Evaluation | None = None
     test: Source | None = None
     preprocessing: Preprocessing | None = None
     encoder: Encoder | None = None
     model: Family
     training: Training
+    left_out: LeftOut | None = None
 
     @property
     def reads_labels(self) -> str:
@@ -99,6 +116,10 @@ class Sections:
             raise ValueError("a design without split.k_fold has no folds")
         k_fold = dataclasses.replace(self.split.k_fold, fold=fold)
         return dataclasses.replace(self, split=dataclasses.replace(self.split, k_fold=k_fold))
+
+    def without(self, left_out: LeftOut) -> Self:
+        """Return the design with some groups left out of training."""
+        return dataclasses.replace(self, left_out=left_out)
 
     def with_fitted(self, fitted: Mapping[str, Mapping[str, Raw]]) -> Self:
         """Return the design with keys of `preprocessing` and `encoder` that were fitted to recordings.

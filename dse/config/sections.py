@@ -13,6 +13,7 @@ from dse import registry
 from dse.config.contracts import Source
 from dse.config.settings import (
     Decision,
+    Evaluation,
     ExecutionSettings,
     Precision,
     Preprocessing,
@@ -31,6 +32,7 @@ SETTINGS: Mapping[str, type] = {
     "task": Task,
     "window": Window,
     "split": Split,
+    "evaluation": Evaluation,
     "preprocessing": Preprocessing,
     "training": Training,
     "decision": Decision,
@@ -40,8 +42,8 @@ SETTINGS: Mapping[str, type] = {
 }
 # In the order of a file; `test` holds keys of `data`, `hardware` and `objectives` are lists of names.
 SECTIONS = (
-    *("data", "task", "window", "split", "test", "preprocessing", "encoder", "model", "training", "decision"),
-    *("precision", "hardware", "objectives", "search", "execution"),
+    *("data", "task", "window", "split", "evaluation", "test", "preprocessing", "encoder", "model"),
+    *("training", "decision", "precision", "hardware", "objectives", "search", "execution"),
 )
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
 

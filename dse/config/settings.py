@@ -16,6 +16,10 @@ from dse.registry import param
 POLARITIES = ("split", "merge", "ignore_off", "ignore_on")
 
 
+CUT_COLUMNS = ("recording", "window")
+"""Label columns of the windows that recordings are cut into (`window.cut_steps`)."""
+
+
 @dataclass(frozen=True)
 class Column:
     """A label column as (part of) the target."""
@@ -204,6 +208,65 @@ class Split:
 
 
 @dataclass(frozen=True)
+class Groups:
+    """The values of a label column, which are left out of training in turn."""
+
+    column: str = param(doc="label column that defines the groups", axis=False)
+    folds: int | None = param(
+        None,
+        doc="number of folds that the values are dealt to (default: one fold per value)",
+        low=2,
+        axis=False,
+    )
+    seed: int = param(1, doc="seed of the folds", low=0, axis=False)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What else a trained design is tested on: moved windows, and groups that training leaves out."""
+
+    shifts: tuple[int, ...] | None = param(
+        None,
+        doc="moves of the evaluated window, without further training (negative: towards the start): columns "
+        "accuracy_shifted and accuracy_shifted_min. Shifts up to window.jitter_steps lie inside the training "
+        "crops of spiking networks, and of all families with training.crops; larger ones lie outside. "
+        "Validation recordings without room for every shift are left out; column n_shifted counts the others",
+        unit="steps",
+        axis=False,
+    )
+    leave_out: str | Groups | tuple[str | Groups, ...] | None = param(  # noqa: RUF009
+        None,
+        doc="label column, `{column: NAME, folds: N, seed: S}`, or a list of these: each fold of its values "
+        "is left out of training once, and its validation recordings are answered: column accuracy_unseen, "
+        "and accuracy_unseen_NAME for each label column. The folds are shared out among search.repeats",
+        axis=False,
+    )
+
+    def __post_init__(self) -> None:
+        """Check that something is evaluated, once."""
+        if self.shifts is None and self.leave_out is None:
+            raise ValueError("evaluation needs shifts or leave_out")
+        if self.shifts is not None and not self.shifts:
+            raise ValueError("evaluation.shifts must hold at least one shift, got []")
+        if self.leave_out == ():
+            raise ValueError("evaluation.leave_out must hold at least one column, got []")
+        for key, entries in (("shifts", self.shifts or ()), ("leave_out", [x.column for x in self.groups])):
+            if twice := [x for i, x in enumerate(entries) if x in entries[:i]]:
+                raise ValueError(f"evaluation.{key} must hold each entry once, got {twice[0]!r} twice")
+
+    @property
+    def groups(self) -> tuple[Groups, ...]:
+        """The groups that are left out, a column each."""
+        entries = self.leave_out if isinstance(self.leave_out, tuple) else (self.leave_out,)
+        return tuple(Groups(x) if isinstance(x, str) else x for x in entries if x is not None)
+
+    @property
+    def reach(self) -> int:
+        """Largest distance by which a window is moved, in steps."""
+        return max(map(abs, self.shifts or (0,)))
+
+
+@dataclass(frozen=True)
 class Preprocessing:
     """How event recordings become spikes; pairs are [along x, along y], one number stands for both."""
 
@@ -329,6 +392,12 @@ class Training:
         low=0,
         low_open=True,
         doc="gradients with a larger norm are scaled down to this norm (default: never)",
+    )
+    crops: int = param(
+        1,
+        low=1,
+        doc="training windows per recording, evenly spaced over window.jitter_steps, of families that do not "
+        "draw crops (spiking networks draw one per epoch)",
     )
     silent_epochs: int = param(
         20,

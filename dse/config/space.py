@@ -15,7 +15,7 @@ from dse.config.contracts import Source
 from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
 from dse.config.sections import SECTIONS
-from dse.config.settings import ExecutionSettings, Precision, Split
+from dse.config.settings import Evaluation, ExecutionSettings, Precision, Split
 from dse.config.values import Values, as_tuple, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
@@ -105,6 +105,12 @@ class SearchSpace:
     def data(self) -> Source:
         """The recordings, which all designs share."""
         return cast(Source, self.parts["data"].fixed)
+
+    @property
+    def evaluation(self) -> Evaluation | None:
+        """What else every design is tested on; None: nothing."""
+        part = self.parts.get("evaluation")
+        return None if part is None else cast(Evaluation, part.fixed)
 
     @property
     def split(self) -> Split:

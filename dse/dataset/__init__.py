@@ -10,6 +10,7 @@ from dse.dataset.assemble import (
     build_for,
     find,
     lengths,
+    left_out,
     load_or_prepare,
     prepare,
     recordings,
@@ -18,6 +19,7 @@ from dse.dataset.assemble import (
 )
 from dse.dataset.files import load
 from dse.dataset.keys import dataset_key, same_spikes
+from dse.dataset.moved import moved, with_crops, with_room
 from dse.dataset.stages import stages
 
 __all__ = [
@@ -27,12 +29,16 @@ __all__ = [
     "dataset_key",
     "find",
     "lengths",
+    "left_out",
     "load",
     "load_or_prepare",
+    "moved",
     "prepare",
     "recordings",
     "same_spikes",
     "stages",
     "transductive",
     "warnings",
+    "with_crops",
+    "with_room",
 ]

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from dse.config.resolved import Sections
+from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Target, Window
 from dse.dataset import cache, encoding
 from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
-from dse.dataset.keys import dataset_key, spikes_key
+from dse.dataset.keys import dataset_key, spikes_key, widened
+from dse.dataset.moved import shifts_described
 from dse.dataset.parts import (
     Part,
     Progress,
@@ -23,11 +24,11 @@ from dse.dataset.parts import (
     seen_by_encoder,
     silent,
 )
-from dse.recordings import RecordingError, Recordings, Source, leakage
+from dse.recordings import RecordingError, Recordings, Source, groups, leakage
 from dse.recordings.cutting import cut
 from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, target, target_columns
-from dse.records import Bools, Dataset, Ints, Signals
+from dse.records import Array, Bools, Dataset, Ints, Signals
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +68,9 @@ def prepare(design: Sections, base: Path, root: Path, threads: int = 1, progress
         OSError: the cache cannot be written.
     """
     making = _Making(base, root, threads, progress)
-    return cache.made(root, dataset_key(design, base), lambda folder: _fill(folder, design, making))
+    wide = widened(design)
+    jitter = None if wide is design else design.window.jitter_steps
+    return cache.made(root, dataset_key(design, base), lambda folder: _fill(folder, wide, making, jitter))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +83,15 @@ class _Making:
     progress: Progress
 
 
-def _fill(folder: Path, design: Sections, making: _Making) -> None:
-    """Write a data set to a folder of the cache, after its spikes."""
+def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | None) -> None:
+    """Write a data set to a folder of the cache, after its spikes.
+
+    Args:
+        folder: empty.
+        design: its windows have room for all shifts.
+        making: what all designs share.
+        jitter_steps: how far training windows move, where that is less.
+    """
     recordings, positions = _read(design.data, making.base, design.window)
     task = design.task
     leakage.guard(target_columns(task.target), design.split.columns())
@@ -91,6 +101,10 @@ def _fill(folder: Path, design: Sections, making: _Making) -> None:
     used = np.zeros(len(codes), dtype=bool)
     used[np.concatenate([train, validation, test])] = True
     codes, classes = _in_use(codes, classes, used)
+    out = _folds(recordings.columns, design, codes, classes, train, validation)
+    left_out, held = design.left_out, test
+    if left_out is not None:  # with the spikes of the whole
+        train, validation, held = groups.without(recordings.columns, left_out, train, validation)
     joint = heads(recordings.columns, task.target, codes) if task.joint else ()
     fitted = cropped(recordings, design, train, making.progress)
     sources, targets = [_Read(recordings, positions, used)], [codes]
@@ -103,6 +117,7 @@ def _fill(folder: Path, design: Sections, making: _Making) -> None:
         sources.append(_Read(other, places, np.ones(other.n_recordings, dtype=bool)))
         targets.append(_codes_of(other, task.target, classes, "the test file"))
         test = len(codes) + np.arange(len(targets[1]))
+    test = test if left_out is None else held
     labels = _Labels(codes, len(classes), train)
     name, fitted, spikes = _spikes(sources, fitted, labels, making)
     stored = read_spikes(spikes)
@@ -114,10 +129,43 @@ def _fill(folder: Path, design: Sections, making: _Making) -> None:
         for trap in leakage.warnings(stored.lengths, stored.levels, labels_of, train, validation, what)
     ]
     reasons.append(fitted.reads_labels)
+    shifts = None if left_out is not None or design.evaluation is None else design.evaluation.shifts
+    if shifts is not None:
+        jitter = design.window.jitter_steps if jitter_steps is None else jitter_steps
+        traps += shifts_described(
+            stored.start, (stored.low, stored.high), codes, classes, validation, shifts, jitter
+        )
     write_dataset(
         folder, name, np.concatenate(targets), classes, (train, validation, test),
         fitted.fitted_since(design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
+        jitter_steps, out,
     )  # fmt: skip
+
+
+def _folds(
+    columns: Mapping[str, Array],
+    design: Sections,
+    codes: Ints,
+    classes: tuple[str, ...],
+    train: Ints,
+    validation: Ints,
+) -> list[LeftOut]:
+    """Return the folds that the evaluation of a design leaves out in turn; none for one that is left out.
+
+    Raises:
+        RecordingError: a class cannot be trained without a fold; a line each.
+    """
+    if design.evaluation is None or design.left_out is not None:
+        return []
+    out = [
+        fold
+        for of_column in design.evaluation.groups
+        for fold in groups.folds(columns, of_column, codes, train, validation)
+    ]
+    faults = [groups.fault(columns, fold, codes, classes, train, validation) for fold in out]
+    if any(faults):
+        raise RecordingError("\n".join(filter(None, faults)))
+    return out
 
 
 def _spikes(
@@ -243,6 +291,11 @@ def recordings(design: Sections, base: Path) -> Recordings:
         RecordingError: anything wrong with the recordings.
     """
     return _read(design.data, base, design.window)[0]
+
+
+def left_out(folder: Path) -> list[LeftOut]:
+    """Return the groups that the evaluation of a prepared data set leaves out of training in turn."""
+    return [LeftOut(x["column"], tuple(x["values"])) for x in read_meta(folder).get("left_out", [])]
 
 
 def as_prepared(design: Sections, folder: Path) -> Sections:

@@ -14,12 +14,13 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict, cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import DTypeLike
 
+from dse.config.resolved import LeftOut
 from dse.config.yaml_lines import Raw
 from dse.dataset.parts import Part, Progress, silent
 from dse.recordings import RecordingError
@@ -32,15 +33,20 @@ _OF_WINDOWS = ("start", "low", "high")
 _OF_DATASET = ("target", "train", "validation", "test")
 
 
-class Meta(TypedDict):
-    """What `meta.json` of a data set holds; the meaning of each key is that of `write_dataset`."""
-
+class _Required(TypedDict):
     spikes: str
     classes: list[str]
     fitted: dict[str, dict[str, Raw]]
     warnings: list[str]
     heads: list[dict[str, object]]
     transductive: str
+
+
+class Meta(_Required, total=False):
+    """What `meta.json` of a data set holds; the meaning of each key is that of `write_dataset`."""
+
+    jitter_steps: int
+    left_out: list[dict[str, Any]]
 
 
 def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress: Progress = silent) -> None:
@@ -142,6 +148,8 @@ def write_dataset(
     warnings: Sequence[str],
     heads: Sequence[Head] = (),
     transductive: str = "",
+    jitter_steps: int | None = None,
+    left_out: Sequence[LeftOut] = (),
 ) -> None:
     """Write everything of a data set but its spikes.
 
@@ -155,7 +163,12 @@ def write_dataset(
         warnings: what is suspicious about the recordings.
         heads: parts of a joint target.
         transductive: why an evaluation of these spikes has seen its own answers; '' where it has not.
+        jitter_steps: how far training windows move, where the spikes have room for more; None: as far.
+        left_out: groups that are to be left out of training in turn.
     """
+    more: dict[str, Raw] = {} if jitter_steps is None else {"jitter_steps": jitter_steps}
+    if left_out:
+        more["left_out"] = [{"column": x.column, "values": list(x.values)} for x in left_out]
     for name, array in zip(_OF_DATASET, (target, *split), strict=True):
         np.save(folder / f"{name}.npy", array.astype(np.int64))
     _write_meta(
@@ -168,6 +181,7 @@ def write_dataset(
             "warnings": list(warnings),
             "heads": heads_document(heads),
             "transductive": transductive,
+            **more,
         },
     )
 
@@ -180,7 +194,8 @@ def read_meta(folder: Path) -> Meta:
     """
     with _readable(folder, "data set"):
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
-        return cast(Meta, {name: meta[name] for name in Meta.__annotations__})
+        optional = {name: meta[name] for name in Meta.__optional_keys__ if name in meta}
+        return cast(Meta, {name: meta[name] for name in Meta.__required_keys__} | optional)
 
 
 def load(folder: Path) -> Dataset:
@@ -195,7 +210,8 @@ def load(folder: Path) -> Dataset:
         arrays = {name: np.load(folder / f"{name}.npy") for name in _OF_DATASET}
         heads = heads_of(meta["heads"])
     spikes = read_spikes(folder.parent / meta["spikes"])
-    return joined(spikes, tuple(meta["classes"]), **arrays, heads=heads)
+    classes = tuple(meta["classes"])
+    return joined(spikes, classes, **arrays, heads=heads, jitter_steps=meta.get("jitter_steps"))
 
 
 def joined(
@@ -206,13 +222,21 @@ def joined(
     validation: Array,
     test: Array,
     heads: tuple[Head, ...] = (),
+    jitter_steps: int | None = None,
 ) -> Dataset:
-    """Return a data set of spikes with their windows, and all that follows from labels."""
+    """Return a data set of spikes with their windows, and all that follows from labels.
+
+    Training windows move by at most `jitter_steps`, and where that is None by all that is stored.
+    """
     start, low, high = (x.astype(np.int32) for x in (stored.start, stored.low, stored.high))
+    room_low, room_high = None, None
+    if jitter_steps is not None:
+        room_low, room_high = low, high
+        low, high = np.maximum(low, start - jitter_steps), np.minimum(high, start + jitter_steps)
     return Dataset(
         spikes=stored.spikes, target=target, classes=classes, start=start, start_low=low, start_high=high,
         n_steps=stored.n_steps, train=train, validation=validation, test=test,
-        positions=stored.positions, heads=heads,
+        positions=stored.positions, heads=heads, room_low=room_low, room_high=room_high,
     )  # fmt: skip
 
 

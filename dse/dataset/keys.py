@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -32,10 +33,22 @@ def dataset_key(design: Sections, base: Path) -> str:
     Raises:
         RecordingError: a file is not found.
     """
-    sections = design.to_plain()
+    sections = widened(design).to_plain()
     parts = {name: _hashed(name, sections) for name in ("split", *_OF_SPIKES)}
     task = sections["task"]
-    return _hash([_VERSION, task["target"], task["joint"], parts | sources(design, base)])
+    evaluated = []
+    if design.evaluation is not None:
+        out = design.left_out
+        evaluated = [sections["evaluation"], design.window.jitter_steps, out and [out.column, out.values]]
+    return _hash([_VERSION, task["target"], task["joint"], parts | sources(design, base), *evaluated])
+
+
+def widened(design: Sections) -> Sections:
+    """Return a design whose windows have room for the shifts of its evaluation."""
+    if design.evaluation is None or design.evaluation.reach <= design.window.jitter_steps:
+        return design
+    window = dataclasses.replace(design.window, jitter_steps=design.evaluation.reach)
+    return dataclasses.replace(design, window=window)
 
 
 def spikes_key(design: Sections, base: Path, used: Sequence[Bools]) -> str:
@@ -58,7 +71,7 @@ def same_spikes(design: Sections) -> str:
 
     Then one waits for the other. An encoder's part is small where events have to be pooled first.
     """
-    sections = design.to_plain()
+    sections = widened(design).to_plain()
     names = [name for name in _OF_SPIKES if name != "encoder" or design.preprocessing is None]
     return json.dumps([sections.get(name) for name in ("data", "test", *names)], sort_keys=True, default=str)
 

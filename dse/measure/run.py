@@ -11,7 +11,7 @@ A joint target has a measurement for each of its heads; its own accuracy counts 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,9 +22,10 @@ from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
 from dse.measure import decision
 from dse.measure.confusion import confusion
-from dse.measure.heads import head_answers, head_slices, joint_label
+from dse.measure.heads import head_answers, head_slices, head_targets, joint_label
 from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
 from dse.measure.objectives.accuracy import accuracy
+from dse.measure.objectives.accuracy_unseen import Unseen
 from dse.measure.on_chips import columns_on
 from dse.neurons import neuron_of
 from dse.neurons.cuba_lif import CubaLif
@@ -67,6 +68,7 @@ class Measurement:
     hardware: profile -> `columns_on` of the full read-out.
     confusion, confusion_test: (true class, answered class) counts of the full read-out.
     heads: of a joint target, head -> its own measurement.
+    unseen: label column -> fold of its values -> accuracy after a training without the fold.
     """
 
     columns: dict[str, Any]
@@ -78,6 +80,13 @@ class Measurement:
     confusion: Ints
     confusion_test: Ints | None
     heads: dict[str, Measurement] = field(default_factory=dict)
+    unseen: Unseen = field(default_factory=dict)
+
+
+OfTargets = Mapping[str, float]
+"""Accuracy of the target, '', and of a joint one also of each head, by name."""
+UnseenTargets = Mapping[str, Mapping[str, OfTargets]]
+"""Label column -> fold of its values -> accuracies after a training without the fold."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +133,42 @@ class _How:
     read_out_every_ms: float | None
 
 
+@dataclass
+class _Moved:
+    """Accuracies of one target on moved windows of n samples.
+
+    read_outs: per shift (k,). grids: per shift (phi, theta); empty without a grid.
+    """
+
+    n: int = 0
+    read_outs: list[Floats] = field(default_factory=list)
+    grids: list[Floats] = field(default_factory=list)
+
+    def add(self, answers: Response | Answers, truth: Ints, target: _Target, how: _How) -> None:
+        """Add what a run answers at one shift; truth: (n,) classes."""
+        self.n = len(truth)
+        if isinstance(answers, Answers):
+            label = answers.label if target.joint_of is None else target.joint_of[answers.label]
+            self.read_outs.append(_accuracies(label, truth))
+            return
+        output = answers.output[..., target.outputs]
+        lengths = _lengths(output.shape[1], answers.step_ms, how.read_out_every_ms)
+        self.read_outs.append(_accuracies(_labels_after(output, lengths), truth))
+        if len(how.phi) and len(how.theta):
+            decisions = decision.surface(output, truth, how.phi, how.theta, answers.step_ms)
+            self.grids.append(decisions.accuracy)
+
+    def beside(self, answered: _Answered) -> _Answered:
+        """Return what a run answers to the evaluated windows, with the accuracies on the moved ones."""
+        if not self.read_outs:
+            return answered
+        grid = answered.grid
+        if grid is not None:
+            grid = replace(grid, shifted=np.stack(self.grids), n_shifted=self.n)
+        read_outs = replace(answered.read_outs, shifted=np.stack(self.read_outs), n_shifted=self.n)
+        return replace(answered, read_outs=read_outs, grid=grid)
+
+
 def measure(
     outcome: Outcome,
     dataset: Dataset,
@@ -132,6 +177,8 @@ def measure(
     hardware: Sequence[Profile],
     weight_bits: int = 8,
     read_out_every_ms: float | None = None,
+    moved: Iterable[tuple[Ints, Response | Answers]] = (),
+    unseen: UnseenTargets | None = None,
 ) -> Measurement:
     """Measure one run.
 
@@ -144,6 +191,8 @@ def measure(
         weight_bits: bits per weight of a spiking network.
         read_out_every_ms: distance of the input lengths after which a spiking network is read out; None:
             `READ_OUTS` of them, evenly spaced.
+        moved: per shift, samples (n,) and what the run answers to their moved windows.
+        unseen: accuracies on groups after trainings without them; None: there were none.
 
     Raises:
         ValueError: a response holds no samples, or the grid is out of range.
@@ -151,16 +200,64 @@ def measure(
     how = _How(phi, theta, weight_bits, read_out_every_ms)
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     if not dataset.heads:
-        target = _Target(truth, truth_test, len(dataset.classes), slice(None))
-        answered = _answers_to(target, outcome, dataset.spikes.n_channels, how)
-        return _measured(outcome, target, answered, hardware)
-    heads = {}
-    for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True):
-        target = _of_head(head, outputs, truth, truth_test)
-        answered = _answers_to(target, outcome, dataset.spikes.n_channels, how)
-        heads[head.name] = _measured(outcome, target, answered, hardware)
+        targets = {"": _Target(truth, truth_test, len(dataset.classes), slice(None))}
+    else:
+        targets = {
+            head.name: _of_head(head, outputs, truth, truth_test)
+            for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True)
+        }
+    at_shifts = {name: _Moved() for name in targets}
+    jointly = _Moved()
+    for samples, answers in moved:
+        classes = dataset.target[samples]
+        for name, target in targets.items():
+            true = classes if target.joint_of is None else target.joint_of[classes]
+            at_shifts[name].add(answers, true, target, how)
+        if dataset.heads:
+            jointly.n = len(samples)
+            jointly.read_outs.append(np.array([accuracies(answers, dataset, samples)[""]]))
+    measurements = {}
+    for name, target in targets.items():
+        answered = at_shifts[name].beside(_answers_to(target, outcome, dataset.spikes.n_channels, how))
+        of_target = _of_target(unseen or {}, name)
+        measurements[name] = _measured(outcome, target, answered, hardware, of_target)
+    if not dataset.heads:
+        return measurements[""]
     end = _at_end(answered.read_outs)  # the work is that of the whole net, whichever head is asked
-    return _measured_jointly(outcome, dataset, heads, end)
+    if jointly.read_outs:
+        end = replace(end, shifted=np.stack(jointly.read_outs))
+    return _measured_jointly(outcome, dataset, measurements, end, _of_target(unseen or {}, ""))
+
+
+def accuracies(answers: Response | Answers, dataset: Dataset, samples: Ints) -> dict[str, float]:
+    """Return the accuracy of the full read-out; of a joint target also that of each head, by name.
+
+    Args:
+        answers: to the samples.
+        dataset: their classes and heads.
+        samples: (n,) sample numbers, n >= 1.
+    """
+    truth = dataset.target[samples]
+    if not dataset.heads:
+        label = answers.label[:, -1] if isinstance(answers, Answers) else read_out(answers.output)
+        return {"": accuracy(label, truth)}
+    label = _joint_label(answers, dataset)
+    of_heads = (
+        np.stack([head.of_class[label] for head in dataset.heads], axis=1)
+        if isinstance(answers, Answers)
+        else head_answers(dataset, answers.output.sum(axis=1, dtype=np.int64))
+    )
+    right = of_heads == head_targets(dataset, samples)
+    names = [head.name for head in dataset.heads]
+    return {"": accuracy(label, truth), **dict(zip(names, right.mean(axis=0).tolist(), strict=True))}
+
+
+def _of_target(unseen: UnseenTargets, name: str) -> Unseen:
+    """Return the accuracies of one target on groups after trainings without them."""
+    return {
+        column: {fold: of_targets[name] for fold, of_targets in folds.items()}
+        for column, folds in unseen.items()
+    }
 
 
 def records_for_objectives(
@@ -180,7 +277,7 @@ def records_for_objectives(
     answered = _answers_to(target, outcome, dataset.spikes.n_channels, _How(phi, theta, 8, None))
     points = [answered.read_outs, *([] if answered.grid is None else [answered.grid])]
     records: list[tuple[Needs, Points | FullReadOut | Priced]] = [("points", one) for one in points]
-    records.append(("full_read_out", _full_read_out(outcome, target, answered)))
+    records.append(("full_read_out", _full_read_out(outcome, target, answered, {})))
     for chip in hardware:
         for one in points:
             with contextlib.suppress(NotApplicable):
@@ -194,12 +291,12 @@ def read_out(output: Array) -> Ints:
 
 
 def _measured(
-    outcome: Outcome, target: _Target, answered: _Answered, hardware: Sequence[Profile]
+    outcome: Outcome, target: _Target, answered: _Answered, hardware: Sequence[Profile], unseen: Unseen
 ) -> Measurement:
     """Return the measurement of one target."""
     of_lengths = measured("points", answered.read_outs)
     of_grid = {} if answered.grid is None else measured("points", answered.grid)
-    answer = _full_read_out(outcome, target, answered)
+    answer = _full_read_out(outcome, target, answered, unseen)
     full = _at_end(answered.read_outs).load.mapped(lambda counts: counts[-1])
     declared = registry.columns("points")
     return Measurement(
@@ -211,10 +308,11 @@ def _measured(
         hardware={chip.name: flat(columns_on(chip, full)) for chip in hardware},
         confusion=answer.confusion,
         confusion_test=answer.confusion_test,
+        unseen=unseen,
     )
 
 
-def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered) -> FullReadOut:
+def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered, unseen: Unseen) -> FullReadOut:
     return FullReadOut(
         outcome=outcome,
         label=answered.label,
@@ -229,11 +327,12 @@ def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered) -> Fu
         else confusion(answered.label_test, target.test, target.n_classes),
         most_output_spikes=answered.most_output_spikes,
         target_test=None if answered.label_test is None else target.test,
+        unseen=unseen,
     )
 
 
 def _measured_jointly(
-    outcome: Outcome, dataset: Dataset, heads: dict[str, Measurement], end: Points
+    outcome: Outcome, dataset: Dataset, heads: dict[str, Measurement], end: Points, unseen: Unseen
 ) -> Measurement:
     """Return the measurement of a joint net, whose answer is right where those of all its heads are.
 
@@ -242,6 +341,7 @@ def _measured_jointly(
         dataset: with heads.
         heads: their measurements.
         end: the full read-out of any head.
+        unseen: of the joint classes.
     """
     n_classes = len(dataset.classes)
     truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
@@ -263,6 +363,7 @@ def _measured_jointly(
         read_outs=None,
         decisions=None,
         confusion_test=matrix_test,
+        unseen=unseen,
     )
     columns = _columns({name: x[-1] for name, x in measured("points", points).items()}, answer)
     columns |= {f"accuracy_{name}": head.columns["accuracy"] for name, head in heads.items()}
@@ -278,6 +379,7 @@ def _measured_jointly(
         confusion=matrix[:, :-1],
         confusion_test=None if matrix_test is None else matrix_test[:, :-1],
         heads=heads,
+        unseen=unseen,
     )
 
 
@@ -307,6 +409,7 @@ def _at_end(points: Points) -> Points:
         n_weights=points.n_weights[-1:],
         load=points.load.mapped(lambda counts: counts[-1:]),
         spikes_test=None if points.spikes_test is None else points.spikes_test[-1:],
+        shifted=None if points.shifted is None else points.shifted[:, -1:],
     )
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from dse import seeds
 from dse.config.faults import known_names
-from dse.config.settings import KFold, Split, Stratified, Window
+from dse.config.settings import CUT_COLUMNS, KFold, Split, Stratified, Window
 from dse.config.yaml_lines import Raw
 from dse.recordings import RecordingError
 from dse.records import Array, Bools, Ints
 
-ORIGINAL, NUMBER = "recording", "window"
+ORIGINAL, NUMBER = CUT_COLUMNS
 """Columns of windows that were cut: the number of the recording that each is from, and its own within it."""
 
 

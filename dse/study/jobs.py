@@ -15,12 +15,12 @@ import numpy as np
 
 from dse import dataset, seeds, store
 from dse.config.contracts import Family, FitRequest, Generators, trains_in_cohorts
-from dse.config.resolved import Sections
+from dse.config.resolved import LeftOut, Sections
 from dse.dataset.cache import mark_used
 from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
-from dse.measure.run import Measurement, measure
+from dse.measure.run import Measurement, OfTargets, UnseenTargets, accuracies, measure
 from dse.records import (
     Answers,
     Array,
@@ -67,8 +67,26 @@ class Preparation:
 
 
 @dataclasses.dataclass(frozen=True)
+class Fold:
+    """A training of a design without some groups.
+
+    sections: of the design, with the groups left out.
+    data: folder of its prepared data set, whose test set they are.
+    """
+
+    sections: Sections
+    data: Path
+
+    @property
+    def left_out(self) -> LeftOut:
+        """The groups."""
+        assert self.sections.left_out is not None
+        return self.sections.left_out
+
+
+@dataclasses.dataclass(frozen=True)
 class Run:
-    """Train a design once.
+    """Train a design once, and once more for each of its folds.
 
     sections: of the design.
     data: folder of the prepared data set, named as its key; base: folder that recordings are relative to.
@@ -76,6 +94,7 @@ class Run:
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
     phi_step: distance of phi up to what the outputs of training samples reach; None: phi is given.
     read_out_every_ms: as of `dse.measure.run.measure`.
+    folds: groups that this run leaves out of training in turn.
     """
 
     trial: int
@@ -91,11 +110,41 @@ class Run:
     hardware: tuple[Profile, ...]
     phi_step: int | None = None
     read_out_every_ms: float | None = None
+    folds: tuple[Fold, ...] = ()
 
-    def measured(self, outcome: Outcome, data: Dataset, weight_bits: int = 8) -> Measurement:
-        """Return the measurement of an outcome on the run's decision grid."""
-        phi, theta = np.array(self.phi), np.array(self.theta)
-        return measure(outcome, data, phi, theta, self.hardware, weight_bits, self.read_out_every_ms)
+    def measured(
+        self, outcome: Outcome, data: Dataset, weight_bits: int = 8, unseen: UnseenTargets | None = None
+    ) -> Measurement:
+        """Return the measurement of an outcome on the run's decision grid, and on moved windows.
+
+        Args:
+            outcome: of the design.
+            data: what it was trained on.
+            weight_bits: bits per weight of a spiking network.
+            unseen: accuracies of the trainings without some groups.
+        """
+        return measure(
+            outcome,
+            data,
+            np.array(self.phi),
+            np.array(self.theta),
+            self.hardware,
+            weight_bits,
+            self.read_out_every_ms,
+            self._moved(outcome.network, data),
+            unseen,
+        )
+
+    def _moved(
+        self, fitted: Network | Parameters, data: Dataset
+    ) -> Iterator[tuple[Ints, Response | Answers]]:
+        """Yield per shift the validation samples with room for every shift, and what the run answers."""
+        evaluation = self.sections.evaluation
+        if evaluation is None or evaluation.shifts is None:
+            return
+        samples = data.validation[dataset.with_room(data, evaluation.shifts)[data.validation]]
+        for shift in evaluation.shifts:
+            yield samples, self.sections.model.respond(fitted, dataset.moved(data, shift), samples)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +172,7 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
         (run.data, run.repeat, type(model), model.shares(training)),
         model.memory_bytes(*shape, training),
         PROCESS_BYTES + model.workspace_bytes(*shape, training, threads) + round(batch) + answers,
-        model.cost(*shape, n_events, data.train.size, training),
+        model.cost(*shape, n_events, data.train.size, training) * (1 + len(run.folds)),
     )
 
 
@@ -190,20 +239,29 @@ def load(run: Run, threads: int = 1) -> Loaded:
 
 
 def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
-    """Train the runs of a cohort; measure and publish each as it finishes.
+    """Train the runs of a cohort, first without their folds; measure and publish each as it finishes.
 
     Yields:
         A run's number, and None after it is published, or why it failed. An error of all runs is raised.
     """
+    unseen: list[dict[str, dict[str, OfTargets]]] = [{} for _ in job.runs]
+    failed: dict[int, Failure] = {}
+    for fold in job.runs[0].folds:
+        for number, result in _without(job, fold):
+            if isinstance(result, Failure):
+                failed.setdefault(number, result)
+            else:
+                unseen[number].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
     loaded = load(job.runs[0], job.threads)
     missing = set(range(len(job.runs)))
     for number, outcome in _outcomes(job, loaded.data):
         missing.discard(number)
-        why = None
+        why = failed.get(number)
         try:
             if isinstance(outcome, Exception):
                 raise outcome
-            _publish(job.runs[number], outcome, loaded)
+            if why is None:
+                _publish(job.runs[number], outcome, loaded, unseen[number])
         except (store.StoreError, MemoryError):
             raise  # a full disk is not the run's fault, and alone the run may have the memory
         except Exception as error:
@@ -216,38 +274,71 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
         )
 
 
-def _outcomes(job: TrainingJob, data: Dataset) -> Iterator[tuple[int, Outcome | Exception]]:
+def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Failure]]:
+    """Train the runs of a cohort without a fold; yield the number and the accuracies of each on the fold.
+
+    Raises:
+        RuntimeError: a run that trains alone fails.
+    """
+    run = dataclasses.replace(job.runs[0], sections=fold.sections, data=fold.data)
+    data = load(run, job.threads).data
+    where = f"without {fold.left_out.column} {fold.left_out.name}"
+    try:
+        for number, outcome in _outcomes(job, data, f"{where}: "):
+            if isinstance(outcome, Exception):
+                failure = Failure.of(outcome)
+                yield number, dataclasses.replace(failure, message=f"{where}: {failure.message}")
+            else:
+                assert outcome.test is not None  # the fold is the test set
+                yield number, accuracies(outcome.test, data, data.test)
+    except (store.StoreError, MemoryError):
+        raise
+    except Exception as error:
+        raise RuntimeError(f"{where}: {error}") from error
+
+
+def _outcomes(job: TrainingJob, data: Dataset, prefix: str = "") -> Iterator[tuple[int, Outcome | Exception]]:
+    """Train the runs of a job on a data set; `prefix` begins the names of their random generators."""
     first = job.runs[0]
     family = first.sections.model
     if not trains_in_cohorts(family):
         return (
-            (number, run.sections.model.fit(data, run.sections.training, _generators(run)))
+            (number, _alone(run.sections, data, _generators(run, prefix)))
             for number, run in enumerate(job.runs)
         )
 
     def shared(purpose: str, *index: int) -> np.random.Generator:
-        return seeds.generator(first.seed, {}, purpose, first.repeat, *index)
+        return seeds.generator(first.seed, {}, f"{prefix}{purpose}", first.repeat, *index)
 
-    designs = [FitRequest(run.sections.model, run.sections.training, _generators(run)) for run in job.runs]
+    designs = [
+        FitRequest(run.sections.model, run.sections.training, _generators(run, prefix)) for run in job.runs
+    ]
     return family.fit_cohort(data, designs, shared, job.device, job.threads)
 
 
-def _generators(run: Run) -> Generators:
-    """Return the random generators of a run, by purpose."""
+def _alone(sections: Sections, data: Dataset, rngs: Generators) -> Outcome:
+    """Train a design alone, on crops as samples of their own unless its family draws crops."""
+    model, training = sections.model, sections.training
+    crops = 1 if getattr(model, "draws_crops", False) else training.crops
+    return model.fit(dataset.with_crops(data, crops), training, rngs)
+
+
+def _generators(run: Run, prefix: str = "") -> Generators:
+    """Return the random generators of a run, by purpose; `prefix` begins their names."""
 
     def rngs(purpose: str, *index: int) -> np.random.Generator:
-        return seeds.generator(run.seed, run.design, purpose, run.repeat, *index)
+        return seeds.generator(run.seed, run.design, f"{prefix}{purpose}", run.repeat, *index)
 
     return rngs
 
 
-def _publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:
+def _publish(job: Run, outcome: Outcome, loaded: Loaded, unseen: UnseenTargets) -> None:
     """Measure a run and write its record and its arrays."""
     data, leak = loaded.data, loaded.leak
     if job.phi_step is not None and isinstance(outcome.validation, Response):
         most = most_output_spikes(job.sections.model, outcome.network, data)
         job = dataclasses.replace(job, phi=tuple(range(0, most + job.phi_step, job.phi_step)))
-    measurement = job.measured(outcome, data)
+    measurement = job.measured(outcome, data, unseen=unseen)
     record = RunRecord(
         trial=job.trial,
         repeat=job.repeat,

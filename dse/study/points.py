@@ -303,8 +303,9 @@ def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
                 f"{name}_min": stacked.min(axis=0).ravel(),
                 f"{name}_max": stacked.max(axis=0).ravel(),
             }
-    if len(runs) > 1 and "accuracy" in runs[0]:
-        columns["accuracy_se"] = seeds_se(np.stack([run["accuracy"] for run in runs])).ravel()
+    if len(runs) > 1:
+        for name in tables.with_errors(columns):
+            columns[f"{name}_se"] = seeds_se(np.stack([run[name] for run in runs])).ravel()
     return columns
 
 

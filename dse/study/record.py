@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dse import store
+from dse.measure.objectives.accuracy_unseen import Unseen
 from dse.measure.run import Measurement
 from dse.records import Head
 from dse.store import StoreError
@@ -15,11 +16,15 @@ from dse.store import StoreError
 
 @dataclass(frozen=True)
 class Numbers:
-    """The measured numbers of a run: columns of the record, of each hardware profile, and of each head."""
+    """The measured numbers of a run: columns of the record, of each hardware profile, and of each head.
+
+    unseen: label column -> fold of its values -> accuracy after a training without the fold.
+    """
 
     columns: Mapping[str, Any]
     hardware: Mapping[str, Mapping[str, Any]]
     of_heads: Mapping[str, Numbers] = field(default_factory=dict)
+    unseen: Unseen = field(default_factory=dict)
 
     @classmethod
     def of(cls, measurement: Measurement, leak: str) -> Numbers:
@@ -30,18 +35,22 @@ class Numbers:
             leak: why evaluations on the data know the labels; '' if they do not.
         """
         heads = {name: cls.of(head, leak) for name, head in measurement.heads.items()}
-        return cls({**measurement.columns, "transductive": bool(leak)}, measurement.hardware, heads)
+        columns = {**measurement.columns, "transductive": bool(leak)}
+        return cls(columns, measurement.hardware, heads, measurement.unseen)
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Numbers:
         """Return the numbers in plain data; `to_plain` is the way back."""
         heads = {name: cls.from_plain(head) for name, head in plain.get("of_heads", {}).items()}
-        return cls(plain["columns"], plain["hardware"], heads)
+        return cls(plain["columns"], plain["hardware"], heads, plain.get("unseen", {}))
 
     def to_plain(self) -> dict[str, Any]:
         """Return the numbers as plain data."""
-        heads = {name: {"columns": x.columns, "hardware": x.hardware} for name, x in self.of_heads.items()}
-        return {"columns": self.columns, "hardware": self.hardware, "of_heads": heads}
+        unseen = {"unseen": self.unseen} if self.unseen else {}
+        heads = {name: head.to_plain() for name, head in self.of_heads.items()}
+        for head in heads.values():
+            del head["of_heads"]  # a head has none
+        return {"columns": self.columns, "hardware": self.hardware, "of_heads": heads, **unseen}
 
     def of_head(self, head: str | None) -> Numbers:
         """Return the numbers of a head; None or '': of the whole classifier."""

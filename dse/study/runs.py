@@ -16,6 +16,7 @@ from pathlib import Path
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.evaluation import evaluation_error
 from dse.config.resolved import Sections
 from dse.dataset import cache
 from dse.hardware.profile import Profile
@@ -294,21 +295,52 @@ class Runs:
         """Prepare the data sets of missing runs; return the runs that can be trained."""
         data = self._data(missing)
         needed = set(data.keys.values())
+        self._refuse_evaluation(data.failures.values())
         first = next(iter(data.failures.values()), None)
         if first is not None and not self._records and len(data.failures) == len(needed):
             is_plain = first.error == RecordingError.__name__
             raise RecordingError(first.message if is_plain else f"data cannot be prepared: {first.reason}")
         self._warn(needed - data.failures.keys())
+        folds, failures = self._folds(data, [(e.trial, self._fold(r)) for e, r in missing])
         runs = []
         for entry, repeat in missing:
             member = entry.trial, self._fold(repeat)
-            why = data.failure(member)
+            of_run = folds.get(member, ())[repeat % self._space.search.repeats :: self._space.search.repeats]
+            why = data.failure(member) or next((failures[x.data] for x in of_run if x.data in failures), None)
             if why is None:
                 folder = self._cache / data.keys[member]
-                runs.append(self._run(entry, repeat, data.sections[member], folder))
+                runs.append(self._run(entry, repeat, data.sections[member], folder, of_run))
             else:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
+
+    def _refuse_evaluation(self, failures: Iterable[Failure]) -> None:
+        """Raise what the recordings say against section `evaluation`, with its places in the file."""
+        texts = dict.fromkeys(text for failure in failures for text in failure.message.split("\n"))
+        if faults := [text for text in texts if text.startswith("evaluation.")]:
+            raise evaluation_error(self._space.source, faults)
+
+    def _folds(
+        self, data: _Data, members: Iterable[_Member]
+    ) -> tuple[dict[_Member, tuple[jobs.Fold, ...]], dict[Path, Failure]]:
+        """Prepare the data sets without the groups that evaluations leave out.
+
+        Returns:
+            Folds of every design whose data set is prepared; folder -> why a fold's data set cannot be.
+        """
+        if self._space.evaluation is None or not self._space.evaluation.groups:
+            return {}, {}
+        base = self._space.source.parent
+        folds: dict[_Member, tuple[jobs.Fold, ...]] = {}
+        for member in dict.fromkeys(members):
+            if data.failure(member) is None:
+                sections = data.sections[member]
+                without = [sections.without(x) for x in dataset.left_out(self._cache / data.keys[member])]
+                folds[member] = tuple(
+                    jobs.Fold(x, self._cache / dataset.dataset_key(x, base)) for x in without
+                )
+        failed = self._prepare({x.data.name: x.sections for of in folds.values() for x in of})
+        return folds, {self._cache / key: why for key, why in failed.items()}
 
     def _data(self, runs: Sequence[tuple[Entry, int]]) -> _Data:
         """Prepare the data sets of some runs."""
@@ -376,7 +408,14 @@ class Runs:
         with store.explained(self._cache):
             return dataset.find(self._cache, key) is not None
 
-    def _run(self, entry: Entry, repeat: int, sections: Sections, data: Path) -> jobs.Run:
+    def _run(
+        self,
+        entry: Entry,
+        repeat: int,
+        sections: Sections,
+        data: Path,
+        folds: Sequence[jobs.Fold] = (),
+    ) -> jobs.Run:
         return jobs.Run(
             trial=entry.trial,
             repeat=repeat,
@@ -391,6 +430,7 @@ class Runs:
             hardware=self._profiles,
             phi_step=self._space.decision.phi_step,
             read_out_every_ms=self._space.decision.read_out_every_ms,
+            folds=tuple(folds),
         )
 
     def _warn(self, keys: Iterable[str]) -> None:

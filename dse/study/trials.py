@@ -9,7 +9,7 @@ repeats. A trial with a failed run is a failed trial: leaving that seed out woul
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from dse import registry
 from dse.config import Axis, SearchSpace
 from dse.measure.objectives.accuracy import seeds_se
+from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.study.record import Numbers, RunRecord
 
 if TYPE_CHECKING:
@@ -92,7 +93,9 @@ def _blamed(record: RunRecord, n_runs: int) -> str:
 
 
 def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
-    """Return a trial's full read-out: mean of every number, `all` of every claim, the accuracy's error.
+    """Return a trial's full read-out: mean of every number, `all` of every claim, errors of accuracies.
+
+    A fold that training leaves out counts once, whatever the number of runs that trained it.
 
     Args:
         runs: measurements of the runs of one trial.
@@ -104,9 +107,16 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
         values = [row.get(name) for row in rows]
         columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
     if len(rows) > 1:
-        columns["accuracy_se"] = float(seeds_se([row["accuracy"] for row in rows]))
+        for name in with_errors(columns):
+            columns[f"{name}_se"] = float(seeds_se([row[name] for row in rows]))
         columns |= _ranges(rows)
-    return columns
+    unseen = unseen_columns(merged([run.unseen for run in runs]))
+    return {name: x for name, x in columns.items() if name not in unseen} | unseen
+
+
+def with_errors(columns: Collection[str]) -> list[str]:
+    """Return the accuracies among some columns whose standard error over seeds follows from the runs."""
+    return [name for name in ("accuracy", "accuracy_shifted", "accuracy_shifted_min") if name in columns]
 
 
 def _ranges(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:

@@ -20,7 +20,7 @@ To add one, here or in a module of your own, write a file with
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -50,6 +50,7 @@ class Points:
     spikes_test: (...) spikes of hidden and output layers, summed over the test set; None without one.
     n_inputs: input channels, delayed copies counted; n_neurons: hidden and output neurons. None where the
         classifier does not say.
+    shifted: (shift, ...) accuracy on moved windows of `n_shifted` samples; None where none were moved.
     """
 
     n_samples: int
@@ -63,6 +64,8 @@ class Points:
     spikes_test: Ints | None = None
     n_inputs: int | None = None
     n_neurons: int | None = None
+    shifted: Floats | None = None
+    n_shifted: int = 0
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ class FullReadOut:
     decisions: what the decision maker reaches over its grid; None without a grid, and of a joint net.
     decisions_test, confusion_test, target_test: the same of the test set; None without one.
     most_output_spikes: in a sample; None of what has no output spikes, and of a joint net.
+    unseen: label column -> fold of its values -> accuracy after a training without the fold.
     """
 
     outcome: Outcome
@@ -91,6 +95,7 @@ class FullReadOut:
     confusion_test: Ints | None = None
     most_output_spikes: int | None = None
     target_test: Ints | None = None
+    unseen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,9 @@ def measured(needs: Needs, record: Points | FullReadOut | Priced) -> dict[str, A
 
 # Columns of the tables in the order in which they stand there; others follow.
 _ORDER = (
-    *("accuracy", "accuracy_se", "accuracy_strict", "accuracy_test", "n_weights", "memory_bytes"),
+    *("accuracy", "accuracy_se", "accuracy_strict", "accuracy_test"),
+    *("accuracy_shifted", "accuracy_shifted_se", "accuracy_shifted_min", "accuracy_shifted_min_se"),
+    *("n_shifted", "accuracy_unseen", "accuracy_unseen_se", "n_weights", "memory_bytes"),
     *("decision_latency_ms", "undecided", "ties"),
     *("spikes_per_inference", "spikes_per_inference_no_input", "spikes_total", "spikes_total_no_input"),
     *("synaptic_operations", "macs", "input_spike_rate_hz", "spike_rate_hz"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
@@ -18,6 +19,8 @@ from dse.registry import name_of, param
 @dataclass(frozen=True)
 class Stack:
     """Settings of a stack of layers; its neurons have settings of their own."""
+
+    draws_crops: ClassVar[bool] = True
 
     hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer, 1 to 3 layers")
     true_rate: float = param(0.8, low=0, high=1, doc="target spike rate of the label's output neuron")

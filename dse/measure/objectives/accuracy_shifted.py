@@ -1,0 +1,75 @@
+"""Accuracy on windows at other places of the recordings, which training may never have seen.
+
+A classifier that recalls where along a surface a window lies answers the evaluated window and fails a moved
+one. The answers of one recording at several places are not independent: the Wilson standard error of a run
+counts recordings, not windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.measure.objectives import Points
+from dse.measure.objectives.accuracy import wilson_se
+from dse.records import Array
+from dse.registry import Column, register
+
+
+@register("objectives", "accuracy_shifted")
+@dataclass(frozen=True)
+class AccuracyShifted:
+    """Accuracy on windows that are moved by `evaluation.shifts`, without further training."""
+
+    needs = "points"
+    columns = (
+        Column(
+            "accuracy_shifted",
+            "",
+            "max",
+            "Accuracy on moved windows (evaluation.shifts), mean over the shifts.",
+            of_evaluation="shifts",
+        ),
+        Column(
+            "accuracy_shifted_se",
+            "",
+            "min",
+            "Standard error of accuracy_shifted: over seeds, Wilson for a single run.",
+            of_evaluation="shifts",
+        ),
+        Column(
+            "accuracy_shifted_min",
+            "",
+            "max",
+            "Accuracy at the worst of the shifts, of each run its own.",
+            of_evaluation="shifts",
+        ),
+        Column(
+            "accuracy_shifted_min_se",
+            "",
+            "min",
+            "Standard error of accuracy_shifted_min: over seeds, Wilson for a single run.",
+            of_evaluation="shifts",
+        ),
+        Column(
+            "n_shifted",
+            "",
+            "max",
+            "Validation recordings that have room for every shift, which accuracy_shifted is of.",
+            of_evaluation="shifts",
+        ),
+    )
+
+    def measure(self, points: Points) -> Mapping[str, Array]:
+        if points.shifted is None:
+            return {}
+        mean, worst, n = points.shifted.mean(axis=0), points.shifted.min(axis=0), points.n_shifted
+        return {
+            "accuracy_shifted": mean,
+            "accuracy_shifted_se": wilson_se(np.minimum(mean * n, n), n),
+            "accuracy_shifted_min": worst,
+            "accuracy_shifted_min_se": wilson_se(np.rint(worst * n), n),
+            "n_shifted": np.full(np.shape(mean), n),
+        }
