@@ -208,6 +208,13 @@ class Dataset:
     room_low: Ints | None = None
     room_high: Ints | None = None
 
+    @property
+    def room(self) -> tuple[Ints, Ints]:
+        """Lowest and highest first step of a window whose steps are stored, (n,) each."""
+        if self.room_low is None or self.room_high is None:
+            return self.start_low, self.start_high
+        return self.room_low, self.room_high
+
 
 @dataclass(frozen=True)
 class Layer:

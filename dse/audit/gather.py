@@ -63,7 +63,7 @@ def material(
         OSError: the cache cannot be written.
     """
     base, sections = space.source.parent, space.resolve(design)
-    roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts))
+    roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts), evaluation=None)
     folder = dataset.prepare(roomy, base, root, space.execution.threads, progress)
     data = dataset.load(folder)
     train, validation = (_drawn(samples) for samples in (data.train, data.validation))

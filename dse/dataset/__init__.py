@@ -9,17 +9,18 @@ from dse.dataset.assemble import (
     build,
     build_for,
     find,
-    lengths,
     left_out,
+    lengths,
     load_or_prepare,
     prepare,
     recordings,
     transductive,
     warnings,
 )
+from dse.dataset.crops import with_crops
 from dse.dataset.files import load
 from dse.dataset.keys import dataset_key, same_spikes
-from dse.dataset.moved import moved, with_crops, with_room
+from dse.dataset.shifts import has_room, shifted
 from dse.dataset.stages import stages
 
 __all__ = [
@@ -28,17 +29,17 @@ __all__ = [
     "build_for",
     "dataset_key",
     "find",
-    "lengths",
+    "has_room",
     "left_out",
+    "lengths",
     "load",
     "load_or_prepare",
-    "moved",
     "prepare",
     "recordings",
     "same_spikes",
+    "shifted",
     "stages",
     "transductive",
     "warnings",
     "with_crops",
-    "with_room",
 ]

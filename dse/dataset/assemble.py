@@ -14,7 +14,6 @@ from dse.config.settings import Target, Window
 from dse.dataset import cache, encoding
 from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key, widened
-from dse.dataset.moved import shifts_described
 from dse.dataset.parts import (
     Part,
     Progress,
@@ -24,6 +23,7 @@ from dse.dataset.parts import (
     seen_by_encoder,
     silent,
 )
+from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source, groups, leakage
 from dse.recordings.cutting import cut
 from dse.recordings.splits import leak, split

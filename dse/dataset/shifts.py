@@ -3,24 +3,79 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
-from dse.records import Bools, Dataset
+from dse.recordings import RecordingError
+from dse.records import Bools, Dataset, Ints
 
 
 def has_room(dataset: Dataset, steps: int) -> Bools:
-    """Return (n,) bool: whether the window of a sample, moved by some steps, lies where training windows may.
+    """Return (n,) bool: whether the steps of a sample's window, moved by some steps, are stored.
 
     Args:
         dataset: samples without spikes have no room, except for 0.
         steps: > 0 later, < 0 earlier.
     """
-    start = dataset.start.astype(np.int64) + steps
-    return np.asarray((dataset.start_low <= start) & (start <= dataset.start_high))
+    low, high = dataset.room
+    return _fits(dataset.start, low, high, steps)
+
+
+def _fits(start: Ints, low: Ints, high: Ints, steps: int) -> Bools:
+    first = start.astype(np.int64) + steps
+    return np.asarray((low <= first) & (first <= high))
 
 
 def shifted(dataset: Dataset, steps: int) -> Dataset:
     """Return the data set with every evaluated window moved by some steps, as far as it has room."""
-    start = np.clip(dataset.start + steps, dataset.start_low, dataset.start_high)
+    start = np.clip(dataset.start + steps, *dataset.room)
     return dataclasses.replace(dataset, start=start.astype(np.int32))
+
+
+def shifts_described(
+    start: Ints,
+    room: tuple[Ints, Ints],
+    codes: Ints,
+    classes: tuple[str, ...],
+    validation: Ints,
+    shifts: Sequence[int],
+    jitter_steps: int,
+) -> list[str]:
+    """Return what is worth saying about moved windows, one sentence each.
+
+    Args:
+        start: (n,) first step of the evaluated windows.
+        room: (n,) lowest and highest first step that a recording has room for.
+        codes: (n,) classes.
+        classes: their names.
+        validation: indices of the recordings that are evaluated.
+        shifts: in steps.
+        jitter_steps: how far training windows move.
+
+    Raises:
+        RecordingError: no recording has room for every shift.
+    """
+    fits = np.all([_fits(start, *room, steps)[validation] for steps in shifts], axis=0)
+    if not fits.any():
+        back, ahead = ((start - room[0])[validation].max(), (room[1] - start)[validation].max())
+        raise RecordingError(
+            f"evaluation.shifts must all have room in some validation recording, got {list(shifts)}: windows "
+            f"can move by -{back} to {ahead} steps at most"
+        )
+    outside = [shift for shift in shifts if abs(shift) > jitter_steps]
+    sentences = []
+    if outside:
+        sentences.append(
+            f"evaluation.shifts: {', '.join(map(str, outside))} lie outside the training crops "
+            f"(window.jitter_steps: {jitter_steps})"
+        )
+    if not fits.all():
+        lacking = np.setdiff1d(codes[validation], codes[validation][fits])
+        names = ", ".join(f"'{classes[code]}'" for code in lacking)
+        none = f"; none is of class {names}" if lacking.size else ""
+        sentences.append(
+            f"evaluation.shifts: {fits.sum()} of {fits.size} validation recordings have room for every "
+            f"shift, and accuracy_shifted is of these{none}"
+        )
+    return sentences

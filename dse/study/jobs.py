@@ -142,9 +142,10 @@ class Run:
         evaluation = self.sections.evaluation
         if evaluation is None or evaluation.shifts is None:
             return
-        samples = data.validation[dataset.with_room(data, evaluation.shifts)[data.validation]]
+        fits = np.all([dataset.has_room(data, shift) for shift in evaluation.shifts], axis=0)
+        samples = data.validation[fits[data.validation]]
         for shift in evaluation.shifts:
-            yield samples, self.sections.model.respond(fitted, dataset.moved(data, shift), samples)
+            yield samples, self.sections.model.respond(fitted, dataset.shifted(data, shift), samples)
 
 
 @dataclasses.dataclass(frozen=True)

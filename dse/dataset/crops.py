@@ -1,83 +1,12 @@
-"""Windows at other places than the evaluated one, and crops as samples of their own."""
+"""Crops of training recordings as samples of their own, for families that draw no crops."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from dse.recordings import RecordingError
-from dse.records import Bools, Dataset, Ints, Spikes
-
-
-def with_room(data: Dataset, shifts: Sequence[int]) -> Bools:
-    """Return whether the evaluated window of each sample has room for every shift, (n,) bool.
-
-    Args:
-        data: a data set.
-        shifts: in steps; a negative one is towards the start of the recording.
-    """
-    low = data.start_low if data.room_low is None else data.room_low
-    high = data.start_high if data.room_high is None else data.room_high
-    return _fits(data.start, low, high, shifts)
-
-
-def _fits(start: Ints, low: Ints, high: Ints, shifts: Sequence[int]) -> Bools:
-    return np.asarray((low <= start + min(shifts)) & (start + max(shifts) <= high))
-
-
-def shifts_described(
-    start: Ints,
-    room: tuple[Ints, Ints],
-    codes: Ints,
-    classes: tuple[str, ...],
-    validation: Ints,
-    shifts: Sequence[int],
-    jitter_steps: int,
-) -> list[str]:
-    """Return what is worth saying about moved windows, one sentence each.
-
-    Args:
-        start: (n,) first step of the evaluated windows.
-        room: (n,) lowest and highest first step that a recording has room for.
-        codes: (n,) classes.
-        classes: their names.
-        validation: indices of the recordings that are evaluated.
-        shifts: in steps.
-        jitter_steps: how far training windows move.
-
-    Raises:
-        RecordingError: no recording has room for every shift.
-    """
-    fits = _fits(start, *room, shifts)[validation]
-    if not fits.any():
-        back, ahead = ((start - room[0])[validation].max(), (room[1] - start)[validation].max())
-        raise RecordingError(
-            f"evaluation.shifts must all have room in some validation recording, got {list(shifts)}: windows "
-            f"can move by -{back} to {ahead} steps at most"
-        )
-    outside = [shift for shift in shifts if abs(shift) > jitter_steps]
-    sentences = []
-    if outside:
-        sentences.append(
-            f"evaluation.shifts: {', '.join(map(str, outside))} lie outside the training crops "
-            f"(window.jitter_steps: {jitter_steps})"
-        )
-    if not fits.all():
-        lacking = np.setdiff1d(codes[validation], codes[validation][fits])
-        names = ", ".join(f"'{classes[code]}'" for code in lacking)
-        none = f"; none is of class {names}" if lacking.size else ""
-        sentences.append(
-            f"evaluation.shifts: {fits.sum()} of {fits.size} validation recordings have room for every "
-            f"shift, and accuracy_shifted is of these{none}"
-        )
-    return sentences
-
-
-def moved(data: Dataset, shift: int) -> Dataset:
-    """Return a data set whose evaluated windows begin `shift` steps later, of samples `with_room` for it."""
-    return replace(data, start=data.start + np.int32(shift))
+from dse.records import Dataset, Ints, Spikes
 
 
 def crop_starts(low: int, high: int, n: int) -> Ints:
