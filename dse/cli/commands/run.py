@@ -40,6 +40,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Train the designs that are not trained yet, write the page, and return the front."""
     space = load(arguments)
     from dse.study import explore
+    from dse.study.health import faults
 
     study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
     notes = [*study.warnings, _page(study)]
@@ -48,6 +49,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         notes.append(
             f"{len(failed)} of {len(study.trials)} designs failed; the first: {failed['reason'].iloc[0]}"
         )
+    notes += faults(study.trials)
     points = study.points()
     if points.empty:
         return Answer([], notes, code=_NOTHING_TRAINED)

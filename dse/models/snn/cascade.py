@@ -30,7 +30,10 @@ from dse.models.training import Generators, Training
 from dse.records import Array, Dataset, Ints, Network, Outcome, Parameters, Response, Spikes
 from dse.registry import param, register
 
-_ADDED = ("dead_neurons", "saturated_neurons", "clipped_weights", "missed_initial_rates", "n_weights_dense")
+_ADDED = (
+    *("dead_neurons", "saturated_neurons", "saturated_outputs", "collapsed_outputs"),
+    *("clipped_weights", "missed_initial_rates", "n_weights_dense"),
+)
 
 
 @register("models", "cascade")

@@ -14,7 +14,7 @@ import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, without
-from dse.measure.heads import head_sizes, output_labels
+from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune
 from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
@@ -22,7 +22,7 @@ from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.training import FitRequest, Generators, TrainingDiverged
 from dse.neurons import parameters_of
 from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
-from dse.records import Dataset, Ints, Layer, Network, Outcome
+from dse.records import Dataset, Ints, Layer, Network, Outcome, Response
 from dse.registry import name_of
 
 PROBE_SAMPLES = 64
@@ -166,6 +166,8 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
+        "saturated_outputs": int((fired[-1] >= SATURATED * cells).sum()) if cells else 0,
+        "collapsed_outputs": _collapsed(dataset, validation),
         "clipped_weights": sum(int((~quantise_passes(w)).sum()) for w in masters),
         "peak_state": validation.peak_state,
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
@@ -182,3 +184,13 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
     }
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)
+
+
+def _collapsed(dataset: Dataset, validation: Response) -> int:
+    """Return how many heads give one answer to all validation samples, whose labels differ."""
+    answers = head_answers(dataset, validation.output.sum(axis=1, dtype=np.int64))
+    targets = head_targets(dataset, dataset.validation)
+    return sum(
+        len(np.unique(answer)) == 1 < len(np.unique(target))
+        for answer, target in zip(answers.T, targets.T, strict=True)
+    )

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from dse import seeds
+from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.models.snn.family import SNN
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Training, TrainingDiverged
 from dse.neurons import fixed_point
-from dse.records import Dataset, Outcome, Spikes
+from dse.records import Dataset, Outcome, Response, Spikes
 from tests.models.snn.toy import toy
 
 
@@ -116,6 +117,7 @@ def test_a_network_that_stays_silent_ends_early_and_says_so() -> None:
         )
     )
     assert outcome.health["stopped_early"] == "layer 1 was silent for 3 epochs"
+    assert (outcome.health["collapsed_outputs"], outcome.health["saturated_outputs"]) == (1, 0)
     assert outcome.health["epochs_trained"] == 3 == len(outcome.history["loss"])
     assert (
         settled(alone(data, (SNN(hidden=(6,)), base(epochs=5, silent_epochs=3)), 0)).health["stopped_early"]
@@ -127,6 +129,19 @@ def test_a_network_that_saturates_ends_early_and_says_so() -> None:
     model = SNN(hidden=(30,), true_rate=1.0, false_rate=0.99, initial_rate=0.5)  # outputs are to fire always
     outcome = settled(alone(toy(n_steps=200), (model, base(epochs=9, silent_epochs=2)), 0))
     assert outcome.health["stopped_early"] == "layer 2 was saturated for 2 epochs"
+    assert outcome.health["saturated_outputs"] > 0
+
+
+def test_cross_entropy_trains_and_a_price_of_hidden_spikes_halves_them() -> None:
+    rates = {}
+    for penalty in (0.0, 0.01):
+        model = SNN(hidden=(20,), loss=CountCrossEntropy(0.3, read_outs=2), hidden_spike_penalty=penalty)
+        outcome = settled(alone(toy(), (model, base(epochs=12)), 0))
+        assert outcome.history["accuracy_train"][-1] > 0.7
+        assert outcome.health["collapsed_outputs"] == 0
+        assert isinstance(outcome.validation, Response)
+        rates[penalty] = outcome.validation.spikes[..., 1].sum()
+    assert 0 < rates[0.01] < 0.5 * rates[0.0]
 
 
 def test_clipped_gradients_are_counted_and_change_the_result() -> None:

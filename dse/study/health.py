@@ -1,0 +1,47 @@
+"""What went wrong in trainings that finished: one sentence per kind of fault over all designs of a study."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas
+
+# Columns that are above 0 where the fault is there, what such designs do, and what to change.
+_FAULTS = (
+    (
+        ("collapsed_outputs",),
+        "give one answer to every validation sample",
+        "lower training.learning_rate, or change model.loss or the model's target rates",
+    ),
+    (
+        ("saturated_neurons", "saturated_outputs"),
+        "have neurons that fire in nearly every step",
+        "lower model.initial_rate or training.learning_rate",
+    ),
+    (
+        ("missed_initial_rates",),
+        "began with a layer at less than half or more than twice the spike rate that it was to have",
+        "change model.initial_rate or the neuron's threshold, or give the model more input spikes",
+    ),
+)
+
+
+def faults(trials: pandas.DataFrame) -> list[str]:
+    """Return one sentence per kind of fault: how many designs have it, in which columns, what to change.
+
+    Args:
+        trials: of `dse.study.results.Study.trials`.
+    """
+    finished = trials[trials["status"] == "finished"]
+    sentences = []
+    for columns, what, remedy in _FAULTS:
+        shown = [name for name in columns if name in finished]
+        faulty = finished[(finished[shown] > 0).any(axis=1)] if shown else finished.iloc[:0]
+        if len(faulty):
+            where = " or ".join(name for name in shown if (faulty[name] > 0).any())
+            sentences.append(
+                f"{len(faulty)} of {len(finished)} designs {what} ({where} > 0, first in trial "
+                f"{int(faulty['trial'].iloc[0])}): {remedy}"
+            )
+    return sentences

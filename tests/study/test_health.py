@@ -1,0 +1,33 @@
+"""Faults of finished designs in one sentence each."""
+
+from __future__ import annotations
+
+import pandas
+
+from dse.study.health import faults
+
+FINE = {"status": "finished", "collapsed_outputs": 0, "saturated_neurons": 0, "missed_initial_rates": 0}
+
+
+def test_each_kind_of_fault_is_counted_once_and_names_what_to_change() -> None:
+    rows = [
+        FINE,
+        FINE | {"collapsed_outputs": 0.5, "saturated_neurons": 3},
+        FINE | {"collapsed_outputs": 1},
+        FINE | {"status": "failed", "missed_initial_rates": None},
+    ]
+    trials = pandas.DataFrame([{"trial": k, **row} for k, row in enumerate(rows)])
+    collapsed, saturated = faults(trials)
+    assert collapsed.startswith(
+        "2 of 3 designs give one answer to every validation sample "
+        "(collapsed_outputs > 0, first in trial 1): lower training.learning_rate"
+    )
+    assert "1 of 3 designs have neurons that fire in nearly every step (saturated_neurons > 0, " in saturated
+    (missed,) = faults(trials.assign(collapsed_outputs=0, saturated_neurons=0, missed_initial_rates=1))
+    assert "first in trial 0): change model.initial_rate" in missed
+
+
+def test_sound_designs_and_families_without_such_columns_have_none() -> None:
+    assert faults(pandas.DataFrame([{"trial": 0, **FINE}])) == []
+    assert faults(pandas.DataFrame([{"trial": 0, "status": "finished", "accuracy": 0.5}])) == []
+    assert faults(pandas.DataFrame([{"trial": 0, "status": "failed"}])) == []
