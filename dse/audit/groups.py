@@ -148,9 +148,10 @@ def _order(material: Material, name: str, values: Array) -> AuditRow:
     tells = is_above(score, readers=3)
     apart = np.abs(number[material.validation] - number[material.train].T)
     same = material.truth[:, None] == material.codes
-    place = nearest(material.distances, same)
-    median = np.nanmedian(np.where(same, apart, np.nan), axis=1)
-    closer = apart[np.arange(len(place)), place] < median
+    chosen = np.flatnonzero(same.any(axis=1))
+    place = nearest(material.distances, same)[chosen]
+    median = np.nanmedian(np.where(same, apart, np.nan)[chosen], axis=1)
+    closer = apart[chosen, place] < median
     shows = is_above_rate(closer, 0.5)
     verdict = (
         f"{name} tells the class with {score.accuracy:.3f}"

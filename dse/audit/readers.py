@@ -17,13 +17,16 @@ LOGISTIC, NEAREST, NEIGHBOURS, TREE = "logistic", "nearest", "5 nearest", "tree"
 
 
 def logistic(x: Floats, codes: Ints, query: Floats) -> Ints:
-    """Return what a logistic regression of standardised features answers (L2 penalty, C = 0.1)."""
+    """Return what a logistic regression of standardised features answers (L2 penalty, C = 0.1).
+
+    Where no feature varies, that is the most frequent class.
+    """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
     from threadpoolctl import threadpool_limits
 
-    if len(np.unique(codes)) == 1:
-        return np.full(len(query), codes[0], np.int64)
+    if len(np.unique(codes)) == 1 or not np.ptp(x, axis=0).any():
+        return np.full(len(query), np.bincount(codes).argmax(), np.int64)
     mean, spread = x.mean(axis=0), x.std(axis=0)
     spread = np.where(spread > 0, spread, 1.0)
     with threadpool_limits(1), warnings.catch_warnings():

@@ -14,10 +14,12 @@ from dse.audit.material import (
     spikes_per_step,
 )
 from dse.audit.readers import LOGISTIC, classes_of, distances, logistic, nearest
-from dse.audit.rows import AuditRow, Score, is_above
+from dse.audit.rows import AuditRow, Score
 from dse.audit.totals import best_of_readers, is_shortcut, weight_of
-from dse.records import Floats, Spikes
+from dse.records import Floats, Ints, Spikes
 
+QUIET = 0.25
+"""Before contact, steps have at most this share of the spikes that steps have from contact on."""
 CHANGED = 0.2
 """Spikes follow the level where removing it changes more than this share of their counts."""
 
@@ -91,21 +93,23 @@ def _read(material: Material, spikes: Spikes) -> Score:
 
 
 def _before_contact(material: Material) -> list[AuditRow]:
-    """Return the row of the step of contact and the spikes before it; none where windows begin at contact."""
-    if material.at_contact:
-        return []
+    """Return the row of the step of contact and the spikes before it.
+
+    There is none where windows begin at contact, or where it is not quieter before.
+    """
     train, validation = (_contact(material, samples) for samples in (material.train, material.validation))
-    if not np.ptp(train, axis=0).any():
+    step, before, after = train.T
+    quiet = before.sum() <= QUIET * after.sum()
+    if material.at_contact or not quiet or not np.ptp(step):
         return []
-    score = best_of_readers(material, train, validation)
-    shortcut = is_shortcut(material, score) and is_above(score)
+    score = best_of_readers(material, train[:, :2], validation[:, :2])
     verdict = f"the step of contact, and the spikes before, explain {weight_of(material, score)}"
-    remedy = "window.at: contact_onset"
+    shortcut, remedy = is_shortcut(material, score), "window.at: contact_onset"
     return [material.row("before contact", score, verdict, shortcut=shortcut, remedy=remedy)]
 
 
-def _contact(material: Material, samples: np.ndarray) -> Floats:
-    """Return the step of contact and the spikes per step before it, (samples, 2).
+def _contact(material: Material, samples: Ints) -> Floats:
+    """Return the step of contact, and the spikes per step before it and from it on, (samples, 3).
 
     Contact is the first step with `contact_events` spikes; the end of the window where there is none.
     """
@@ -114,4 +118,6 @@ def _contact(material: Material, samples: np.ndarray) -> Floats:
     touched = spikes >= material.contact_events
     step = np.where(touched.any(axis=1), touched.argmax(axis=1), data.n_steps)
     before = (spikes * (np.arange(data.n_steps) < step[:, None])).sum(axis=1)
-    return np.stack([step, before / np.maximum(step, 1)], axis=1).astype(np.float64)
+    after = spikes.sum(axis=1) - before
+    rates = before / np.maximum(step, 1), after / np.maximum(data.n_steps - step, 1)
+    return np.stack([step, *rates], axis=1).astype(np.float64)

@@ -7,7 +7,7 @@ import io
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ class Answer:
     text: shown in place of a table.
     code: exit code.
     all_rows: whether a terminal shows every row, however many.
+    sections: further answers by title; CSV and Parquet hold the rows of the first alone.
     """
 
     rows: Sequence[Row]
@@ -36,6 +37,7 @@ class Answer:
     text: str = ""
     code: int = 0
     all_rows: bool = False
+    sections: Mapping[str, Answer] = field(default_factory=dict)
 
 
 def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table", "json")) -> None:
@@ -65,6 +67,9 @@ def show(answer: Answer, command: str, form: str | None) -> None:
             _print_table(answer)
         for note in answer.notes:
             print(note)
+        for title, section in answer.sections.items():
+            print(f"\n{title}")
+            show(section, command, form)
         return
     if form == "csv":
         _frame(answer).to_csv(sys.stdout, index=False)
@@ -78,11 +83,16 @@ def show(answer: Answer, command: str, form: str | None) -> None:
 
 def document(answer: Answer, command: str) -> str:
     """Return the JSON document of an answer; numbers that JSON does not have become null."""
+    content = {"schema": f"dse/{command}/1", **_content(answer)}
+    return json.dumps(content, ensure_ascii=False, allow_nan=False)
+
+
+def _content(answer: Answer) -> dict[str, object]:
     from dse.store import plain_cell
 
     rows = [{str(key): plain_cell(value) for key, value in row.items()} for row in answer.rows]
-    content = {"schema": f"dse/{command}/1", "rows": rows, "notes": list(answer.notes)}
-    return json.dumps(content, ensure_ascii=False, allow_nan=False)
+    sections = {title: _content(section) for title, section in answer.sections.items()}
+    return {"rows": rows, "notes": list(answer.notes), **({"sections": sections} if sections else {})}
 
 
 def _frame(answer: Answer) -> pandas.DataFrame:

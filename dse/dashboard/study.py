@@ -208,11 +208,13 @@ def _zipped(folder: Path) -> bytes:
 
 def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, Any]:
     from dse.dashboard.gather import gather_page
+    from dse.store import plain_cell
 
+    audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
     if request.n_draws and "hardware" in table:
         table = table.assign(front_share=_front_share(study, table, request))
-    return gather_page(
+    page = gather_page(
         table,
         name=study.space["study"],
         objectives=study.objectives,
@@ -222,6 +224,7 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         definition=request.definition,
         marks=marks,
     )
+    return page | {"audit": [] if audit is None else [plain_cell(row.columns) for row in audit.rows]}
 
 
 def _check(study: Study, request: PageRequest) -> None:

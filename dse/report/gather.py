@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 
+from dse.audit import Audit
 from dse.report.designs import StudyTask, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
@@ -29,10 +30,11 @@ _HOW = (
 
 @dataclass(frozen=True)
 class Report:
-    """Rows in the order of the systems, and sentences about them."""
+    """Rows in the order of the systems, sentences about them, and the audit of each study that has one."""
 
     rows: list[Row]
     notes: list[str] = field(default_factory=list)
+    audits: dict[str, Audit] = field(default_factory=dict)
 
 
 def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
@@ -81,11 +83,15 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     for study in studies:
         notes += _failures(study)
         notes += _warnings(study)
+    audits = {study.folder.name: audit for study in studies if (audit := study.audit) is not None}
+    for name, audit in audits.items():
+        if audit.shortcuts:
+            notes.append(f"{name}: shortcuts that could pass for skill: {', '.join(audit.shortcuts)}")
     silent = [name for name in systems() if name not in shown]
     if silent:
         missing = (f"{name} ({' or '.join(systems()[name].families)})" for name in silent)
         notes.append(f"no designs for these systems: {', '.join(missing)}")
-    return Report(rows, list(dict.fromkeys(notes)))
+    return Report(rows, list(dict.fromkeys(notes)), audits)
 
 
 def gather_marks(study: Study) -> list[dict[str, object]]:

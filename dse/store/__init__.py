@@ -4,6 +4,7 @@
         search_space.yaml   what is explored, fully resolved       environment.json   where it ran
         journal.log         the ledger (dse.study.ledger)   trials.parquet, points.parquet, page.html
         warnings.json       what is suspicious about the recordings
+        audit.json          what could pass for skill in them (dse.audit), if they have been audited
         plugins/            copies of its plugins' files    hardware/   its hardware profiles
         artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
             and precision_*.npz, what it measured at other precisions

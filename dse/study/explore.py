@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Sequence
@@ -9,9 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse import registry, store
+from dse.audit import record
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.device import missing
+from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
+from dse.recordings import RecordingError
 from dse.seeds import design_key
 from dse.study import decisions, points, precision, pricing
 from dse.study import trials as tables
@@ -59,6 +63,7 @@ def run(
         store.sweep(folder)
         pricing.check(profiles, folder)
         claim(space, folder)
+        _keep_audit(space, folder)
         ledger = Ledger(folder / "journal.log", space)
         workers = Workers(n_workers)
         runs = Runs(space, folder, profiles, workers, report)
@@ -77,6 +82,13 @@ def run(
         results_tables.write()
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
+
+
+def _keep_audit(space: SearchSpace, folder: Path) -> None:
+    """Store the last audit of the search space with the study, if there is one that can be read."""
+    with contextlib.suppress(OSError, RuntimeError, RecordingError, store.StoreError):
+        if (audit := record.last(space, cache.usual_root())) is not None:
+            record.write(audit, folder / record.FILE)
 
 
 class _Tables:

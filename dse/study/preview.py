@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 
 from dse.config import SearchSpace
 from dse.config.contracts import trains_in_cohorts
+from dse.dataset import cache
 from dse.recordings.files import locate
 from dse.registry import Plugin
 from dse.search.space import corners, n_designs_of_each
@@ -46,7 +48,22 @@ def preview(space: SearchSpace) -> dict[str, object]:
             path = locate(place, space.source.parent, kind)
             row["data"] = str(path)
             size = path.stat().st_size if path.is_file() else 0  # a folder of event files is not read
-    return row if size > _MOST_BYTES else row | _from_data(space)
+    if size > _MOST_BYTES:
+        return row
+    # The name of an audit follows from what the recordings hold, and a folder is not read.
+    is_folder = getattr(space.data, "folder", None) is not None
+    return row | _from_data(space) | ({} if is_folder else _audited(space))
+
+
+def _audited(space: SearchSpace) -> dict[str, object]:
+    """Return what the last audit of the search space has found; nothing without an audit."""
+    from dse.audit import record
+    from dse.recordings import RecordingError
+
+    with contextlib.suppress(OSError, RuntimeError, RecordingError):
+        if (audit := record.last(space, cache.usual_root())) is not None:
+            return {"shortcuts": audit.shortcuts}
+    return {}
 
 
 def _loaded(plugin: Plugin) -> str:

@@ -16,6 +16,7 @@ from dse.study.record import load_records, plain_records
 if TYPE_CHECKING:
     import pandas
 
+    from dse.audit import Audit
     from dse.hardware.profile import Profile
     from dse.preprocessing.stages import Stages
     from dse.records import Array, Dataset
@@ -157,6 +158,13 @@ class Study:
         """Warnings about the study's recordings, such as levels that reveal the label."""
         path = self.folder / store.WARNINGS
         return list(store.read_json(path)) if path.exists() else []
+
+    @property
+    def audit(self) -> Audit | None:
+        """The audit of the study's recordings and split; None where `dse audit` had not run before."""
+        from dse.audit import record
+
+        return record.read(self.folder / record.FILE)
 
     def skyline(
         self,

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import tempfile
 from pathlib import Path
 
 from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.audits import audit_answer
 from dse.cli.options import add_space, load
 
 GROUP = "search"
-HELP = "find what could pass for skill in recordings and split: position, twins, sessions and others"
-_SHOWN = (
-    *("task", "probe", "reader", "accuracy", "se", "chance", "without"),
-    *("shortcut", "verdict", "remedy"),
-)
+HELP = "find what could pass for skill in recordings and split: position in time, twins, sessions and others"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,22 +24,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="STEPS",
-        help="move windows by these steps (default: an eighth of their length, both ways); one row per shift",
+        help="move windows by these steps, and print one row for each (default: an eighth of their length, "
+        "both ways)",
     )
     add_format(parser, FORMATS)
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Audit a search space, store the audit, and return its rows."""
+    """Audit a search space, store the audit for `dse check` and `dse run`, and return its rows."""
     space = load(arguments)
     from dse.audit import audit, record
     from dse.dataset import cache
 
-    with tempfile.TemporaryDirectory() as folder:
-        root, note = cache.opened_root(Path(folder))
+    with tempfile.TemporaryDirectory() as instead:
+        root, note = cache.opened_root(Path(instead))
         result = audit(space, root, arguments.shifts)
         if not note:
             record.save(result, space, root)
-    rows = [row.columns for row in result.rows]
-    shown = [name for name in _SHOWN if name != "task" or len({row.task for row in result.rows}) > 1]
-    return Answer(rows, [*result.notes, *filter(None, [note])], shown, all_rows=True)
+    table = audit_answer(result)
+    return dataclasses.replace(table, notes=[*table.notes, *filter(None, [note])])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.audits import audit_answer
 
 if TYPE_CHECKING:
     from dse.study.results import Study
@@ -85,7 +86,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
     values = {name: {row[name] for row in columns} - {None, ""} for name in _SHOWN}
     # A terminal shows no empty columns, and no column for the name of the only study.
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
-    return Answer(columns, [*titles, *splits_of_rows, *gathered.notes], shown, "", code, True)
+    audits = {f"audit of {name}": audit_answer(audit) for name, audit in gathered.audits.items()}
+    notes = [*titles, *splits_of_rows, *gathered.notes]
+    return Answer(columns, notes, shown, code=code, all_rows=True, sections=audits)
 
 
 def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:
