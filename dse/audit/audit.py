@@ -11,7 +11,9 @@ from dse.audit.gather import designs, first_values, material
 from dse.audit.material import Material
 from dse.audit.rows import AuditRow
 from dse.config import SearchSpace
+from dse.config.values import echo
 from dse.dataset.parts import Progress, silent
+from dse.recordings import RecordingError
 
 _HOW = (
     "a shortcut is at least half of what readers of counts over time reach above chance, and no accident "
@@ -45,15 +47,21 @@ def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: 
         progress: called with a sentence as recordings are read.
 
     Raises:
-        RecordingError: the recordings do not fit the search space.
+        RecordingError: the recordings do not fit the search space, or have no room for the shifts.
         OSError: the cache cannot be written.
     """
     notes = [_HOW]
     if values := first_values(space):
-        notes.append("audited at " + ", ".join(f"{name} {value}" for name, value in values.items()))
+        notes.append("audited at " + ", ".join(f"{name} {echo(value)}" for name, value in values.items()))
     rows: list[AuditRow] = []
     for design in designs(space):
-        probed, sentences = probe(material(space, design, root, shifts, progress), shifts)
+        read = material(space, design, root, shifts, progress)
+        if shifts and not position.has_room_for(read, shifts).any():
+            steps = ", ".join(map(str, shifts))
+            raise RecordingError(
+                f"no validation window of {read.task} can be moved by {steps} steps in its recording"
+            )
+        probed, sentences = probe(read, shifts)
         rows += probed
         notes += sentences
     return Audit(tuple(rows), tuple(dict.fromkeys(notes)))

@@ -39,7 +39,7 @@ def rows(material: Material, shifts: Sequence[int] = ()) -> list[AuditRow]:
     moved. Where training windows are moved too, a further reader has seen crops, and meets windows beyond.
     """
     steps = tuple(shifts) or usual_shifts(material)
-    room = _room(material, steps)
+    room = has_room_for(material, steps)
     if not room.any():
         return []
     audit = []
@@ -49,7 +49,7 @@ def rows(material: Material, shifts: Sequence[int] = ()) -> list[AuditRow]:
             audit.append(_row(material, room, material.scores[reader], {s: after[s] for s in group}))
     if material.jitter_steps:
         beyond = tuple(shifts) or (furthest(material.jitter_steps, material.dataset.n_steps),)
-        room = _room(material, beyond)
+        room = has_room_for(material, beyond)
         if room.any():
             before, after = _of_crops(material, beyond)
             audit += [_row(material, room, before, {s: after[s]}) for s in beyond]
@@ -61,7 +61,7 @@ def furthest(jitter_steps: int, n_steps: int) -> int:
     return jitter_steps + max(1, n_steps // 16)
 
 
-def _room(material: Material, steps: Sequence[int]) -> Bools:
+def has_room_for(material: Material, steps: Sequence[int]) -> Bools:
     """Return (validation,) bool: which windows have room for all of the shifts."""
     has = [has_room(material.dataset, s)[material.validation] for s in steps]
     return np.asarray(np.all(has, axis=0)) if has else np.zeros(len(material.validation), bool)

@@ -14,14 +14,12 @@ from dse.audit.material import (
     spikes_per_step,
 )
 from dse.audit.readers import LOGISTIC, classes_of, distances, logistic, nearest
-from dse.audit.rows import AuditRow, Score
+from dse.audit.rows import HALF, AuditRow, Score, is_lower, share_lost
 from dse.audit.totals import best_of_readers, is_shortcut, weight_of
 from dse.records import Floats, Ints, Spikes
 
 QUIET = 0.25
 """Before contact, steps have at most this share of the spikes that steps have from contact on."""
-CHANGED = 0.2
-"""Spikes follow the level where removing it changes more than this share of their counts."""
 
 
 def rows(material: Material) -> list[AuditRow]:
@@ -49,7 +47,10 @@ def _row(
     removed: tuple[Floats, Floats],
     remedy: str,
 ) -> AuditRow:
-    """Return the row of a property of the signals, and whether their spikes still show it."""
+    """Return the row of a property of the signals that is a shortcut where spikes show it.
+
+    They do where readers lose half of their accuracy above chance without it, or half of the counts change.
+    """
     score = best_of_readers(material, features[material.train], features[material.validation])
     sentence = f"the {probe} of the signals explains {weight_of(material, score)}"
     if not is_shortcut(material, score):
@@ -57,7 +58,9 @@ def _row(
     changed = levels.encoded(*removed)
     share = _share_changed(material, changed)
     without = _read(material, changed)
-    if share <= CHANGED:
+    before = material.best
+    needed = share_lost(before, without) >= HALF and is_lower(before.correct, without.correct)
+    if not needed and share < HALF:
         sentence += f", but spikes hardly show it: without it {percent(share)} of the counts differ"
         return material.row(probe, score, sentence, without=without)
     sentence += f", and {percent(share)} of the spike counts follow it"

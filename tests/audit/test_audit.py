@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from dse.audit import audit, record
+from dse.cli import main
+from dse.config import load_space
+from dse.dataset import cache
+from dse.recordings import RecordingError
+from dse.study import explore, results
+from dse.study.preview import preview
+
+SPACE = """\
+study: felt
+seed: 1
+data: {kind: time_series, file: felt.npz, step_ms: 10, columns: {material: label, part: part, force: force}}
+task: {target: material}
+window: {n_steps: 32, at: middle}
+split: {train: {part: [0]}, validation: {part: [1]}}
+encoder: {kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}
+model: {kind: naive_bayes, window_ms: 80}
+hardware: [op_4.6_0.9]
+objectives: [accuracy:max, n_weights:min]
+"""
+
+
+def write(folder, level=0.0, slope=0.0, text=SPACE, **changes):
+    """Write recordings that rest at `level` times the class, drift by `slope` per step and move at random."""
+    rng = np.random.default_rng(0)
+    part, label, force, _ = np.indices((2, 2, 2, 10)).reshape(4, -1)
+    n, n_steps = len(label), 48
+    moved = np.cumsum(rng.integers(-1, 2, (n, n_steps, 3)), axis=1)
+    offset = level * label[:, None, None] + slope * label[:, None, None] * np.arange(n_steps)[:, None]
+    arrays = {"signal": np.asarray(moved + offset, np.float32), "label": label, "part": part, "force": force}
+    np.savez(folder / "felt.npz", **(arrays | changes))
+    path = folder / "felt.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_space(path)
+
+
+def row_of(space, folder, probe):
+    return next(row for row in audit(space, folder / "cache").rows if row.probe == probe)
+
+
+def test_an_encoder_of_changes_hides_the_resting_level(tmp_path):
+    row = row_of(write(tmp_path, level=40), tmp_path, "resting level")
+    assert row.accuracy == 1 and not row.shortcut
+    assert row.verdict.endswith("but spikes hardly show it: without it 0 % of the counts differ")
+
+
+def test_an_encoder_of_levels_shows_the_resting_level(tmp_path):
+    text = SPACE.replace("{kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}", "{kind: receptors}")
+    row = row_of(write(tmp_path, level=40, text=text), tmp_path, "resting level")
+    assert row.shortcut and row.remedy == "window.remove_mean: true"
+    assert row.accuracy == 1 and row.without < 0.8
+
+
+def test_drift_shows_in_changes(tmp_path):
+    row = row_of(write(tmp_path, slope=2), tmp_path, "drift")
+    assert row.shortcut and row.accuracy == 1 and row.without < 0.8
+
+
+def test_random_movement_is_clean(tmp_path):
+    result = audit(write(tmp_path), tmp_path / "cache")
+    assert result.shortcuts == []
+    assert "audited at encoder.thresholds [1.0]" in result.notes
+    assert {row.task for row in result.rows} == {"material"}
+
+
+def test_every_target_is_audited(tmp_path):
+    both = SPACE.replace("target: material", "target: {choice: [material, force]}")
+    result = audit(write(tmp_path, text=both), tmp_path / "cache")
+    assert {row.task for row in result.rows} == {"material", "force"}
+
+
+def test_windows_of_one_recording_on_both_sides(tmp_path):
+    drawn = SPACE.replace("{train: {part: [0]}, validation: {part: [1]}}", "{stratified: {validation: 0.5}}")
+    text = drawn.replace("{n_steps: 32, at: middle}", "{cut_steps: 24, every_steps: 12}")
+    row = row_of(write(tmp_path, text=text), tmp_path, "label leak")
+    assert row.shortcut and "windows with common steps of one recording" in row.verdict
+    assert row.without is not None
+
+
+def test_an_audit_is_stored_and_mentioned(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    space = write(tmp_path, slope=2)
+    assert "shortcuts" not in preview(space)
+    assert main(["audit", str(space.source), "--format", "json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert any(row["probe"] == "drift" and row["shortcut"] for row in rows)
+    assert "drift (material)" in preview(space)["shortcuts"]
+    study = explore.run(space, tmp_path / "results", jobs=1, progress=False)
+    assert [row.columns for row in study.audit.rows] == rows
+    assert main(["report", str(study.folder), "--format", "table"]) == 0
+    text = capsys.readouterr().out
+    assert "felt: shortcuts that could pass for skill: " in text and "audit of felt\n" in text
+    assert main(["report", str(study.folder), "--format", "json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sections"]["audit of felt"]["rows"] == rows
+    changed = record.last(write(tmp_path, slope=3), cache.usual_root())
+    assert changed is None, "other recordings have not been audited"
+
+
+def test_a_study_without_an_audit(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    study = explore.run(write(tmp_path), tmp_path / "results", jobs=1, progress=False)
+    assert results.open(study.folder).audit is None
+    assert not (study.folder / record.FILE).exists()
+
+
+def test_a_shift_without_room_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    space = write(tmp_path)
+    assert main(["audit", str(space.source), "--shifts", "4", "9"]) == 2
+    message = "no validation window of material can be moved by 4, 9 steps in its recording"
+    assert capsys.readouterr().err.strip() == message
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"signal": np.zeros((0, 48, 3)), "label": np.zeros(0), "part": np.zeros(0), "force": np.zeros(0)},
+            "offsets must be integers",
+        ),
+        ({"label": np.repeat([0, 1], 40)}, "class '1' is in validation but missing from train"),
+    ],
+)
+def test_recordings_that_cannot_be_audited(changes, message, tmp_path):
+    with pytest.raises(RecordingError, match=message):
+        audit(write(tmp_path, **changes), tmp_path / "cache")
+
+
+def test_single_samples_and_constant_columns(tmp_path):
+    part, label = np.indices((2, 2)).reshape(2, -1)
+    few = {
+        "signal": np.random.default_rng(0).integers(0, 9, (4, 48, 3)).astype(np.float32),
+        "label": label,
+        "part": part,
+        "force": np.ones(4),
+    }
+    result = audit(write(tmp_path, **few), tmp_path / "cache")
+    assert result.shortcuts == []
+    assert "material: training has one value of force" in result.notes
+
+
+def test_one_class(tmp_path):
+    result = audit(write(tmp_path, label=np.zeros(80)), tmp_path / "cache")
+    assert result.rows == ()
+    assert "material: training has one class, so that there is nothing to tell apart" in result.notes
