@@ -129,7 +129,7 @@ def param(default: Any = dataclasses.MISSING, **rule: Any) -> Any:
     if section and default is not dataclasses.MISSING:
         return dataclasses.field(
             default_factory=functools.partial(_default_component, section, default),
-            metadata={"rule": Rule(**{"axis": False, "component_name": default} | rule)},
+            metadata={"rule": Rule(**{"component_name": default} | rule)},
         )
     return dataclasses.field(default=default, metadata={"rule": Rule(**rule)})
 

@@ -6,13 +6,14 @@
 `{range: [lo, hi], log: true}`: the same on a logarithmic scale, for samplers only.
 
 Where a section is a choice of components, their names are an axis (`model.kind`), and the axes of one of them
-are there only in designs of that kind (`model.elm.hidden`).
+are there only in designs of that kind (`model.elm.hidden`). Likewise where a key names a component, such as
+`model.neuron`: axes of keys that only some of its components have are there only in designs with these.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeGuard
@@ -38,7 +39,7 @@ class Axis:
     log: samplers draw the logarithm uniformly.
     is_int: numbers are integers.
     is_list: the key holds a list; a single value stands for a list of one.
-    condition: (name of an axis, its value) of the designs that have this axis; None: all have it.
+    condition: (name of an axis, one or more of its values) of the designs that have this axis; None: all.
     """
 
     name: str
@@ -49,7 +50,11 @@ class Axis:
     log: bool = False
     is_int: bool = False
     is_list: bool = False
-    condition: tuple[str, str] | None = None
+    condition: tuple[str, ...] | None = None
+
+    def is_in(self, design: Mapping[str, Raw]) -> bool:
+        """Return whether a design has this axis, given its values on the axes that conditions name."""
+        return self.condition is None or design.get(self.condition[0]) in self.condition[1:]
 
     def contains(self, value: Raw) -> bool:
         """Return whether the value is on this axis."""
@@ -114,8 +119,9 @@ def branchings(axes: Iterable[Axis]) -> list[Branching]:
         if axis.condition is None:
             by_name[axis.name] = Branching(axis, {})
         else:
-            parent, value = axis.condition
-            by_name[parent].below.setdefault(value, []).append(axis)
+            parent, *values = axis.condition
+            for value in values:
+                by_name[parent].below.setdefault(value, []).append(axis)
     return list(by_name.values())
 
 

@@ -18,17 +18,19 @@ from dse.config.values import (
     Report,
     Values,
     blamed,
+    components_named,
     construct,
     dotted,
     echo,
     expected,
+    keys_of,
     plain,
     read,
     read_fields,
     read_written,
 )
 from dse.config.yaml_lines import Path, Raw
-from dse.registry import Rule
+from dse.registry import Rule, rule_of
 
 # Cross-field rules are tried on at most this many combinations of a section's own axes.
 _MOST_COMBINATIONS = 1000
@@ -143,6 +145,12 @@ def family(section: str, raw: Raw, report: Report) -> Part | None:
     if len(entries) == 1:
         return next(iter(parts.values()), None)
     kinds = Axis(f"{section}.kind", tuple(parts))
+    for part in parts.values():
+        for axis in part.axes.values():
+            if axis.condition is not None:
+                good = False
+                of = f"only designs with {axis.condition[0]} {' or '.join(axis.condition[1:])} have it"
+                report(where, f"{axis.name} cannot be an axis in a choice of components: {of}")
     axes = {
         name: dataclasses.replace(axis, condition=(kinds.name, kind))
         for kind, part in parts.items()
@@ -202,9 +210,6 @@ def target_name(target: Raw, *, joint: bool) -> str:
 
 def read_fixed(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
     """Read a value where no axis may stand."""
-    if is_axis(value) and rule.component:
-        report(path, f"{dotted(path)} cannot be an axis: every component has keys of its own; name one")
-        return INVALID
     if is_axis(value) and "mapping" not in expected(hint):
         report(path, f"{dotted(path)} cannot be an axis; it must be {expected(hint)}")
         return INVALID
@@ -221,12 +226,30 @@ def read_or_axis(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report)
 
 def _apart(path: Path, cls: type, kind: str, values: Values, good: bool, report: Report) -> Part:
     """Return a part with its axes apart from its values; the class must accept them together."""
-    varied = {key: value for key, value in values.items() if isinstance(value, Axis)}
+    varied = _conditioned(cls, {key: value for key, value in values.items() if isinstance(value, Axis)})
     fixed = {key: value for key, value in values.items() if key not in varied}
     messages = _refusals(cls, fixed, varied) if good else []
     for message in messages:
         report(*blamed(message, values, path))
     return Part(cls, kind, fixed, {axis.name: axis for axis in varied.values()}, good and not messages)
+
+
+def _conditioned(cls: type, varied: dict[str, Axis]) -> dict[str, Axis]:
+    """Return axes, those of keys that only some components of another axis have with that condition."""
+    conditions: dict[str, tuple[str, ...]] = {}
+    for one in dataclasses.fields(cls):
+        rule, axis = rule_of(one), varied.get(one.name)
+        if not rule.component or axis is None:
+            continue
+        keys = {name: keys_of(named, {}) for name, named in components_named(axis, rule).items()}
+        for key in set().union(*keys.values()):
+            having = tuple(name for name, own in keys.items() if key in own)
+            if len(having) < len(keys):
+                conditions[key] = (axis.name, *having)
+    return {
+        key: dataclasses.replace(axis, condition=conditions.get(key, axis.condition))
+        for key, axis in varied.items()
+    }
 
 
 def _refusals(cls: type, fixed: Values, varied: dict[str, Axis]) -> list[str]:

@@ -135,11 +135,7 @@ class SearchSpace:
 
     def active(self, design: Mapping[str, Raw]) -> dict[str, Axis]:
         """Return the axes that a design has, which follow from its values on the axes of kinds."""
-        return {
-            name: axis
-            for name, axis in self.axes.items()
-            if axis.condition is None or design.get(axis.condition[0]) == axis.condition[1]
-        }
+        return {name: axis for name, axis in self.axes.items() if axis.is_in(design)}
 
     def resolve(self, design: Mapping[str, Raw]) -> Sections:
         """Return the sections of a design.

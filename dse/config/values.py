@@ -132,19 +132,23 @@ class Key:
     """One key of a mapping that a dataclass describes.
 
     hint: type annotation of its field.
-    default: makes the value where the key is absent; None where it is required.
+    default: makes the value where the key is absent; None where it is required. INVALID: each of several
+        components has a default of its own.
+    others: rules of further components that have the key.
     """
 
     hint: Hint
     rule: Rule
     default: Callable[[], Any] | None
+    others: tuple[Rule, ...] = ()
 
 
 def keys_of(cls: type, written: Mapping[str, Raw] | None = None) -> dict[str, Key]:
     """Return the keys of a dataclass in the order of its fields.
 
     A field that holds a component (`Rule.component`) is a key that names the component, followed by the
-    component's own keys; those of the default component where `written` names none that is known.
+    component's own keys; those of the default component where `written` names none that is known, and those
+    of all that it names where it is an axis.
 
     Raises:
         ValueError: a component has a key that the dataclass or another of its components has too.
@@ -155,15 +159,59 @@ def keys_of(cls: type, written: Mapping[str, Raw] | None = None) -> dict[str, Ke
         added = {name: Key(_hints(cls)[name], rule, _default(field))}
         if rule.component:
             components = registry.known(rule.component)
-            named = (written or {}).get(name, rule.component_name)
-            component_cls = components.get(named) if isinstance(named, str) else None
             default = functools.partial(str, rule.component_name) if rule.component_name else None
             added = {name: Key(str, dataclasses.replace(rule, choices=tuple(components)), default)}
-            added |= keys_of(component_cls, written) if component_cls else {}
+            added |= _keys_of_any(name, components_named((written or {}).get(name), rule), written)
         if twice := sorted(added.keys() & keys.keys()):
             raise ValueError(f"{name} must not name a component with a key of {cls.__name__}, '{twice[0]}'")
         keys |= added
     return keys
+
+
+def components_named(written: Raw, rule: Rule) -> dict[str, type]:
+    """Return the components that the key of a component names, by name: one, or those of an axis.
+
+    Args:
+        written: a name, an axis as written or as read, or None: the component of the rule.
+        rule: of the key.
+    """
+    named = written.get("choice") if isinstance(written, dict) else getattr(written, "values", written)
+    names = named if isinstance(named, list | tuple) else [rule.component_name if named is None else named]
+    known = registry.known(rule.component)
+    return {name: known[name] for name in names if isinstance(name, str) and name in known}
+
+
+def _keys_of_any(
+    name: str, components: Mapping[str, type], written: Mapping[str, Raw] | None
+) -> dict[str, Key]:
+    """Return the keys of the components that a key names.
+
+    Raises:
+        ValueError: a key holds something else in one of them than in another.
+    """
+    keys: dict[str, Key] = {}
+    for component, cls in components.items():
+        for own, key in keys_of(cls, written).items():
+            before = keys.setdefault(own, key)
+            if before is key:
+                continue
+            if before.hint != key.hint:
+                kinds = " and ".join(components)
+                raise ValueError(
+                    f"{name} must not be a choice of {kinds}: '{own}' must be {expected(key.hint)} in "
+                    f"{component}, and {expected(before.hint)} elsewhere"
+                )
+            alike = before.default and key.default and before.default() == key.default()
+            keys[own] = dataclasses.replace(
+                before,
+                default=before.default if alike else _each_its_own,
+                others=before.others if key.rule == before.rule else (*before.others, key.rule),
+            )
+    return keys
+
+
+def _each_its_own() -> Any:
+    return INVALID
 
 
 def read_object(
@@ -217,7 +265,8 @@ def construct(cls: type[T], values: Values) -> T:
         rule, value = rule_of(field), values[name]
         if rule.component:
             component = registry.known(rule.component)[value]
-            fields[name] = construct(component, {key: values[key] for key in keys_of(component, values)})
+            own = (key for key in keys_of(component, values) if key in values)
+            fields[name] = construct(component, {key: values[key] for key in own})
         elif _holds_dataclass(hint := _hints(described)[name]):
             fields[name] = read(plain(value), hint, rule, (name,), _refuse)
         else:
@@ -265,7 +314,8 @@ def read_fields(
         if name in written:
             continue
         if key.default is not None:
-            result[name] = key.default()
+            default = key.default()
+            result |= {} if default is INVALID else {name: default}
         else:
             doc = key.rule.doc
             if value is None or isinstance(value, dict):
@@ -299,7 +349,10 @@ def read_written(
     good = True
     for name, raw in value.items():
         if name in keys:
-            one = read_one(raw, keys[name].hint, keys[name].rule, (*path, name), report)
+            key = keys[name]
+            one = read_one(raw, key.hint, key.rule, (*path, name), report)
+            for rule in key.others if one is not INVALID else ():
+                one = one if read_one(raw, key.hint, rule, (*path, name), report) is not INVALID else INVALID
             good &= one is not INVALID
             result |= {} if one is INVALID else {name: one}
         elif name not in also:

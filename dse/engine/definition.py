@@ -7,6 +7,7 @@ any batch.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -67,6 +68,7 @@ class DefinedLayer:
         spikes = np.zeros((n, h), real)
         # The state at rest does not count as the start of an update.
         rest = population.step(state, np.zeros((n, h), real), calculus).potential
+        awake: Callable[[Any], Any] = getattr(population, "awake", lambda state: False)
         run = _Run(np.zeros((n, t, h), bool), np.zeros((n, t, h), real), np.zeros((n, t), np.int32))
         scale = STATE_SCALE if self.arithmetic == "integer" else 1
         for step in range(t):
@@ -74,7 +76,7 @@ class DefinedLayer:
             state, potential, spikes = population.step(state, z, calculus)
             run.fired[:, step] = spikes > 0
             run.potential[:, step] = potential
-            run.updates[:, step] = ((potential != rest) | (z != 0)).sum(axis=1)
+            run.updates[:, step] = ((potential != rest) | (z != 0) | awake(state)).sum(axis=1)
             highest = [np.abs(x).max(initial=0) / scale for x in state]
             run.peak = max(run.peak, float(np.abs(potential).max(initial=0)), *map(float, highest))
         return run

@@ -1,7 +1,8 @@
 """The loops of the CPU engine: sums of weight rows, state scans forward and backward, Adam.
 
 Every function works on flat arrays in the blocks of dse.engine.layout and on one block or one sample of them;
-the equations are those of dse.neurons.cuba_lif, sixteen neurons at a time. Sums run over events in their
+the equations are those of dse.neurons.cuba_lif and, where there is a `cross`, dse.neurons.resonator, sixteen
+neurons at a time. Sums run over events in their
 order and never across neurons, so that a neuron's numbers do not depend on what is computed beside it.
 """
 
@@ -191,6 +192,34 @@ def _advance(u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, integer: bool, sc
 
 
 @_part
+def _advance_across(
+    u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, cross: Array, o: int, integer: bool, scale: float
+) -> Any:
+    """Return both states before reset one step on (dse.neurons.resonator); without `cross`, as `_advance`."""
+    n = cross.size // 4
+    v_to_u, u_to_v = load(cross, o, LANES_16), load(cross, n + o, LANES_16)
+    now_to_v = load(cross, 2 * n + o, LANES_16)
+    across_u = u * keep_u + v * v_to_u
+    across_v = v * keep_v + u * u_to_v
+    if integer:
+        u = trunc(across_u) + trunc(z * splat(scale, u))
+        return u, trunc(across_v) + now_to_v * u
+    u = _flushed(across_u + z)
+    return u, _flushed(across_v + now_to_v * u)
+
+
+@_part
+def _awake(u: Any, before: Any, drive: Any, cross: Array, o: int) -> Any:
+    """Return a mask of the neurons that are updated: with potential or input; resonators with a state."""
+    rest = splat(0.0, u)
+    active = either(differs(before, rest), differs(drive, rest))
+    if cross.size > 0:
+        now_to_v = load(cross, cross.size // 2 + o, LANES_16)
+        active = either(active, differs(u - now_to_v * u, rest))
+    return active
+
+
+@_part
 def _kept(what: int, voltage: Any, centre: float, rate: float, height: float, cut: float) -> Any:
     """Return what the backward pass needs of a potential: the surrogate gradient, or itself."""
     if what == SLOPE:
@@ -210,6 +239,7 @@ def scan(
     width: int,
     keep_u: Array,
     keep_v: Array,
+    cross: Array,
     column: int,
     threshold: float,
     scale: float,
@@ -229,6 +259,7 @@ def scan(
         place: where the block's first step of the sample lies.
         n_steps, width: of the block.
         keep_u, keep_v: (column,) factors of the states; they have the states' precision.
+        cross: (4 * column,) dse.neurons.resonator.Cross, one after the other; empty: CUBA-LIF neurons alone.
         column: the block's first column.
         threshold: in the states' units.
         scale: the states' units per weight unit.
@@ -241,7 +272,7 @@ def scan(
         peak: (16,) largest magnitude of a state by lane, raised here where updates are counted.
     """
     centre, rate, height, cut = surrogate
-    count = updates.size > 0
+    count, turns = updates.size > 0, cross.size > 0
     n_fired = 0
     for group in range(width // LANES):
         o = column + LANES * group
@@ -253,9 +284,14 @@ def scan(
         at = place + LANES * group
         for t in range(n_steps):
             drive = as_type_of(load(z, at, LANES_16), keep_u)
-            u, before = _advance(u, v, drive, ku, kv, integer, scale)
-            over = greater(before, top)
-            v = select(over, rest, before)
+            if turns:
+                u, before = _advance_across(u, v, drive, ku, kv, cross, o, integer, scale)
+                over = greater(before, top)
+                v = select(over, before * load(cross, 3 * (cross.size // 4) + o, LANES_16), before)
+            else:
+                u, before = _advance(u, v, drive, ku, kv, integer, scale)
+                over = greater(before, top)
+                v = select(over, rest, before)
             spikes = bits(over)
             fired[first_group + t * n_groups + o // LANES] = spikes
             n_fired += count_bits(spikes)
@@ -263,8 +299,7 @@ def scan(
                 voltage = as_type_of(before * units, z)
                 store(z, at, _kept(what, voltage, centre, rate, height, cut))
             if count:
-                active = bits(either(differs(before, rest), differs(drive, rest)))
-                updates[t] += count_bits(active)
+                updates[t] += count_bits(bits(_awake(u, before, drive, cross, o)))
                 highest = larger(highest, larger(magnitude(u), magnitude(before)))
             at += width
         if count:
@@ -283,6 +318,7 @@ def scan_recurrent(
     ring_scale: float,
     keep_u: Array,
     keep_v: Array,
+    cross: Array,
     threshold: float,
     scale: float,
     integer: bool,
@@ -303,7 +339,7 @@ def scan_recurrent(
         ring_scale: weight units per unit of the ring.
     """
     centre, rate, height, cut = surrogate
-    count = updates.size > 0
+    count, turns = updates.size > 0, cross.size > 0
     u, v = np.zeros_like(keep_u), np.zeros_like(keep_v)
     sent = np.empty(n_columns, np.int32)
     n_sent = n_fired = 0
@@ -318,19 +354,22 @@ def scan_recurrent(
                 own = _sum_rows(ring, n_columns * column + LANES * group, width, sent, 0, n_sent, LANES_16, z)
                 drive = as_type_of(load(z, at, LANES_16) + own * splat(ring_scale, own), keep_u)
                 ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
-                now, before = _advance(
-                    load(u, o, LANES_16), load(v, o, LANES_16), drive, ku, kv, integer, scale
-                )
+                now, before, after = load(u, o, LANES_16), load(v, o, LANES_16), splat(0.0, ku)
+                if turns:
+                    now, before = _advance_across(now, before, drive, ku, kv, cross, o, integer, scale)
+                    after = before * load(cross, 3 * (cross.size // 4) + o, LANES_16)
+                else:
+                    now, before = _advance(now, before, drive, ku, kv, integer, scale)
                 rest = splat(0.0, ku)
                 over = greater(before, splat(threshold, rest))
                 store(u, o, now)
-                store(v, o, select(over, rest, before))
+                store(v, o, select(over, after, before))
                 fired[row * n_groups + o // LANES] = bits(over)
                 if what != NOTHING:
                     voltage = as_type_of(before * splat(1.0 / scale, rest), z)
                     store(z, at, _kept(what, voltage, centre, rate, height, cut))
                 if count:
-                    updates[t] += count_bits(bits(either(differs(before, rest), differs(drive, rest))))
+                    updates[t] += count_bits(bits(_awake(now, before, drive, cross, o)))
                     highest = larger(magnitude(now), magnitude(before))
                     store(peak, 0, larger(load(peak, 0, LANES_16), highest))
             column += width
@@ -412,6 +451,19 @@ def spike_counts(
             first = ends[stretch]
 
 
+@_part
+def _retreat(lu: Any, lv: Any, g: Any, keep_u: Any, keep_v: Any, cross: Array, o: int) -> Any:
+    """Return dL/du and dL/dv of a step from those of the next one, given g = dL/ds times ds/dv."""
+    if cross.size > 0:
+        n = cross.size // 4
+        later_v = lv
+        lv = _flushed(fma(keep_v, lv, fma(load(cross, o, LANES_16), lu, g)))
+        by_now = fma(load(cross, n + o, LANES_16), later_v, load(cross, 2 * n + o, LANES_16) * lv)
+        return _flushed(fma(keep_u, lu, by_now)), lv
+    lv = _flushed(fma(keep_v, lv, g))
+    return _flushed(fma(keep_u, lu, lv)), lv
+
+
 @_kernel
 def scan_back(
     slope: Array,
@@ -420,6 +472,7 @@ def scan_back(
     width: int,
     keep_u: Array,
     keep_v: Array,
+    cross: Array,
     column: int,
     by_column: Array,
     later: Array,
@@ -438,7 +491,7 @@ def scan_back(
 
     Args:
         slope, place, n_steps, width: the block of the sample.
-        keep_u, keep_v, column: as in `scan`, in the slope's precision.
+        keep_u, keep_v, cross, column: as in `scan`, in the slope's precision.
         by_column: (column,) factor: dL/ds of an output, or the gain of a hidden neuron.
         later: the next layer's dL/dz in blocks of `later_rows` rows, `n_later` neurons; empty: an output.
         later_row: row of the sample's first step there.
@@ -475,8 +528,7 @@ def scan_back(
                 g = g * factor
             if penalty.size > 0:
                 g = g + load(penalty, o, LANES_16)
-            lv = _flushed(fma(kv, lv, g * sensitive))
-            lu = _flushed(fma(ku, lu, lv))
+            lu, lv = _retreat(lu, lv, g * sensitive, ku, kv, cross, o)
             store(slope, at, lu)
 
 
@@ -490,6 +542,7 @@ def scan_back_recurrent(
     ring_back: Array,
     keep_u: Array,
     keep_v: Array,
+    cross: Array,
     by_column: Array,
     later: Array,
     n_later: int,
@@ -534,11 +587,11 @@ def scan_back_recurrent(
                 at = n_rows * column + row * width + LANES * group
                 ku, kv = load(keep_u, o, LANES_16), load(keep_v, o, LANES_16)
                 g = load(g_all, o, LANES_16)
-                now = _flushed(fma(kv, load(lv, o, LANES_16), g * load(slope, at, LANES_16)))
-                store(lv, o, now)
-                now = _flushed(fma(ku, load(lu, o, LANES_16), now))
-                store(lu, o, now)
-                store(slope, at, now)
+                g = g * load(slope, at, LANES_16)
+                by_u, by_v = _retreat(load(lu, o, LANES_16), load(lv, o, LANES_16), g, ku, kv, cross, o)
+                store(lv, o, by_v)
+                store(lu, o, by_u)
+                store(slope, at, by_u)
             column += width
 
 

@@ -1,4 +1,4 @@
-"""CUBA-LIF layers on the CPU: sparse rows in, sparse rows out, gradients summed from the events.
+"""CUBA-LIF neurons and resonators on the CPU: sparse rows in, sparse rows out, gradients summed from events.
 
 A batch goes through in chunks of samples, a layer in blocks of columns: a block's weights and one chunk's
 states stay in the cache, and what is held grows with chunk x hidden neurons, never with inputs x time.
@@ -18,7 +18,7 @@ from dse.engine.batch import chunk_samples
 from dse.engine.events import Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import compiled
-from dse.neurons import Population, cuba_lif
+from dse.neurons import Population, cuba_lif, resonator
 from dse.neurons.fixed_point import STATE_SCALE, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential
 from dse.records import Arithmetic, Array, Floats
@@ -58,20 +58,21 @@ def weights(feed_forward: Floats, recurrent: Floats | None, population: Populati
     )
 
 
-def kernel_population(population: Population[Any]) -> cuba_lif.Population:
+def kernel_population(population: Population[Any]) -> cuba_lif.Population | resonator.Population:
     """Return a population that the kernels run, typed as such.
 
     Raises:
         TypeError: there is no kernel for such neurons.
     """
-    if not isinstance(population, cuba_lif.Population):
-        raise TypeError(f"only CUBA-LIF neurons have a kernel, got {type(population).__qualname__}")
+    if not isinstance(population, cuba_lif.Population | resonator.Population):
+        kind = f"{type(population).__module__}.{type(population).__qualname__}"
+        raise TypeError(f"only CUBA-LIF neurons and resonators have a kernel, got {kind}")
     return population
 
 
 def has_kernel(neurons: type[Any]) -> bool:
     """Return whether the kernels run populations of a class."""
-    return issubclass(neurons, cuba_lif.Population)
+    return issubclass(neurons, cuba_lif.Population | resonator.Population)
 
 
 class KernelLayer(NamedTuple):
@@ -80,6 +81,7 @@ class KernelLayer(NamedTuple):
     table, ring: int8 or floating weights; `ring` is empty where there is none.
     table_unit, ring_unit: weight units per unit of the matrix.
     keep_u, keep_v: factors in the states' precision; back_u, back_v: in the gradients'.
+    cross, back_cross: (4 * n_columns,) dse.neurons.resonator.Cross likewise; empty: CUBA-LIF neurons alone.
     threshold, scale: of the states: units, and units per weight unit.
     surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
     """
@@ -94,6 +96,8 @@ class KernelLayer(NamedTuple):
     keep_v: Array
     back_u: Array
     back_v: Array
+    cross: Array
+    back_cross: Array
     threshold: float
     scale: float
     integer: bool
@@ -136,6 +140,14 @@ def layer_of(
         out[:n_neurons] = factors
         return out
 
+    def crossed(kind: Any) -> Floats:
+        if isinstance(neurons, cuba_lif.Population):
+            return aligned(0, kind)
+        out = aligned(4 * n, kind)
+        for k, factors in enumerate(neurons.cross):
+            out[k * n : k * n + n_neurons] = factors
+        return out
+
     return KernelLayer(
         table,
         1 / GRID if table.dtype == np.int8 else 1.0,
@@ -147,6 +159,8 @@ def layer_of(
         in_columns(keep_v, states),
         in_columns(keep_u, precision(arithmetic)),
         in_columns(keep_v, precision(arithmetic)),
+        crossed(states),
+        crossed(precision(arithmetic)),
         neurons.threshold / WEIGHT_SCALE * scale,
         float(scale),
         arithmetic == "integer",
@@ -219,6 +233,7 @@ def run(
                     width,
                     layer.keep_u,
                     layer.keep_v,
+                    layer.cross,
                     column,
                     layer.threshold,
                     layer.scale,
@@ -245,6 +260,7 @@ def run(
                 layer.ring_unit,
                 layer.keep_u,
                 layer.keep_v,
+                layer.cross,
                 layer.threshold,
                 layer.scale,
                 layer.integer,

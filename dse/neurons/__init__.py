@@ -51,6 +51,9 @@ class Population(Protocol[S]):
 
     Every field is an array (neuron,) or one number for all neurons; they are stored with the weights, under
     their names, and the population is built from them again. In training they are torch tensors.
+
+    Neuron updates are counted where the potential is away from rest, or input arrives. A population whose
+    neurons must be updated elsewhere as well says where by a method `awake(state)`, (..., neuron) bool.
     """
 
     @property
@@ -95,13 +98,14 @@ class LayerSpec:
 class Neuron(Protocol):
     """A kind of neuron: a frozen dataclass whose fields are its YAML keys, declared with `registry.param`.
 
-    Populations: class of its populations.
+    Populations: class of its populations; outputs may be of the class of another kind.
     label: what such neurons are called in a sentence, such as 'leaky integrate-and-fire'.
     arithmetics: in which its definition runs; 'integer' only where it holds states as whole numbers.
     exports: what a bundle with it can be exported as, such as fixed_point (8-bit weights as well).
     units: of its parameters, where they are not plain numbers: name -> unit.
     on_chips: whether profiles of neuromorphic chips can be asked what it costs; if not, its work is counted
         as operations, which processors can be asked for.
+    programmed: whether only chips whose neurons run programs have it.
     state_updates: numbers that are updated per neuron and step, where work is counted as operations.
     """
 
@@ -111,6 +115,7 @@ class Neuron(Protocol):
     exports: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[Mapping[str, str]] = {}
     on_chips: ClassVar[bool] = False
+    programmed: ClassVar[bool] = False
     state_updates: ClassVar[int] = 1
 
     def population(self, layer: LayerSpec, rng: np.random.Generator) -> Population[Any]:
@@ -130,6 +135,17 @@ def neuron_of(name: str) -> type[Neuron]:
             f"neuron '{name}' is unknown, known are {', '.join(known)}: a neuron of your own needs its plugin"
         )
     return known[name]
+
+
+def name_of_population(population: Population[Any], neuron: Neuron) -> str:
+    """Return the name of the kind of neuron that a population of `neuron` is stored as.
+
+    That is its own, or that of the kind with populations of this class: resonators have CUBA-LIF outputs.
+    """
+    if type(population) is neuron.Populations:
+        return registry.name_of("neurons", neuron)
+    kinds: dict[str, Any] = registry.known("neurons")
+    return next(name for name, cls in kinds.items() if cls.Populations is type(population))
 
 
 def parameters_of(population: Population[Any]) -> dict[str, Array]:

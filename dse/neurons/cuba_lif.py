@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -70,12 +70,17 @@ class Population:
         """Advance by one time step (equations in the module's docstring)."""
         xp, integer = calculus.xp, calculus.arithmetic == "integer"
         z = calculus.truncated(drive * STATE_SCALE) if integer else drive
-        u = leak(state.u, self.decay_current, calculus) + z
-        v = leak(state.v, self.decay_voltage, calculus) + u
+        u, v = integrate(state, z, self.decay_current, self.decay_voltage, calculus)
         potential = v / STATE_SCALE if integer else v
         spikes = calculus.fire(potential, self.to_threshold)
         reset = calculus.constant(xp.where(spikes > 0, v, xp.zeros_like(v)))
         return Step(State(u, v - reset), potential, spikes)
+
+
+def integrate(state: State, z: Array, decay_current: Ints, decay_voltage: Ints, calculus: Calculus) -> State:
+    """Return u and v before reset one step on, given the input in the states' units."""
+    u = leak(state.u, decay_current, calculus) + z
+    return State(u, leak(state.v, decay_voltage, calculus) + u)
 
 
 def leak(x: Array, decay: Ints, calculus: Calculus) -> Array:
@@ -91,7 +96,7 @@ def leak(x: Array, decay: Ints, calculus: Calculus) -> Array:
 class CubaLif(Neuron):
     """Current-based leaky integrate-and-fire, as on Loihi (equations: dse.neurons.cuba_lif)."""
 
-    Populations = Population
+    Populations: ClassVar[type[Any]] = Population
     label = "current-based leaky integrate-and-fire"
     arithmetics = ("integer", "float32", "ideal")
     exports = ("fixed_point",)

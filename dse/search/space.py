@@ -15,11 +15,10 @@ def n_designs_of_each(space: SearchSpace, section: str) -> dict[str, int | None]
     n_of_kind: dict[str, int | None] = {}
     name = f"{section}.kind"
     for kind in space.choices[section]:
-        others = [(name, other) for other in space.choices[section] if other != kind]
         n_of_kind[kind] = n_combinations(
             Axis(name, (kind,)) if axis.name == name else axis
             for axis in space.axes.values()
-            if axis.condition not in others
+            if axis.condition is None or axis.condition[0] != name or kind in axis.condition[1:]
         )
     return n_of_kind
 
@@ -94,7 +93,9 @@ def corners(space: SearchSpace, sections: Collection[str], most: int) -> Iterato
         sections: whose axes vary.
         most: designs at most, and one per combination of kinds at least.
     """
-    parents = {f"{section}.kind": kinds for section, kinds in space.choices.items()}
+    named = {axis.condition[0] for axis in space.axes.values() if axis.condition is not None}
+    named |= {f"{section}.kind" for section in space.choices}
+    parents = {name: axis.values or () for name, axis in space.axes.items() if name in named}
     kinds = list(itertools.product(*parents.values()))
     for combination in kinds:
         kind_of = dict(zip(parents, combination, strict=True))

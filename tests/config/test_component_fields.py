@@ -13,6 +13,7 @@ from dse import registry
 from dse.config import ConfigError, Sections, load_space
 from dse.config.values import dotted, plain, read_object
 from dse.registry import param
+from dse.search.space import corners, grid
 from tests.spaces import write_space
 
 
@@ -29,6 +30,11 @@ class Adaptive:
     def __post_init__(self) -> None:
         if self.beta > self.tau_ms:
             raise ValueError(f"beta must be at most tau_ms = {self.tau_ms:g}, got {self.beta:g}")
+
+
+@dataclass(frozen=True)
+class Texts:
+    tau_ms: str = param("slow", doc="time constant in words")
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,8 @@ class Clash:
 
 @pytest.fixture(autouse=True)
 def components() -> Iterator[None]:
-    named = {"neurons": {"leaky_of_a_test": Leaky, "adaptive_of_a_test": Adaptive}, "models": {"net": Net}}
+    neurons = {"leaky_of_a_test": Leaky, "adaptive_of_a_test": Adaptive, "texts_of_a_test": Texts}
+    named = {"neurons": neurons, "models": {"net": Net}}
     for section, classes in named.items():
         registry.known(section)
         registry._components[section].update(classes)
@@ -96,7 +103,7 @@ def test_a_key_that_both_have_is_refused() -> None:
     assert faults == ["model.neuron: model.neuron must not name a component with a key of Clash, 'beta'"]
 
 
-def test_they_may_be_axes_and_the_component_may_not(tmp_path: Path) -> None:
+def test_they_may_be_axes(tmp_path: Path) -> None:
     old = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
     net = (
         "{kind: net, neuron: adaptive_of_a_test, tau_ms: {choice: [20, 40]}, beta: {range: [0, 2], step: 1}}"
@@ -110,9 +117,62 @@ def test_they_may_be_axes_and_the_component_may_not(tmp_path: Path) -> None:
     again = tmp_path / "again.yaml"
     again.write_text(space.to_yaml(), encoding="utf-8")
     assert load_space(again).to_yaml() == space.to_yaml()
-    with pytest.raises(ConfigError, match=r"model\.neuron cannot be an axis: every component has keys"):
-        load_space(
-            write_space(
-                tmp_path, (old, "{kind: net, neuron: {choice: [leaky_of_a_test, adaptive_of_a_test]}}")
-            )
-        )
+
+
+OLD = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
+BOTH = "neuron: {choice: [leaky_of_a_test, adaptive_of_a_test]}"
+
+
+def test_the_component_may_be_an_axis_and_axes_of_its_own_keys_belong_to_it(tmp_path: Path) -> None:
+    net = f"{{kind: net, {BOTH}, beta: {{choice: [1, 2]}}}}"
+    space = load_space(write_space(tmp_path, (OLD, net)))
+    condition = ("model.neuron", "adaptive_of_a_test")
+    assert {name: space.axes[name].condition for name in ("model.neuron", "model.beta")} == {
+        "model.neuron": None,
+        "model.beta": condition,
+    }
+    designs = [
+        {name: value for name, value in design.items() if name.startswith("model.")} for design in grid(space)
+    ]
+    assert designs[:3] == [
+        {"model.neuron": "leaky_of_a_test"},
+        {"model.neuron": "adaptive_of_a_test", "model.beta": 1.0},
+        {"model.neuron": "adaptive_of_a_test", "model.beta": 2.0},
+    ]
+    nets = [space.resolve(design).model for design in grid(space)[:3]]
+    # tau_ms is not written: each component has the default of its own.
+    assert nets == [Net((8,), Leaky(20.0)), Net((8,), Adaptive(30.0, 1.0)), Net((8,), Adaptive(30.0, 2.0))]
+    for design in corners(space, ("model",), 8):
+        space.resolve(design)
+    again = tmp_path / "again.yaml"
+    again.write_text(space.to_yaml(), encoding="utf-8")
+    assert load_space(again).to_yaml() == space.to_yaml()
+
+
+@pytest.mark.parametrize(
+    ("model", "fault"),
+    [
+        (f"{{kind: net, {BOTH}, tau_ms: 0}}", r"tiny.yaml:\d+: model.tau_ms must be > 0, got 0"),
+        (
+            f"{{kind: net, {BOTH}, beta: {{choice: [1, 40]}}}}",
+            r"tiny.yaml:\d+: model.beta must be at most tau_ms = 30, got 40",
+        ),
+        (
+            "{kind: net, neuron: {choice: [leaky_of_a_tset]}}",
+            r"model.neuron.choice\[0\] 'leaky_of_a_tset'",
+        ),
+        (
+            "{kind: net, neuron: {choice: [leaky_of_a_test, texts_of_a_test]}}",
+            "model.neuron must not be a choice of leaky_of_a_test and texts_of_a_test: 'tau_ms' must be text "
+            "in texts_of_a_test, and a number elsewhere",
+        ),
+        (
+            f"{{choice: [knn, {{kind: net, {BOTH}, beta: {{choice: [1, 2]}}}}]}}",
+            "model.net.beta cannot be an axis in a choice of components: only designs with model.net.neuron "
+            "adaptive_of_a_test have it",
+        ),
+    ],
+)
+def test_mistakes_in_an_axis_of_components(tmp_path: Path, model: str, fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        load_space(write_space(tmp_path, (OLD, model)))

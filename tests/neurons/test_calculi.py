@@ -94,5 +94,5 @@ def test_parameters_survive_by_name(name: str) -> None:
         ValueError, match=rf"a layer of neuron '{name}' must have the parameters .*, got none"
     ):
         population_of(name, {})
-    with pytest.raises(ValueError, match=r"neuron 'resonator' is unknown, known are cuba_lif"):
-        population_of("resonator", parameters)
+    with pytest.raises(ValueError, match=r"neuron 'sigma_delta' is unknown, known are cuba_lif"):
+        population_of("sigma_delta", parameters)

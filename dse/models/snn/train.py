@@ -20,10 +20,9 @@ from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.training import FitRequest, Generators, TrainingDiverged
-from dse.neurons import parameters_of
+from dse.neurons import name_of_population, parameters_of
 from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
 from dse.records import Dataset, Ints, Layer, Network, Outcome, Response
-from dse.registry import name_of
 
 PROBE_SAMPLES = 64
 
@@ -148,7 +147,7 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
                 weight=np.ascontiguousarray(w.T),
                 recurrent=None if r is None else np.ascontiguousarray(r.T),
                 parameters=parameters_of(layer.population),
-                neuron=name_of("neurons", model.neuron),
+                neuron=name_of_population(layer.population, model.neuron),
             )
             for w, r, layer in zip(weights[:n], weights[n:], layers, strict=True)
             if w is not None

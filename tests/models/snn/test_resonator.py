@@ -1,0 +1,84 @@
+"""Networks of resonators: what they learn, their names, and their place in a cohort."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dse import store
+from dse.models.snn.family import SNN
+from dse.models.snn.quantise import rounded
+from dse.models.snn.respond import respond
+from dse.models.training import FitRequest, Training, TrainingDiverged
+from dse.neurons.cuba_lif import CubaLif
+from dse.neurons.resonator import Resonator
+from dse.records import Dataset, Network
+from dse.testing.small import spikes_of
+from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
+
+
+def periods() -> Dataset:
+    """Return classes that only the period of their spikes tells apart: all have as many."""
+    data, rng = toy(n_channels=6, n_steps=60), np.random.default_rng(4)
+    x = np.zeros((60, 60, 6), bool)
+    for i, period in enumerate(np.array([4, 6, 9])[data.target]):
+        at = np.arange(rng.integers(period), 60, period)
+        for channel in range(6):
+            x[i, rng.choice(at, 6, replace=False), channel] = True
+    return replace(data, spikes=spikes_of(x, 5.0))
+
+
+def test_they_tell_periods_apart_that_leaky_neurons_do_not() -> None:
+    data = periods()
+    training = Training(epochs=25, batch_size=10, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
+    shared = {"hidden": (24,), "true_rate": 0.5, "output_tau_grad": 0.3, "initial_rate": 0.2}
+    of = {
+        type(neuron).__name__: fit(data, SNN(neuron=neuron, **shared), training, rngs())
+        for neuron in (CubaLif(), Resonator(period=(3, 12)))
+    }
+    resonators = of["Resonator"]
+    assert accuracy(resonators, data) >= 0.8 > accuracy(of["CubaLif"], data)
+    assert resonators.health["missed_initial_rates"] == 0
+    assert not resonators.health["overflows_24_bit"]
+
+
+def test_a_network_is_stored_and_answers_again_at_any_precision() -> None:
+    data = toy()
+    model = SNN(hidden=(10, 9), neuron=Resonator(share=0.5), recurrent=True, pruned=0.3, initial_rate=0.2)
+    outcome = fit(data, model, SHORT, rngs())
+    assert isinstance(outcome.network, Network)
+    assert [layer.neuron for layer in outcome.network.layers] == ["resonator", "resonator", "cuba_lif"]
+    assert [int(layer.parameters["resonates"].sum()) for layer in outcome.network.layers[:2]] == [5, 4]
+    again = store.fitted_of(store.record_arrays(outcome.network))
+    assert isinstance(again, Network)
+    answer = respond(again, data, data.validation)
+    np.testing.assert_array_equal(answer.output, outcome.validation.output)
+    np.testing.assert_array_equal(answer.updates, outcome.validation.updates)
+    assert respond(rounded(again, 4, 0.5), data, data.validation).output.shape == answer.output.shape
+
+
+def test_they_train_the_same_alone_and_beside_others() -> None:
+    data = toy()
+    models = [
+        SNN(hidden=(10,), neuron=neuron, arithmetic=arithmetic)
+        for neuron, arithmetic in (
+            (CubaLif(), "integer"), (Resonator(), "integer"), (Resonator(share=0.3, reset=True), "ideal")
+        )
+    ]  # fmt: skip
+    requests = [FitRequest(model, SHORT, rngs(k)) for k, model in enumerate(models)]
+    together = dict(SNN.fit_cohort(data, requests, rngs()))
+    for number, request in enumerate(requests):
+        ((_, alone),) = SNN.fit_cohort(data, [request], rngs())
+        beside = together[number]
+        assert not isinstance(alone, TrainingDiverged) and not isinstance(beside, TrainingDiverged)
+        for a, b in zip(alone.network.layers, beside.network.layers, strict=True):
+            np.testing.assert_array_equal(a.weight, b.weight)
+        np.testing.assert_array_equal(alone.validation.output, beside.validation.output)
+
+
+def test_a_period_that_the_steps_cannot_hold_ends_before_training() -> None:
+    model = SNN(hidden=(10,), neuron=Resonator(period=(20, 200), period_unit="Hz"))
+    with pytest.raises(ValueError, match="period must be at least 2 input steps of 5 ms, got 200 Hz"):
+        fit(toy(), model, SHORT, rngs())
