@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path as File
 from typing import Any
@@ -38,13 +39,11 @@ def evaluation_error(source: File, faults: Sequence[str]) -> ConfigError:
 
     Args:
         source: the file.
-        faults: sentences that begin with `evaluation.` and a key.
+        faults: sentences; those that begin with `evaluation.` and a key are about this key.
     """
     document = read_document(source, {})
-    keys = [text.split(":", 1)[0].split(" ", 1)[0].split(".")[1] for text in faults]
-    return in_file_order(
-        document.fault(("evaluation", key), text) for key, text in zip(keys, faults, strict=True)
-    )
+    keys = (tuple(re.split("[ :]", text, maxsplit=1)[0].split(".")) for text in faults)
+    return in_file_order(document.fault(key, text) for key, text in zip(keys, faults, strict=True))
 
 
 def _of_shifts(parts: Mapping[str, Part]) -> Iterator[str]:

@@ -80,6 +80,7 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     from dse.recordings.splits import split
     from dse.recordings.targets import heads, target
     from dse.records import Events, Rasters, Signals
+    from dse.study.evaluation import previewed
 
     first = space.resolve(next(corners(space, (), 1)))
     read = first.data.read(space.source.parent)
@@ -95,6 +96,7 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     row: dict[str, object] = {"recordings": len(codes)}
     row |= zip(("train", "validation", "test"), map(len, parts), strict=True)
     row["classes"] = list(classes)
+    row |= previewed(space, first, recordings)
     if notes := recordings.notes():
         row["repairs"] = notes
     weights: set[int] = set()
