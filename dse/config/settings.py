@@ -469,7 +469,8 @@ class Precision:
     )
     within: float = param(
         0.02,
-        doc="evaluate designs whose accuracy is at most this far below the front of their task and family",
+        doc="evaluate designs whose accuracy (the first objective that is one) is at most this far below the "
+        "front of their task and family",
         low=0,
         high=1,
         axis=False,

@@ -20,6 +20,8 @@ WITHIN = 0.02
 _SPIKES = "spikes_per_inference_no_input"
 _SHORT = {"n_weights": "W_t", _SPIKES: "own spikes", "energy_uj": "energy_uj"}
 _COSTS = tuple(_SHORT)
+# On moved windows, and on groups without training recordings.
+_HONEST = ("accuracy_shifted", "accuracy_unseen")
 # Own spikes are those of hidden and output neurons, per inference.
 _BUDGETS = (("n_weights", 10_000), ("n_weights", 20_000), (_SPIKES, 400))
 
@@ -40,6 +42,16 @@ class _Side:
                 for part, rows in self.designs
             ]
         )
+
+    def most(self, column: str) -> Chosen | None:
+        """Return the design with the largest value of a column; None where no design has one."""
+        values = [
+            (part, row)
+            for part, rows in self.designs
+            if column in rows
+            for _, row in rows[rows[column].notna()].iterrows()
+        ]
+        return max(values, key=lambda x: float(x[1][column]), default=None)
 
     def least(self, column: str, accuracy: float) -> Chosen | None:
         """Return the cheapest design of at least some accuracy."""
@@ -101,7 +113,32 @@ def _against(parts: Sequence[StudyTask]) -> tuple[list[Row], str] | None:
         if len(costs) == len(sides):
             on = f" on {', '.join(profiles)}" if column == "energy_uj" else ""
             verdicts.append(_verdict(f"least {_SHORT[column]}{on}", costs, lower=True))
+    rows += _of_each_family(parts)
+    for column in _HONEST:
+        honest = [top for side in sides if (top := side.most(column)) is not None]
+        if len(honest) == len(sides):
+            of_sides = [
+                _row(*top, f"best {column}, {side.name}", column)
+                for side, top in zip(sides, honest, strict=True)
+            ]
+            rows += of_sides
+            values = [float(row[column]) for _, row in honest]
+            names = [f"{row['family']} " for _, row in honest]
+            error = math.hypot(*(row.se or 0.0 for row in of_sides))
+            verdicts.append(_verdict(column, values, names, error, lower=False))
     return rows, "; ".join(verdicts)
+
+
+def _of_each_family(parts: Sequence[StudyTask]) -> list[Row]:
+    """Return the best accuracy of each family that was also evaluated on moved windows or unseen groups."""
+    rows = []
+    known = [(part, part.table[~part.table["transductive"]]) for part in parts]
+    for family in dict.fromkeys(name for _, table in known for name in table["family"]):
+        best = best_of([(part, table[table["family"] == family]) for part, table in known])
+        if best is not None:
+            row = _row(*best, f"best accuracy, {family}")
+            rows += [row] if row.shifted is not None or row.unseen is not None else []
+    return rows
 
 
 def _side(parts: Sequence[StudyTask], *, is_spiking: bool) -> _Side:

@@ -29,6 +29,8 @@ class Row:
     system: letter A to G, FAMILIES or HARDWARE. figure: name of the number, with its unit.
     published, ours: the numbers; None where one of them does not exist.
     se: standard error of ours; test: the same design on the test set; runs: number of runs behind ours.
+    shifted, unseen: accuracy of the same design on moved windows, and on groups without training recordings;
+        shifted_se, unseen_se: their standard errors. None where the study did not evaluate them.
     hardware: the chip of ours; low, high: the range of ours, from the chip's uncertain numbers.
     """
 
@@ -48,6 +50,10 @@ class Row:
     hardware: str = ""
     low: float | None = None
     high: float | None = None
+    shifted: float | None = None
+    shifted_se: float | None = None
+    unseen: float | None = None
+    unseen_se: float | None = None
 
     @property
     def columns(self) -> dict[str, object]:
@@ -80,7 +86,17 @@ def measured(
         study=part.name,
     )
     of_design = replace(of_design, test=number(row.get(_TESTS.get(column, ""))))
-    return replace(of_design, se=standard_error(part, row)) if column == "accuracy" else of_design
+    if not column.startswith("accuracy"):
+        return of_design
+    error = standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se"))
+    return replace(
+        of_design,
+        se=error,
+        shifted=number(row.get("accuracy_shifted")),
+        shifted_se=number(row.get("accuracy_shifted_se")),
+        unseen=number(row.get("accuracy_unseen")),
+        unseen_se=number(row.get("accuracy_unseen_se")),
+    )
 
 
 def standard_error(part: StudyTask, row: pandas.Series[Any]) -> float | None:

@@ -131,7 +131,8 @@ def near(
 ) -> set[int]:
     """Return the trials on a front, and those with a point close below it in accuracy.
 
-    The front's accuracy at a point is the best among its rows that are no worse in every other objective.
+    The front's accuracy at a point is the best among its rows that are no worse in every other objective. It
+    is the first objective that is an accuracy, such as accuracy_shifted.
 
     Args:
         points: the design points behind the front.
@@ -140,20 +141,22 @@ def near(
         within: largest difference in accuracy.
     """
     trials: set[int] = set(front["trial"].tolist())
-    if ("accuracy", "max") not in objectives:
+    accuracies = (
+        name for name, direction in objectives if name.startswith("accuracy") and direction == "max"
+    )
+    quality = next(accuracies, None)
+    if quality is None:
         return trials
-    costs = [
-        (name, 1.0 if direction == "min" else -1.0) for name, direction in objectives if name != "accuracy"
-    ]
+    costs = [(name, 1.0 if direction == "min" else -1.0) for name, direction in objectives if name != quality]
 
     def others(rows: pandas.DataFrame) -> Array:
         columns = [sign * rows[name].to_numpy(np.float64, na_value=np.nan) for name, sign in costs]
         return np.stack(columns, axis=1) if columns else np.zeros((len(rows), 0))
 
-    best_first = front.sort_values("accuracy", ascending=False, kind="stable")
-    cost, accuracy = others(points), points["accuracy"].to_numpy(np.float64)
+    best_first = front.sort_values(quality, ascending=False, kind="stable")
+    cost, accuracy = others(points), points[quality].to_numpy(np.float64)
     left = np.flatnonzero(np.isfinite(cost).all(axis=1) & np.isfinite(accuracy))
-    for top, limits in zip(best_first["accuracy"].tolist(), others(best_first), strict=True):
+    for top, limits in zip(best_first[quality].tolist(), others(best_first), strict=True):
         reached = (limits <= cost[left]).all(axis=1)
         close = top - accuracy[left[reached]] <= within + _ROUNDING
         trials |= set(points["trial"].to_numpy()[left[reached][close]].tolist())

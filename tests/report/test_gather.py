@@ -365,3 +365,37 @@ def test_nothing_is_changed(tmp_path: Path) -> None:
     report([written])
     assert before == {path: path.stat().st_mtime_ns for path in written.folder.rglob("*")}
     pd.testing.assert_frame_equal(written.points(), table)
+
+
+def test_accuracy_on_moved_windows_and_unseen_groups_stands_beside(tmp_path: Path) -> None:
+    honest = {"accuracy_shifted_se": 0.02, "accuracy_unseen_se": 0.03}
+    designs: list[dict[str, Any]] = [
+        {"accuracy": 0.6, "accuracy_shifted": 0.58, "accuracy_unseen": 0.5, **honest},
+        {"accuracy": 0.5, "accuracy_shifted": 0.59, "accuracy_unseen": 0.4, **honest},
+        {
+            "accuracy": 0.9,
+            "accuracy_shifted": 0.27,
+            "accuracy_unseen": 0.5,
+            "family": "knn",
+            "macs": 5.0,
+            **honest,
+        },
+        {
+            "accuracy": 0.8,
+            "accuracy_shifted": 0.22,
+            "accuracy_unseen": 0.2,
+            "family": "mlp",
+            "macs": 5.0,
+            **honest,
+        },
+    ]
+    found = report([write(tmp_path / "families", designs)])
+    rows = rows_of(found, FAMILIES)
+    knn = rows["best accuracy, knn"]
+    assert (knn.ours, knn.shifted, knn.shifted_se, knn.unseen, knn.unseen_se) == (0.9, 0.27, 0.02, 0.5, 0.03)
+    assert [rows[f"best accuracy, {family}"].shifted for family in ("snn", "mlp")] == [0.58, 0.22]
+    best = rows["best accuracy_shifted, spiking"]
+    assert (best.trial, best.ours, best.se) == (1, 0.59, 0.02)
+    assert noted(found, "accuracy: not spiking wins (knn 0.9 against snn 0.6)")
+    assert noted(found, "accuracy_shifted: spiking wins (snn 0.59 against knn 0.27)")
+    assert noted(found, "accuracy_unseen: a draw (snn 0.5 against knn 0.5)")

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
 
 GROUP = "choose"
 HELP = "compare studies with published systems, spiking with other families, and chips with each other"
+_HONEST = ("shifted", "shifted_se", "unseen", "unseen_se")  # where a study evaluates them
 _SHOWN = (
-    *("system", "figure", "task", "published", "ours", "se", "low", "high", "test", "runs"),
-    *("hardware", "family", "trial", "study"),
+    *("system", "figure", "task", "published", "ours", "se", "low", "high", "test"),
+    *_HONEST,
+    *("runs", "hardware", "family", "trial", "study"),
 )
 _PAPER = (
     *(
@@ -83,7 +85,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
     splits_of_rows = [f"{study}, {task}: {split}" for study, task, split in splits]
     code = 0 if rows else _NOTHING
     columns = [row.columns for row in rows]
-    values = {name: {row[name] for row in columns} - {None, ""} for name in _SHOWN}
+    empty = {name for name in _HONEST if all(row[name] is None for row in columns)}
+    columns = [{name: x for name, x in row.items() if name not in empty} for row in columns]
+    values = {name: {row.get(name) for row in columns} - {None, ""} for name in _SHOWN}
     # A terminal shows no empty columns, and no column for the name of the only study.
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     audits = {f"audit of {name}": audit_answer(audit) for name, audit in gathered.audits.items()}
