@@ -32,7 +32,7 @@ class Audit:
     @property
     def shortcuts(self) -> list[str]:
         """Return the probes that have found a shortcut, each with its task."""
-        return [f"{row.probe} ({row.task})" for row in self.rows if row.shortcut]
+        return list(dict.fromkeys(f"{row.probe} ({row.task})" for row in self.rows if row.shortcut))
 
 
 def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: Progress = silent) -> Audit:

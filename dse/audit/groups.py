@@ -65,7 +65,7 @@ def _group(material: Material, name: str, values: Array) -> AuditRow:
     trained = _class_elsewhere(material, values)
     chosen = shared & trained
     if chosen.mean() < HALF:
-        return _inseparable(material, probe, name, values)
+        return _inseparable(material, name, values)
     before = material.best.of(chosen, material.truth)
     answers = _unseen(material, values)
     after = material.score(before.reader, answers).of(chosen, material.truth)
@@ -97,8 +97,8 @@ def _class_elsewhere(material: Material, values: Array) -> Bools:
     return np.asarray((other & (material.truth[:, None] == material.codes)).any(axis=1))
 
 
-def _inseparable(material: Material, probe: str, name: str, values: Array) -> AuditRow:
-    """Return the row of a column whose values each hold a whole class: the column answers for the label."""
+def _inseparable(material: Material, name: str, values: Array) -> AuditRow:
+    """Return the row of a column whose values hold whole classes: a look-up answers in place of the label."""
     train = values[material.train]
     first = {value: code for value, code in zip(train.tolist(), material.codes.tolist(), strict=True)}
     guesses = [first.get(value, -1) for value in values[material.validation].tolist()]
@@ -106,9 +106,9 @@ def _inseparable(material: Material, probe: str, name: str, values: Array) -> Au
     shortcut = is_above(score)
     verdict = f"{name} names the class with {score.accuracy:.3f}"
     if shortcut:
-        verdict += f", and no class has several values: {name} and the label cannot be told apart"
+        verdict += ", and most classes have one value of it: the two cannot be told apart"
     remedy = f"recordings of each class with several values of {name}, split by them"
-    return material.row(probe, score, verdict, shortcut=shortcut, remedy=remedy)
+    return material.row(f"identity: {name}", score, verdict, shortcut=shortcut, remedy=remedy)
 
 
 def _unseen(material: Material, values: Array) -> Ints:

@@ -1,0 +1,55 @@
+"""The audit of a study on its page, in a real browser."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from dse.audit import AuditRow
+from dse.dashboard.gather import gather_page
+from dse.dashboard.write import write_filled
+from tests.dashboard.page import Page
+from tests.page_data import OBJECTIVES, points
+
+EVIL = '<img src=x onerror="window.hacked=1">'
+ROW = AuditRow(
+    *("speed", "position in time", "nearest", 0.9, 0.0168, 0.17, 0.228, 0.0254, 322, True),
+    *("96 % of the accuracy above chance is position", "window.jitter_steps"),
+)
+CLEAN = AuditRow(
+    *("speed", "spike total", EVIL, 0.239, 0.0237, 0.17, None, None, 322, False, "explains 10 %", "")
+)
+LINES = "[...document.querySelectorAll('#audit tr')].map((line) => [...line.cells].map((c) => c.textContent))"
+
+
+@pytest.fixture
+def opened(new_tab, tmp_path):
+    """Return a function that writes a page with an audit and opens it."""
+    pages = []
+
+    def open_page(audit):
+        page = gather_page(points(), name="fabric", objectives=OBJECTIVES) | {"audit": audit}
+        path = write_filled("page", page, tmp_path / f"page{len(pages)}.html")
+        pages.append(Page(new_tab(), path))
+        return pages[-1].open("")
+
+    yield open_page
+    assert [fault for page in pages for fault in page.faults] == []
+
+
+def test_an_audit_is_a_line_and_a_table(opened):
+    page = opened(json.loads(json.dumps([ROW.columns, CLEAN.columns])))
+    summary = page.tab.locator("#audit summary")
+    assert summary.inner_text() == "Audit: could pass for skill: position in time"
+    summary.click()
+    assert page.tab.evaluate(LINES) == [
+        ["probe", "reader", "accuracy", "chance", "without", "verdict", "remedy"],
+        ["position in time", "nearest", "0.900 ± 0.02", "0.170", "0.228 ± 0.03", ROW.verdict, ROW.remedy],
+        ["spike total", EVIL, "0.239 ± 0.02", "0.170", "–", "explains 10 %", ""],
+    ]
+    assert page.tab.evaluate("[...document.querySelectorAll('#audit tr.shortcut')].length") == 1
+
+
+def test_a_study_without_an_audit_has_no_such_section(opened):
+    assert opened([]).tab.locator("#audit").is_hidden()
