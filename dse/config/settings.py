@@ -5,7 +5,7 @@ Other packages apply the settings: windows and splits in `dse.recordings`, train
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -387,6 +387,40 @@ class Training:
     input_dropout: float = param(
         0.0, low=0, high=1, high_open=True, doc="fraction of input channels silenced per sample"
     )
+    event_dropout: float = param(
+        0.0,
+        low=0,
+        high=1,
+        high_open=True,
+        doc="fraction of input spikes dropped, other ones in every epoch (spiking networks)",
+    )
+    dilation: tuple[float, float] = param(
+        (1.0, 1.0),
+        low=0.5,
+        high=2,
+        doc="least and largest factor by which the time of a training window is stretched about its middle, "
+        "drawn in every epoch; needs dilation_keeps_label (spiking networks)",
+    )
+    dilation_keeps_label: bool = param(
+        False,
+        doc="true: you state that the label depends neither on speed nor on duration",
+        axis=False,
+    )
+    channel_shift: int = param(
+        0,
+        low=0,
+        unit="places",
+        doc="training windows are moved over the array by up to this many places along x and y, drawn in "
+        "every epoch; what leaves the array is lost. Without positions the taxels are a row in the order of "
+        "their numbers (spiking networks)",
+    )
+    blend: float = param(
+        0.0,
+        low=0,
+        high=1,
+        doc="fraction of training windows that go on, from a random step, as the window of another sample of "
+        "their class, drawn in every epoch (spiking networks)",
+    )
     clip_norm: float | None = param(
         None,
         low=0,
@@ -405,6 +439,23 @@ class Training:
         unit="epochs",
         doc="stop a training in which a layer is silent or saturated for this many epochs; 0: never",
     )
+
+    def __post_init__(self) -> None:
+        """Check the rules across keys."""
+        low, high = self.dilation
+        if low > high:
+            raise ValueError(f"dilation must be in increasing order, got [{low:g}, {high:g}]")
+        if (low, high) != (1, 1) and not self.dilation_keeps_label:
+            raise ValueError(
+                "dilation changes speeds and durations: it needs dilation_keeps_label: true, your statement "
+                f"that the label does not depend on them, got [{low:g}, {high:g}]"
+            )
+
+    @property
+    def augmentation(self) -> tuple[Hashable, ...]:
+        """How training windows are changed; empty: not at all."""
+        ways = (self.event_dropout, self.dilation, self.channel_shift, self.blend)
+        return () if ways == (0, (1, 1), 0, 0) else ways
 
     def rate(self, epoch: float) -> float:
         """Return the learning rate at a time in epochs (fractions count in the warm-up)."""

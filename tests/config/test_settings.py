@@ -8,7 +8,7 @@ import pytest
 from dse.config import parts
 from dse.config.axes import Axis
 from dse.config.schema import json_schema
-from dse.config.settings import Preprocessing
+from dse.config.settings import Preprocessing, Training
 from dse.config.values import dotted
 from dse.registry import rule_of
 
@@ -134,3 +134,30 @@ def test_faults_are_named(raw, fault):
 def test_a_bin_is_whole_microseconds():
     assert Preprocessing(bin_ms=0.0314).bin_us == 31
     assert Preprocessing(bin_ms=10).bin_us == 10_000
+
+
+@pytest.mark.parametrize(
+    ("keys", "fault"),
+    [
+        ({"dilation": [1.1, 0.9], "dilation_keeps_label": True}, "dilation must be in increasing order"),
+        (
+            {"dilation": [0.9, 1.1]},
+            "dilation changes speeds and durations: it needs dilation_keeps_label: true",
+        ),
+        ({"dilation": {"choice": [[1, 1], [0.9, 1.1]]}}, "dilation changes speeds and durations"),
+        ({"dilation": [0.1, 1], "dilation_keeps_label": True}, "dilation[0] must be in [0.5, 2], got 0.1"),
+        ({"event_dropout": 1}, "event_dropout must be in [0, 1), got 1.0"),
+        ({"channel_shift": -1}, "channel_shift must be >= 0, got -1"),
+        ({"blend": 1.5}, "blend must be in [0, 1], got 1.5"),
+    ],
+)
+def test_changes_of_training_windows_that_cannot_be(keys: dict[str, Any], fault: str) -> None:
+    faults: list[str] = []
+    parts.settings("training", keys, lambda path, text: faults.append(f"{dotted(path)}: {text}"))
+    (found,) = faults
+    assert found.startswith(f"training.{next(iter(keys))}") and f"training.{fault}" in found
+
+
+def test_training_windows_change_only_where_a_key_says_so() -> None:
+    assert Training().augmentation == () == Training(dilation_keeps_label=True).augmentation
+    assert Training(blend=0.5).augmentation != Training(event_dropout=0.5).augmentation != ()

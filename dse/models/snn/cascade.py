@@ -78,7 +78,7 @@ class Cascade(Stack):
             data,
             heads=data.heads[:number] + data.heads[number + 1 :],
             spikes=beside(data.spikes, output),
-            positions=np.pad(data.positions, ((0, output.shape[2]), (0, 0))),
+            positions=np.concatenate([data.positions, _own_planes(output.shape[2])]),
         )
         second = self._stack(self.hidden).fit(of_second, training, _named(rngs, "second"))
         assert isinstance(second.network, Network)
@@ -192,6 +192,12 @@ def beside(spikes: Spikes, more: Array) -> Spikes:
     )
     merged[np.arange(len(row)) + spikes.row_offsets[row + 1]] = channel + spikes.n_channels
     return Spikes(offsets, merged, spikes.n_steps, spikes.n_channels + more.shape[2], spikes.step_ms)
+
+
+def _own_planes(n_channels: int) -> Ints:
+    """Return positions of channels that are no taxels, each in a plane of its own."""
+    planes = -1 - np.arange(n_channels, dtype=np.int32)
+    return np.stack([np.zeros_like(planes), np.zeros_like(planes), planes], axis=1)
 
 
 def _kept(dataset: Dataset) -> Dataset:

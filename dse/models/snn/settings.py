@@ -114,5 +114,5 @@ class Stack:
         """Return what designs must have in common to train on the same batches."""
         return (
             *(self.has_kernel, self.input_delays, self.steps_per_sample),
-            *(training.batch_size, training.input_dropout),
+            *(training.batch_size, training.input_dropout, training.augmentation),
         )

@@ -16,13 +16,14 @@ from dse.engine import engines
 from dse.engine.events import Rows, gather, without
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune
+from dse.models.snn.augment import Augmentation
 from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.training import FitRequest, Generators, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
 from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
-from dse.records import Dataset, Ints, Layer, Network, Outcome, Response
+from dse.records import Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 
 PROBE_SAMPLES = 64
 
@@ -43,7 +44,8 @@ def train(
     Args:
         dataset: spikes, windows, split.
         designs: they agree in what `Stack.shares` returns.
-        shared: random generators of what the designs share ('batches', 'crops', 'input dropout', 'probe').
+        shared: random generators of what the designs share ('batches', 'crops', 'input dropout', 'probe' and
+            those of `Augmentation`).
         device: 'cpu' or 'cuda'.
         threads: of the CPU, over the samples of a batch.
 
@@ -55,18 +57,18 @@ def train(
         raise ValueError("training needs at least one training sample, got none")
     if len({design.model.shares(design.training) for design in designs}) != 1:
         raise ValueError(
-            "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size and "
-            "input_dropout, and in whether their neurons have a kernel"
+            "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "
+            "input_dropout and augmentation, and in whether their neurons have a kernel"
         )
     model, training = designs[0].model, designs[0].training
     n_steps = dataset.n_steps * model.steps_per_sample
     delays = tuple(d * model.steps_per_sample for d in model.input_delays)
 
-    def rows_of(samples: Ints, start: Ints) -> Rows:
-        return gather(dataset.spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
+    def rows_of(spikes: Spikes, samples: Ints, start: Ints) -> Rows:
+        return gather(spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
 
     chosen = shared("probe").permutation(dataset.train)[:PROBE_SAMPLES]
-    probe = rows_of(chosen, dataset.start[chosen])
+    probe = rows_of(dataset.spikes, chosen, dataset.start[chosen])
     clock = _Clock()
     trainees = []
     for number, design in enumerate(designs):
@@ -75,6 +77,7 @@ def train(
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     batches, crops, silenced = shared("batches"), shared("crops"), shared("input dropout")
+    augmentation = Augmentation(dataset, training, shared) if training.augmentation else None
     n_batches = -(-dataset.train.size // training.batch_size)
     live, epoch = trainees, 0
     while live:
@@ -88,7 +91,11 @@ def train(
             part = slice(batch * training.batch_size, (batch + 1) * training.batch_size)
             turns = {x.number: x.turn(epoch + batch / n_batches, order[part].size) for x in live}
             labels = output_labels(dataset, order[part])
-            rows = rows_of(order[part], starts[part])
+            if augmentation is None:
+                rows = rows_of(dataset.spikes, order[part], starts[part])
+            else:
+                n, spikes = order[part].size, augmentation.batch(order[part], starts[part])
+                rows = rows_of(spikes, np.arange(n), np.zeros(n, np.int64))
             if training.input_dropout:
                 shape = rows.n_samples, dataset.spikes.n_channels
                 rows = without(rows, silenced.random(shape) < training.input_dropout)

@@ -13,11 +13,13 @@ import pytest
 
 from dse import seeds
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
+from dse.models.snn.augment import Augmentation
 from dse.models.snn.family import SNN
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Training, TrainingDiverged
 from dse.neurons import fixed_point
 from dse.records import Dataset, Outcome, Response, Spikes
+from dse.testing.small import spikes_of
 from tests.models.snn.toy import toy
 
 
@@ -87,6 +89,36 @@ def test_silenced_inputs_are_the_same_alone_and_in_a_cohort_and_train_another_ne
     assert (settled(whole[0]).network.layers[0].weight != with_all.network.layers[0].weight).any()
 
 
+AUGMENTED = [
+    {"event_dropout": 0.3},
+    {"dilation": (0.8, 1.25), "dilation_keeps_label": True},
+    {"channel_shift": 2},
+    {"blend": 0.7},
+]
+
+
+@pytest.mark.parametrize("keys", [*AUGMENTED, {k: v for keys in AUGMENTED for k, v in keys.items()}])
+def test_changed_windows_are_the_same_alone_and_in_a_cohort_and_train_another_network(
+    keys: dict[str, Any],
+) -> None:
+    data = toy(margin=3)
+    designs = [(model, dataclasses.replace(t, epochs=2, **keys)) for model, t in MIXED[:2]]
+    whole = together(data, designs)
+    for number, design in enumerate(designs):
+        assert_same(settled(whole[number]), settled(alone(data, design, number)))
+    unchanged = settled(alone(data, (MIXED[0][0], base(epochs=2)), 0))
+    assert (settled(whole[0]).network.layers[0].weight != unchanged.network.layers[0].weight).any()
+
+
+def test_blended_windows_are_of_one_class() -> None:
+    data = toy(margin=3)
+    of_class = np.zeros((60, 46, 12), bool)
+    of_class[np.arange(60), :, data.target] = True  # channel c fires at every step of class c
+    data = dataclasses.replace(data, spikes=spikes_of(of_class, 5.0))
+    spikes = Augmentation(data, base(blend=0.5), SHARED).batch(data.train, data.start[data.train])
+    np.testing.assert_array_equal(spikes.channel, np.repeat(data.target[data.train], data.n_steps))
+
+
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
 def test_a_design_that_diverges_ends_and_leaves_its_neighbours_untouched(arithmetic: Any) -> None:
     data = toy()
@@ -104,7 +136,7 @@ def test_designs_are_yielded_as_they_finish() -> None:
 
 
 def test_designs_of_other_batches_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"must agree in input_delays, .*, batch_size and input_dropout"):
+    with pytest.raises(ValueError, match=r"must agree in input_delays, .*, input_dropout and augmentation"):
         together(toy(), [MIXED[0], (SNN(), base(batch_size=3))])
 
 

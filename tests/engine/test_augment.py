@@ -1,0 +1,130 @@
+"""Changed windows by hand, and against a plain definition."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dse.engine.augment import Windows, changed, shift_table, thinned
+from dse.records import Spikes
+from dse.testing.small import spikes_of
+
+
+def dense(spikes: Spikes) -> np.ndarray:
+    out = np.zeros((len(spikes.row_offsets) - 1, spikes.n_channels), np.int64)
+    np.add.at(out, (np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets)), spikes.channel), 1)
+    return out.reshape(-1, spikes.n_steps, spikes.n_channels)
+
+
+def whole(samples: np.ndarray, start: np.ndarray, n_steps: int) -> Windows:
+    return Windows(samples, start, start, start + n_steps)
+
+
+def drawn(rng: np.random.Generator, n: int, n_steps: int, n_channels: int) -> np.ndarray:
+    return rng.random((n, n_steps, n_channels)) < 0.3
+
+
+def one(x: np.ndarray, n_steps: int, *, factor: float = 1.0, moved: int = 0, table: np.ndarray) -> np.ndarray:
+    """Return the first sample's middle window, changed; all stored steps may be shown."""
+    at = np.array([0])
+    windows = Windows(at, at + (x.shape[1] - n_steps) // 2, at, at + x.shape[1])
+    found = changed(
+        spikes_of(x, 5.0), windows, windows, at + n_steps, np.array([factor]), at + moved, table, n_steps
+    )
+    return dense(found)[0]
+
+
+NO_MOVE = np.arange(4, dtype=np.int32)[None]
+
+
+def test_without_a_change_windows_are_as_they_are() -> None:
+    x = drawn(np.random.default_rng(0), 3, 12, 4)
+    samples, start = np.array([2, 0]), np.array([1, 4])
+    windows = whole(samples, start, 7)
+    found = changed(
+        spikes_of(x, 5.0), windows, windows, np.full(2, 7), np.ones(2), np.zeros(2, int), NO_MOVE, 7
+    )
+    np.testing.assert_array_equal(dense(found), [x[2, 1:8], x[0, 4:11]])
+
+
+def test_a_window_goes_on_as_another_one() -> None:
+    x = drawn(np.random.default_rng(1), 2, 10, 4)
+    first, other = whole(np.array([0]), np.array([1]), 6), whole(np.array([1]), np.array([3]), 6)
+    found = changed(spikes_of(x, 5.0), first, other, np.array([2]), np.ones(1), np.zeros(1, int), NO_MOVE, 6)
+    np.testing.assert_array_equal(dense(found)[0], np.concatenate([x[0, 1:3], x[1, 5:9]]))
+
+
+def test_stretching_to_the_double_leaves_every_other_step_silent() -> None:
+    x = np.zeros((1, 8, 4), bool)
+    x[0, :, 1] = True
+    found = one(x, 8, factor=2.0, table=NO_MOVE)
+    np.testing.assert_array_equal(found[:, 1], [0, 1, 0, 1, 0, 1, 0, 1])  # steps 2 .. 5 at 1, 3, 5, 7
+
+
+def test_shrinking_shows_more_of_the_recording_and_joins_spikes_of_a_step() -> None:
+    x = np.zeros((1, 8, 4), bool)
+    x[0, [0, 1, 3, 4], 0] = True
+    x[0, 5, 2] = True
+    found = one(x, 4, factor=0.5, table=NO_MOVE)  # steps 0 1 | 2 3 | 4 5 | 6 7
+    np.testing.assert_array_equal(found[:, 0], [1, 1, 1, 0])
+    np.testing.assert_array_equal(found[:, 2], [0, 0, 1, 0])
+
+
+def test_steps_that_may_not_be_shown_are_silent() -> None:
+    x = np.ones((1, 8, 4), bool)
+    at = np.array([0])
+    windows = Windows(at, at + 2, at + 2, at + 6)
+    found = changed(spikes_of(x, 5.0), windows, windows, at + 4, np.array([0.5]), at, NO_MOVE, 4)
+    np.testing.assert_array_equal(dense(found)[0, :, 0], [0, 1, 1, 0])
+
+
+def test_the_array_moves_by_whole_places_and_loses_its_border() -> None:
+    # x x       2 x 2 places of pitch 10 in plane 0, two of them in plane 1 and one channel of its own
+    positions = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, 0], [0, 0, 1], [10, 0, 1], [0, 0, 7]])
+    table = shift_table(positions, 1)
+    assert table.shape == (9, 7)
+    np.testing.assert_array_equal(table[0], np.arange(7))
+    rows = {tuple(row) for row in table.tolist()}
+    assert (1, -1, 3, -1, 5, -1, 6) in rows  # one place along x
+    assert (2, 3, -1, -1, -1, -1, 6) in rows  # one place along y
+    assert (-1, -1, 0, -1, -1, -1, 6) not in rows
+    assert (-1, -1, -1, 0, -1, -1, 6) in rows
+    in_a_row = np.array([[k, 0, 0] for k in range(4)])
+    np.testing.assert_array_equal(
+        np.sort(shift_table(in_a_row, 1), axis=0)[:, 1], [0, 1, 2]
+    )  # to the left, not at all, to the right
+    np.testing.assert_array_equal(shift_table(positions, 0), np.arange(7)[None])
+
+
+def test_moved_spikes_stay_sorted() -> None:
+    x = np.zeros((1, 3, 4), bool)
+    x[0, 1] = [1, 1, 0, 1]
+    table = np.array([[0, 1, 2, 3], [3, 0, -1, 1]], np.int32)
+    found = one(x, 3, moved=1, table=table)
+    np.testing.assert_array_equal(found[1], [1, 1, 0, 1])
+
+
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.5, 2.0), n_steps=st.integers(1, 9))
+def test_stretching_follows_its_equation(seed: int, factor: float, n_steps: int) -> None:
+    x = drawn(np.random.default_rng(seed), 1, n_steps + 6, 4)
+    expected = np.zeros((n_steps, 4), np.int64)
+    for s in range(-3, n_steps + 3):
+        t = math.floor(n_steps / 2 + factor * (s + 0.5 - n_steps / 2))
+        if 0 <= t < n_steps and s + 3 < x.shape[1]:
+            expected[t] |= x[0, s + 3]
+    np.testing.assert_array_equal(one(x, n_steps, factor=factor, table=NO_MOVE), expected)
+
+
+def test_thinning_drops_its_share_and_keeps_the_rest_in_place() -> None:
+    x = drawn(np.random.default_rng(2), 20, 50, 8)
+    spikes = spikes_of(x, 5.0)
+    found = dense(thinned(spikes, 0.25, np.random.default_rng(3)))
+    assert (found <= x).all()
+    assert found.sum() / x.sum() == pytest.approx(0.75, abs=0.03)
+    silent = spikes_of(np.zeros((1, 3, 2), bool), 5.0)
+    assert not dense(thinned(silent, 0.5, np.random.default_rng(3))).any()
