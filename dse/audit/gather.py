@@ -46,6 +46,11 @@ def first_values(space: SearchSpace) -> dict[str, object]:
     }
 
 
+def sections_of(space: SearchSpace, design: Design) -> Sections:
+    """Return the sections that an audit reads: what else a study evaluates does not matter."""
+    return dataclasses.replace(space.resolve(design), evaluation=None)
+
+
 def material(
     space: SearchSpace, design: Design, root: Path, shifts: Sequence[int] = (), progress: Progress = silent
 ) -> Material:
@@ -62,7 +67,7 @@ def material(
         RecordingError: the recordings do not fit the search space.
         OSError: the cache cannot be written.
     """
-    base, sections = space.source.parent, space.resolve(design)
+    base, sections = space.source.parent, sections_of(space, design)
     roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts), evaluation=None)
     folder = dataset.prepare(roomy, base, root, space.execution.threads, progress)
     data = dataset.load(folder)

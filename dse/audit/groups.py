@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse import seeds
 from dse.audit.material import LOGISTIC_BINS, Material, in_both, percent
 from dse.audit.readers import NEAREST, classes_of, logistic, nearest
 from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, share_lost
 from dse.audit.totals import best_of_readers
 from dse.audit.twins import FEW
-from dse.recordings.splits import NUMBER, ORIGINAL, dealt
+from dse.config.resolved import LeftOut
+from dse.config.settings import Groups
+from dse.recordings.groups import folds, without
+from dse.recordings.splits import NUMBER, ORIGINAL
 from dse.records import Array, Bools, Ints
 
 MOST_FOLDS = 8
@@ -41,17 +43,17 @@ def rows(material: Material) -> list[AuditRow]:
 def _leak(material: Material) -> AuditRow:
     """Return the row of an evaluation that has seen its answers: windows with common steps, or an encoder."""
     original, number = material.columns.get(ORIGINAL), material.columns.get(NUMBER)
-    before, without = material.best, None
+    before, apart_only = material.best, None
     if original is not None and number is not None and material.reach:
         same = original[material.validation][:, None] == original[material.train]
         apart = np.abs(number[material.validation][:, None] - number[material.train])
         before = material.scores[NEAREST]
         place = nearest(material.distances, ~(same & (apart <= material.reach)))
-        without = material.score(NEAREST, classes_of(material.codes, place))
+        apart_only = material.score(NEAREST, classes_of(material.codes, place))
     remedy = "an encoder that reads no labels"
     if "encoder" not in material.leak:
         remedy = f"split by column '{ORIGINAL}', e.g. split.stratified.group: {ORIGINAL}"
-    return material.row("label leak", before, material.leak, shortcut=True, remedy=remedy, without=without)
+    return material.row("label leak", before, material.leak, shortcut=True, remedy=remedy, without=apart_only)
 
 
 def _group(material: Material, name: str, values: Array) -> AuditRow:
@@ -67,7 +69,7 @@ def _group(material: Material, name: str, values: Array) -> AuditRow:
     if chosen.mean() < HALF:
         return _inseparable(material, name, values)
     before = material.best.of(chosen, material.truth)
-    answers = _unseen(material, values)
+    answers = _unseen(material, name)
     after = material.score(before.reader, answers).of(chosen, material.truth)
     lost = share_lost(before, after)
     shortcut = is_above(before) and lost >= HALF and is_lower(before.correct, after.correct)
@@ -111,31 +113,30 @@ def _inseparable(material: Material, name: str, values: Array) -> AuditRow:
     return material.row(f"identity: {name}", score, verdict, shortcut=shortcut, remedy=remedy)
 
 
-def _unseen(material: Material, values: Array) -> Ints:
+def _unseen(material: Material, name: str) -> Ints:
     """Return the answer to each validation sample of a reader trained without the sample's group."""
-    group = np.unique(values, return_inverse=True)[1]
     if material.best.reader == NEAREST:
-        allowed = group[material.validation][:, None] != group[material.train]
+        values = material.columns[name]
+        allowed = values[material.validation][:, None] != values[material.train]
         return classes_of(material.codes, nearest(material.distances, allowed))
-    fold = _folds(material, group)
     x, query = (material.counts(s, LOGISTIC_BINS) for s in (material.train, material.validation))
     answers = np.full(len(material.validation), -1)
-    for number in np.unique(fold[material.validation]):
-        rest, asked = fold[material.train] != number, fold[material.validation] == number
-        if rest.any():
-            answers[asked] = logistic(x[rest], material.codes[rest], query[asked])
+    for fold in _folds(material, name):
+        rest, _, unseen = without(material.columns, fold, material.train, material.validation)
+        trained, unknown = np.isin(material.train, rest), np.isin(material.validation, unseen)
+        if trained.any():
+            answers[unknown] = logistic(x[trained], material.codes[trained], query[unknown])
     return answers
 
 
-def _folds(material: Material, group: Ints) -> Ints:
-    """Return the fold of every sample: its group, or one of few folds of groups that divide the classes."""
-    used = np.concatenate([material.train, material.validation])
-    if len(np.unique(group[used])) <= MOST_FOLDS:
-        return group
-    fold = np.full(len(group), -1)
-    rng = seeds.generator(0, {}, "audit folds")
-    fold[used] = dealt(material.dataset.target[used], group[used], [1 / FOLDS] * FOLDS, rng)
-    return fold
+def _folds(material: Material, name: str) -> list[LeftOut]:
+    """Return the folds of a column as `evaluation.leave_out` makes them."""
+    values = np.unique(material.columns[name][material.validation])
+    if len(values) < 2:
+        return [LeftOut(name, tuple(values.tolist()))]
+    settings = Groups(name, FOLDS if len(values) > MOST_FOLDS else None)
+    codes = material.dataset.target
+    return folds(material.columns, settings, codes, material.train, material.validation)
 
 
 def _order(material: Material, name: str, values: Array) -> AuditRow:

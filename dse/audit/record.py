@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dse.audit.audit import Audit
-from dse.audit.gather import designs
+from dse.audit.gather import designs, sections_of
 from dse.audit.rows import AuditRow
 from dse.config import SearchSpace
 from dse.dataset import cache, dataset_key
@@ -27,7 +27,7 @@ def key(space: SearchSpace) -> str:
     Raises:
         RecordingError: a file is not found.
     """
-    keys = [dataset_key(space.resolve(design), space.source.parent) for design in designs(space)]
+    keys = [dataset_key(sections_of(space, design), space.source.parent) for design in designs(space)]
     return hashlib.sha256(json.dumps(["audit", _VERSION, keys]).encode()).hexdigest()
 
 
