@@ -228,7 +228,7 @@ class Layer:
     parameters: parameters of the neurons by name, each (neuron,) or one number (defined in
         dse.neurons). Of CUBA-LIF: decay_current and decay_voltage, (neuron,) int32 12-bit decays in
         [0, 4096], and the integer mantissa `threshold`: a neuron fires where v > threshold / 64.
-    neuron: name of the kind of neurons.
+    neuron: name of the kind of neurons; the outputs may be of another kind than hidden layers.
     """
 
     weight: Floats
@@ -356,6 +356,8 @@ class Workload:
     cores: per layer after the input, the number of cores that it occupies; None: as few as possible.
     pipeline_steps: steps from n_steps until the decision has passed through the layers; decision times of
         trained networks include them.
+    resonators: per layer after the input, how many of its neurons resonate (dse.neurons.resonator): four
+        multiplications per update, where others have two, by two 12-bit factors of their own; None: none.
     """
 
     sizes: tuple[int, ...]
@@ -370,6 +372,18 @@ class Workload:
     delay_bits: int = 0
     cores: tuple[int, ...] | None = None
     pipeline_steps: int = 0
+    resonators: tuple[int, ...] | None = None
+
+    @property
+    def n_resonators(self) -> int:
+        """Neurons that resonate."""
+        return sum(self.resonators or ())
+
+    @property
+    def update_work(self) -> tuple[float, ...]:
+        """Per layer after the input, the mean work of an update, in updates of neurons that only decay."""
+        of_layers = zip(self.sizes[1:], self.resonators or (0,) * len(self.recurrent), strict=True)
+        return tuple(1 + resonators / n for n, resonators in of_layers)
 
     @property
     def fan_out(self) -> tuple[int, ...]:

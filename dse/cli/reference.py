@@ -26,6 +26,10 @@ _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
 _MOTIONS = "scene.motions"
 _FIGURES = "figures"
+_OF_MODELS = {
+    "neurons": "Neurons of spiking models; model.neuron selects one, whose keys stand beside it.",
+    "losses": "Losses of spiking models; model.loss selects one, whose keys stand beside it.",
+}
 _PAGE = {
     "page": "Page definition of `dse dashboard --page FILE`: parts of the page and initial settings.",
     "page.front": "The figure of the front on the page.",
@@ -62,6 +66,7 @@ def sections() -> list[Texts]:
             "doc": "Formats of event files; data.format selects one (default: recognised from the file).",
         }
     )
+    listed += [{"section": name, "doc": doc} for name, doc in _OF_MODELS.items()]
     listed.append({"section": _FIGURES, "doc": "Figures of a study: `dse figure RESULTS NAME --out FILE`."})
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
@@ -106,12 +111,12 @@ def keys(section: str, name: str | None) -> list[Row]:
         return _evidence(section, presets[str(name)])
     package = _package(section)
     cls = registry.known(package)[str(name)] if package else _class(section)
-    with_axes = section in (*WITH_AXES, "decision", "scene", _MOTIONS)
+    with_axes = section in (*WITH_AXES, *_OF_MODELS, "decision", "scene", _MOTIONS)
     return [_row(name, key, with_axes) for name, key in keys_of(cls).items()]
 
 
 def _package(section: str) -> str | None:
-    if section in (_SAMPLERS, _MOTIONS, _FIGURES):
+    if section in (_SAMPLERS, _MOTIONS, _FIGURES, *_OF_MODELS):
         return section
     return COMPONENTS.get("data" if section == "test" else section)
 
@@ -145,6 +150,7 @@ def remarks(section: str, name: str | None) -> list[str]:
     profile = load(name)
     kind, cls = next((kind, cls) for kind, cls in kinds().items() if type(profile) is cls)
     texts = [f"{profile.name}: {profile.doc}", f"kind {kind}: {_doc(cls)}"]
+    texts += ["its neurons run programs: resonators too"] * profile.programmable
     return texts + ["costs are given as intervals only"] * profile.interval_only
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +13,12 @@ from dse.config.axes import Axis, n_combinations
 from dse.config.contracts import SamplerSettings
 from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
-from dse.config.locate import hardware_names, is_hardware_file
-from dse.config.parts import read_fixed, read_or_axis
+from dse.config.locate import hardware_names, is_hardware_file, shipped_profiles
+from dse.config.parts import Part, read_fixed, read_or_axis
 from dse.config.settings import Decision, Evaluation, ExecutionSettings, Precision, Reach, Search
 from dse.config.space import DecisionGrid, SearchSettings
 from dse.config.values import Report, echo, keys_of, read_fields
-from dse.config.yaml_lines import Raw
+from dse.config.yaml_lines import Raw, parse
 
 _BATCH = 8
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
@@ -87,6 +88,38 @@ def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
             report(where, f"unknown hardware '{name}'; {known_names(name, known)}")
         names[name] = None
     return tuple(names)
+
+
+def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path) -> None:
+    """Report each chip that can run the neurons of no design, as these need programmable ones.
+
+    Args:
+        names: hardware profiles, or their files.
+        model: section `model`.
+        report: called with (path, sentence) for every such chip.
+        base: folder of the search space, which files are relative to.
+    """
+    neurons: list[str] = []
+    for part in model.entries.values() or [model]:
+        named = part.components("neurons")
+        if not named:
+            return  # this family has no neurons
+        neurons += named
+    known: dict[str, Any] = registry.known("neurons")
+    if not all(known[neuron].programmed for neuron in neurons):
+        return
+    kinds: dict[str, Any] = registry.known("hardware.kinds")
+    for index, name in enumerate(names):
+        path = base / name if is_hardware_file(name) else shipped_profiles().get(name)
+        if path is None or not path.is_file():
+            continue
+        profile = parse(path.read_text(encoding="utf-8"), name).data
+        if not isinstance(profile, dict) or profile.get("programmable") is True:
+            continue
+        kind = kinds.get(str(profile.get("kind")))
+        if kind is not None and not kind.any_neuron:
+            run = f"cannot run neuron {' or '.join(dict.fromkeys(neurons))}: its neurons cannot be programmed"
+            report(("hardware", index), f"hardware '{name}' {run}")
 
 
 def objectives(

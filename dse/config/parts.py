@@ -65,6 +65,17 @@ class Part:
         """The object of a section in which no key varies."""
         return construct(self.cls, self.values)
 
+    def components(self, section: str) -> list[str]:
+        """Return the names of the components of a section that its keys name, in any design."""
+        fields = {one.name: rule_of(one) for one in dataclasses.fields(self.cls)} if self.kind else {}
+        values = self.values | {axis.place[1]: axis for axis in self.axes.values()}
+        return [
+            name
+            for key, rule in fields.items()
+            if rule.component == section
+            for name in components_named(values.get(key), rule)
+        ]
+
     def to_plain(self) -> dict[str, Raw]:
         """Return the section as it is written in YAML, with every default."""
         kind = {"kind": self.kind} if self.kind else {}

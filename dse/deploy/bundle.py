@@ -229,19 +229,22 @@ def _described(bundle: Bundle) -> tuple[str, str]:
             f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",
             f"`weights.npz` holds what the family stores: {names}.",
         )
-    neuron = neuron_of(fitted.layers[0].neuron)
+    kinds = {layer.neuron: (neuron_of(layer.neuron), layer.parameters) for layer in fitted.layers}
     matrices = (
         "`k/weight` (neuron, input) before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)"
-        if "fixed_point" in neuron.exports
+        if all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
         else "`k/weight` (neuron, input)"
     )
     parameters = [
         f"`k/{name}`" + (f" in {neuron.units[name]}" if name in neuron.units else "")
-        for name in fitted.layers[0].parameters
+        for neuron, names in kinds.values()
+        for name in names
     ]
+    labels = " and ".join(neuron.label for neuron, _ in kinds.values())
     return (
-        f"A {'-'.join(map(str, fitted.sizes))} network of {neuron.label} neurons "
-        f"({fitted.arithmetic} arithmetic).",
-        f"`weights.npz` holds per layer k (0 is nearest the input): {', '.join([matrices, *parameters])}. "
+        f"A {'-'.join(map(str, fitted.sizes))} network of {labels} neurons ({fitted.arithmetic} arithmetic).",
+        "`weights.npz` holds per layer k (0 is nearest the input)"
+        f"{', as far as its neurons have them' if len(kinds) > 1 else ''}: "
+        f"{', '.join([matrices, *dict.fromkeys(parameters)])}. "
         f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago.",
     )

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -87,12 +87,17 @@ class Profile(ABC):
     name, doc: what it is called and what it is.
     interval_only: nobody has published numbers for it, so a cost is a range and no value.
     text: the file that it was read from, for a study to keep.
+    programmable: whether its neurons run programs, so that it runs resonators too.
+    any_neuron: whether all profiles of this kind run any neurons: processors and conventions.
     """
 
     name: str
     doc: str
     interval_only: bool
     text: str = dataclasses.field(repr=False)
+    programmable: bool = dataclasses.field(default=False, kw_only=True)
+
+    any_neuron: ClassVar[bool] = False
 
     @classmethod
     def numbers(cls) -> Mapping[str, Figure]:
@@ -139,6 +144,8 @@ class Profile(ABC):
             NotApplicable: the chip cannot run such a classifier.
         """
         if isinstance(load, Workload):
+            if load.n_resonators and not (self.programmable or self.any_neuron):
+                raise NotApplicable(f"{self.name} cannot run resonators: its neurons cannot be programmed")
             return self.plan_network(load, figures)
         return self.plan_operations(load, figures)
 
@@ -254,6 +261,7 @@ class _About:
     kind: str = param(doc="kind of hardware")
     doc: str = param(doc="what it is")
     interval_only: bool = param(False, doc="whether no values are published, so that a cost is a range")
+    programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
 
 
 def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | None:
@@ -279,7 +287,14 @@ def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | No
     numbers = {name: _number(name, figure, data, report) for name, figure in figures.items()}
     if about is None or faults:
         return None
-    return cls(name=about.name, doc=about.doc, interval_only=about.interval_only, text=text, **numbers)
+    return cls(
+        name=about.name,
+        doc=about.doc,
+        interval_only=about.interval_only,
+        text=text,
+        programmable=about.programmable,
+        **numbers,
+    )
 
 
 def _kind(data: Mapping[str, Raw], report: Report) -> type[Profile] | None:

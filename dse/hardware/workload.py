@@ -8,12 +8,13 @@
     recurrent: [true, false]           which layers after the input are recurrent
     mapping: [2, 1]                    cores of each layer after the input
     stored: [900, 350]                 weights into each layer after the input that pruning left
+    resonators: [25, 0]                neurons of each layer after the input that resonate
     step_ms, weight_bits, delay_bits, pipeline_steps
 
-or `layers` as one mapping per layer: {neurons, spikes | mean_rate, updates, recurrent, cores, stored}. A
-classifier that is no stack of spiking layers has macs, additions, updates, n_weights, number_bits and
-duration_ms instead. A mean stands for the same count in every step. Updates that are not given are those
-that the mean rates let expect (`dse.hardware.activity`).
+or `layers` as one mapping per layer: {neurons, spikes | mean_rate, updates, recurrent, cores, stored,
+resonators}. A classifier that is no stack of spiking layers has macs, additions, updates, n_weights,
+number_bits and duration_ms instead. A mean stands for the same count in every step. Updates that are not
+given are those that the mean rates let expect (`dse.hardware.activity`).
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ class _Operations:
 
 
 _COUNTS = ("spikes", "mean_rate")
-_OF_NEURONS = ("updates", "recurrent", "mapping", "stored")  # the input has none of these
+_OF_NEURONS = ("updates", "recurrent", "mapping", "stored", "resonators")  # the input has none of these
 _IN_INPUT = ("neurons", *_COUNTS)
-_IN_LAYER = (*_IN_INPUT, "updates", "recurrent", "cores", "stored")
+_IN_LAYER = (*_IN_INPUT, "updates", "recurrent", "cores", "stored", "resonators")
 _Entry = dict[str, tuple[Raw, Keys]]  # key -> what is written, and where
 
 
@@ -149,6 +150,7 @@ def _network(data: Mapping[str, Raw], report: Report) -> Inference | None:
         return None
     cores = [layer.cores for layer in layers[1:] if layer.cores is not None]
     updates = [layer.updates for layer in layers[1:] if layer.updates is not None]
+    resonators = tuple(layer.resonators for layer in layers[1:])
     net = Workload(
         sizes=tuple(sizes),
         recurrent=tuple(bool(layer.recurrent) for layer in layers[1:]),
@@ -160,6 +162,7 @@ def _network(data: Mapping[str, Raw], report: Report) -> Inference | None:
         stored=stored,
         delay_bits=keys.delay_bits,
         cores=tuple(cores) or None,
+        resonators=resonators if any(resonators) else None,
     )
     spikes = [layer.spikes for layer in layers]
     return of_network(net, keys.n_steps, spikes, updates or None, keys.pipeline_steps)
@@ -243,6 +246,7 @@ class _Layer:
     spikes: PerStep
     updates: PerStep | None
     cores: int | None
+    resonators: int
     good: bool
 
 
@@ -272,13 +276,15 @@ def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> _L
     recurrent = value("recurrent", bool, False)
     updates = _counts(entry, "updates", most, None, n_steps, report)
     cores = value("cores", int, None, low=1, high=most)
+    resonators = value("resonators", int, 0, low=0, high=most)
     return _Layer(
         neurons=0 if neurons is INVALID else neurons,
         recurrent=None if recurrent is INVALID else recurrent,
         spikes=0.0 if spikes is INVALID else spikes,
         updates=None if updates is INVALID else updates,
         cores=None if cores is INVALID else cores,
-        good=not any(x is INVALID for x in (neurons, recurrent, spikes, updates, cores)),
+        resonators=resonators,
+        good=not any(x is INVALID for x in (neurons, recurrent, spikes, updates, cores, resonators)),
     )
 
 

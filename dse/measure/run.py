@@ -615,6 +615,10 @@ def _load(
             stored=network.stored,
         )
         neurons = [neuron_of(layer.neuron) for layer in network.layers]
+        pairs = zip(neurons, network.layers, strict=True)
+        resonators = tuple(neuron.resonators(layer.parameters) for neuron, layer in pairs)
+        if any(resonators):
+            workload = replace(workload, resonators=resonators)
         if all(neuron.on_chips for neuron in neurons):
             return workload
         additions = workload.synaptic_operations

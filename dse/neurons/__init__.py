@@ -105,7 +105,7 @@ class Neuron(Protocol):
     units: of its parameters, where they are not plain numbers: name -> unit.
     on_chips: whether profiles of neuromorphic chips can be asked what it costs; if not, its work is counted
         as operations, which processors can be asked for.
-    programmed: whether only chips whose neurons run programs have it.
+    programmed: whether only processors and chips with programmable neurons run it.
     state_updates: numbers that are updated per neuron and step, where work is counted as operations.
     """
 
@@ -117,6 +117,11 @@ class Neuron(Protocol):
     on_chips: ClassVar[bool] = False
     programmed: ClassVar[bool] = False
     state_updates: ClassVar[int] = 1
+
+    @classmethod
+    def resonators(cls, parameters: Mapping[str, Array]) -> int:
+        """Return how many neurons of a layer resonate, given its parameters (`dse.records.Workload`)."""
+        return 0
 
     def population(self, layer: LayerSpec, rng: np.random.Generator) -> Population[Any]:
         """Return the neurons of a layer; `rng` draws what differs between them."""

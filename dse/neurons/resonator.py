@@ -29,6 +29,7 @@ Source: Izhikevich 2001; Orchard et al. 2021, resonators on Loihi 2 (REFERENCES.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal, NamedTuple
@@ -152,9 +153,7 @@ class Resonator(cuba_lif.CubaLif):
 
     Populations = Population
     label = "resonating"
-    units = MappingProxyType(
-        {**cuba_lif.CubaLif.units, "cosine": "1/4096", "sine": "1/4096", "resonates": "true or false"}
-    )
+    units = MappingProxyType({**cuba_lif.CubaLif.units, "cosine": "1/4096", "sine": "1/4096"})
     programmed: ClassVar[bool] = True
 
     share: float = param(
@@ -195,6 +194,11 @@ class Resonator(cuba_lif.CubaLif):
                 raise ValueError(f"{name} must have bounds in increasing order, got {list(bounds)}")
         if self.period_unit == "steps":
             self._periods(1.0)
+
+    @classmethod
+    def resonators(cls, parameters: Mapping[str, Array]) -> int:
+        """Return how many neurons of a layer resonate."""
+        return int(np.count_nonzero(parameters["resonates"]))
 
     def population(self, layer: LayerSpec, rng: np.random.Generator) -> Population | cuba_lif.Population:  # type: ignore[override]
         """Return a layer's neurons; an output layer is CUBA-LIF.

@@ -248,14 +248,15 @@ def test_every_fault_of_a_file_at_once():
         "2: key 'updates' in layers[0] does not apply to the input; known: neurons, spikes, mean_rate",
         "2: layers[0].mean_rate must be in [0, 1], got 1.2",
         "3: key 'coers' in layers[1] is unknown; known: neurons, spikes, mean_rate, updates, recurrent, "
-        "cores, stored. Did you mean 'cores'?",
+        "cores, stored, resonators. Did you mean 'cores'?",
         "3: layers[1] must have either spikes or mean_rate, got both",
         "4: layers[2] must have either spikes or mean_rate, got neither",
         "4: layers[2] must have cores, because other layers do",
         "5: layers[3] must be a mapping like the others, got 12",
         "7: mapping must be given in each layer (as cores) if layers are mappings",
         "8: unknown key 'weight_bit'; known: n_steps, step_ms, weight_bits, delay_bits, pipeline_steps, "
-        "layers, spikes, mean_rate, updates, recurrent, mapping, stored. Did you mean 'weight_bits'?",
+        "layers, spikes, mean_rate, updates, recurrent, mapping, stored, resonators. Did you mean "
+        "'weight_bits'?",
     ]
 
 

@@ -13,8 +13,9 @@ the smallest that holds them: on-chip memory (SRAM) of 8 KiB, 32 KiB or 1 MiB, b
 A state takes 32 bits (registers of 24) and a neuron has two, current and voltage; a delay per synapse needs a
 current per step of delay. Where lists of the weights that are left, each with an index of 16 bits, are
 smaller than all weights, lists are stored, and only weights other than 0 are events. Neurons are updated as
-counted: what is 0 and gets no input is left alone. Of design points together, the memory is what the largest
-needs.
+counted: what is 0 and gets no input is left alone. A resonator has two factors of its own, 16 bits each,
+beside its states; its update reads them and has twice the arithmetic, four multiplications instead of two. Of
+design points together, the memory is what the largest needs.
 
 What is counted: `dse.hardware.kinds.operations`.
 Sources: SpikingJelly's estimators and Horowitz 2014 (REFERENCES.md).
@@ -35,6 +36,8 @@ INDEX_BITS = 16
 """Bits of the index of the target neuron in a list of weights."""
 STATE_BITS = 32
 """Bits of a state in memory; the registers of Loihi have 24."""
+FACTORS, FACTOR_BITS = 2, 16
+"""Factors of a resonator, and the bits of one in memory: 12 and a sign."""
 
 _WORD_BITS = 64
 _MEMORIES = ((8, "sram_8_kib_pj"), (32, "sram_32_kib_pj"), (1024, "sram_1_mib_pj"))
@@ -44,6 +47,8 @@ _MEMORIES = ((8, "sram_8_kib_pj"), (32, "sram_32_kib_pj"), (1024, "sram_1_mib_pj
 @dataclass(frozen=True)
 class MemoryHierarchy(Profile):
     """Arithmetic and memory accesses of any classifier, without static power, cores or time."""
+
+    any_neuron = True
 
     int8_addition_pj: Number = figure("pJ", "an 8-bit integer addition")
     int8_mac_pj: Number = figure("pJ", "an 8-bit integer multiply-accumulate")
@@ -84,16 +89,18 @@ def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     if load.stored is not None and as_lists(load, bits):
         n_weights, bits = sum(load.stored), bits + INDEX_BITS
         reached = reached if load.synapses is None else load.synapses
-    n_states = sum(load.sizes[1:]) * states_per_neuron(load.delay_bits)
+    state_bits = sum(load.sizes[1:]) * states_per_neuron(load.delay_bits) * STATE_BITS
+    state_bits += load.n_resonators * FACTORS * FACTOR_BITS
     weight = _access_pj(figures, n_weights * bits, bits)
-    state = _access_pj(figures, n_states * STATE_BITS, STATE_BITS)
+    state, factor = (_access_pj(figures, state_bits, bits) for bits in (STATE_BITS, FACTOR_BITS))
     events = per_count(load, spike=reached)
-    updates = per_count(load, update=[1.0] * (len(load.sizes) - 1))
+    updates, work = (per_count(load, update=x) for x in ([1.0] * len(load.update_work), load.update_work))
     return {
         "addition": np.multiply.outer(figures["int8_addition_pj"], events),
-        "neuron_update": np.multiply.outer(figures["update_pj"], updates),
+        "neuron_update": np.multiply.outer(figures["update_pj"], work),
         "weight_memory": np.multiply.outer(weight, events),
-        "state_memory": np.multiply.outer(state, 2 * events + 4 * updates),
+        "state_memory": np.multiply.outer(state, 2 * events + 4 * updates)
+        + np.multiply.outer(factor, FACTORS * (work - updates)),
     }
 
 

@@ -4,10 +4,10 @@ Dynamic energy, from counts per inference (T steps; layers 1.. are neurons, laye
 
     E = access N T + update U + spike S + event sum_l s_l f_l + message M + hops
 
-N neurons, U updates, S spikes of neurons, s_l spikes and f_l targets per spike of layer l, and M
-messages: one per spike and destination core. On a chip that skips zero weights, f_l counts the weights
-that pruning left (`Workload.synapses`); where only all weights fit, not lists of these, all are stored, and
-are events. Time of a step, from counts per step:
+N neurons, U updates (those of resonators count twice), S spikes of neurons, s_l spikes and f_l targets per
+spike of layer l, and M messages: one per spike and destination core. On a chip that skips zero weights, f_l
+counts the weights that pruning left (`Workload.synapses`); where only all weights fit, not lists of these,
+all are stored, and are events. Time of a step, from counts per step:
 
     t = barrier(tiles) + max over cores of max(send, receive)
     send    = access n + update u + spike s + message_out m        what the core's own n neurons do
@@ -142,7 +142,7 @@ class Mesh(Profile):
                     "do not fit"
                 )
                 placement, synapses = replace(dense, assumptions=(*dense.assumptions, note)), None
-        work = _work(net, placement.cores, synapses, rules)
+        work = _work(net, placement.cores, synapses, load.update_work, rules)
         energy_pj = {
             event: figures[f"{event}_pj"][..., None] * per_count
             for event, per_count in zip(_EVENTS, work.events, strict=True)
@@ -153,6 +153,9 @@ class Mesh(Profile):
         time_ns[..., 0] += self._barrier_ns(placement.n_cores, figures)[..., None]
         chips = -(-max(placement.n_cores, placement.low or 0) // rules.cores)
         static_mw = figures["static_mw"] * chips
+        if load.n_resonators:
+            note = "an update of a resonator counts twice: four multiplications where others have two"
+            placement = replace(placement, assumptions=(*placement.assumptions, note))
         return Plan(
             energy_pj=energy_pj,
             time_ns=time_ns,
@@ -178,7 +181,11 @@ class Mesh(Profile):
 
 @functools.lru_cache(maxsize=1 << 12)
 def _work(
-    net: Architecture, cores: tuple[int, ...], synapses: tuple[float, ...] | None, rules: Rules
+    net: Architecture,
+    cores: tuple[int, ...],
+    synapses: tuple[float, ...] | None,
+    update_work: tuple[float, ...],
+    rules: Rules,
 ) -> _Work:
     """Return the work of a network.
 
@@ -186,6 +193,7 @@ def _work(
         net: the network.
         cores: of each layer after the input.
         synapses: per layer, input first, weights other than 0 that a spike reaches; None: all.
+        update_work: per layer after the input, how often an update counts (`Workload.update_work`).
         rules: of the chip.
     """
     sizes, recurrent, n_layers = net.sizes, net.recurrent, len(net.sizes)
@@ -201,7 +209,7 @@ def _work(
     events = np.zeros((len(_EVENTS), 2 * n_layers))
     access, update, spike, event, message, hop_x, hop_y = events
     access[0] = sum(sizes[1:])
-    update[updates] = 1
+    update[updates] = update_work
     spike[2 : 1 + n_layers] = 1
     event[spikes] = reached
     message[spikes] = destinations
@@ -215,7 +223,7 @@ def _work(
         neurons = -(-sizes[layer] // cores[layer - 1])
         send, receive, share = 2 * layer - 1, 2 * layer, neurons / sizes[layer]
         access[send, 0] = neurons
-        update[send, n_layers + layer] = share
+        update[send, n_layers + layer] = share * update_work[layer - 1]
         spike[send, 1 + layer] = share
         message_out[send, 1 + layer] = destinations[layer] * share
         for source in (layer - 1, layer)[: 1 + recurrent[layer - 1]]:

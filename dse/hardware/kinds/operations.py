@@ -46,6 +46,8 @@ from dse.registry import register
 class CountedOperations(Profile):
     """Energy per operation of any classifier, without memory, static power, cores or time."""
 
+    any_neuron = True
+
     mac_pj: Number = figure("pJ", "a multiply-accumulate")
     addition_pj: Number = figure("pJ", "an accumulation without multiplication, such as a spike's weight")
 

@@ -3,10 +3,10 @@
     E = synaptic_event events + neuron_update N T + spike S        events = sum over layers l of s_l f_l
     t = tick T + synaptic_event_ns events
 
-Counts per inference: T steps, N neurons, S spikes of neurons, s_l spikes and f_l targets per spike of layer
-l. `synaptic_event_pj` of some chips is all that a busy chip draws divided by its events (`all_in`): neurons,
-spikes and static power are inside, near the activity that it was measured at. A chip with little to do draws
-more per event: that is what the high end of its static power is for.
+Counts per inference: T steps, N neurons (resonators count twice), S spikes of neurons, s_l spikes and f_l
+targets per spike of layer l. `synaptic_event_pj` of some chips is all that a busy chip draws divided by its
+events (`all_in`): neurons, spikes and static power are inside, near the activity that it was measured at. A
+chip with little to do draws more per event: that is what the high end of its static power is for.
 
 Where zeros are skipped, f_l counts the weights other than 0. Mapping onto cores of so many neurons, axons
 (sources of spikes) and weights:
@@ -48,7 +48,7 @@ class EventConvention(Profile):
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
         reached = per_count(load, spike=load.fan_out)
-        neurons = per_count(load, step=sum(load.sizes[1:]))
+        neurons = per_count(load, step=sum(load.sizes[1:]) + load.n_resonators)
         return energy_only(
             {
                 "synaptic_event": np.multiply.outer(figures["synaptic_event_pj"], reached),
@@ -93,7 +93,9 @@ class PerEvent(Profile):
         copied = np.add((*onward, 0), (0, *recurrent)) * mapping.axons_per_source
         shares = zip(copied, self._shares(load), strict=True)
         events = per_count(load, spike=[n * share for n, share in shares])
-        neurons = per_count(load, step=sum(onward))
+        neurons = per_count(
+            load, step=sum(n * work for n, work in zip(onward, load.update_work, strict=True))
+        )
         energy = {
             "synaptic_event": np.multiply.outer(figures["synaptic_event_pj"], events),
             "neuron_update": np.multiply.outer(figures["neuron_update_pj"], neurons),

@@ -30,6 +30,8 @@ _ASSUMPTIONS = (
 class Platform(Profile):
     """A computer or board with published power and nothing else; it runs networks of spiking layers."""
 
+    any_neuron = True
+
     idle_w: Number = figure("W", "power at rest")
     beyond_idle_w: Number = figure("W", "power in addition while inference goes on")
 

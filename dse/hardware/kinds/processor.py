@@ -8,6 +8,7 @@
 
 The program is driven by spikes: each walks the weights of its targets and adds them up, one by one. Every
 neuron is updated in every step, as its state decays, and finding out that it need not be costs about as much.
+A resonator has four multiplications where others have two, so its update counts twice.
 Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
 float. Delivering a spike to the loop, and anything done once per step or per inference, is left to the range.
 
@@ -15,7 +16,8 @@ Weights lie in flash as numbers of 8, 16, 32 or 64 bits: shorter ones are not un
 of the weights that are left, each with an index of 16 bits, are smaller than all weights, lists are stored,
 and an event takes index_cycles more; else weights that are 0 take what others take. A delay per synapse takes
 8 bits. States lie in working memory, 32 bits each: current and voltage, and with delays per synapse a current
-per step of delay. The program, its inputs and, of what is no spiking network, activations are not counted.
+per step of delay. The two factors of a resonator lie in flash, 16 bits each; those that other neurons share,
+the program, its inputs and, of what is no spiking network, activations are not counted.
 
 Between steps the processor sleeps, if it can: it takes sleep_uw, and running power for wake_us per step. What
 is no spiking network sleeps until its input has arrived, so something else must gather it; its one wake-up is
@@ -31,7 +33,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.kinds.memory_hierarchy import INDEX_BITS, STATE_BITS, as_lists, states_per_neuron
+from dse.hardware.kinds.memory_hierarchy import (
+    FACTOR_BITS,
+    FACTORS,
+    INDEX_BITS,
+    STATE_BITS,
+    as_lists,
+    states_per_neuron,
+)
 from dse.hardware.plan import Misfit, Placement, Plan, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Floats, Operations, Workload
@@ -44,6 +53,8 @@ _NO_PROGRAM = "the program and its other variables take no memory"
 @dataclass(frozen=True)
 class Processor(Profile):
     """A microcontroller with one core, which runs any classifier."""
+
+    any_neuron = True
 
     cycle_nj: Number = figure("nJ", "energy of a cycle of the running processor, whole chip")
     mac_cycles: Number = figure("1", "cycles per 8-bit integer multiply-accumulate")
@@ -91,7 +102,8 @@ class Processor(Profile):
         lists = as_lists(load, _stored_bits(load))
         n_weights = sum(load.stored or ()) if lists else sum(load.dense)
         beside = _bytes(load.delay_bits) + (INDEX_BITS // 8 if lists else 0)
-        misfits = _flash_misfits(n_weights, load.weight_bits, beside, self._flash_bytes)
+        factors = load.n_resonators * FACTORS * FACTOR_BITS // 8
+        misfits = _flash_misfits(n_weights, load.weight_bits, beside, self._flash_bytes, factors)
         misfits += _sram_misfits(load, int(self.sram_kib.value) * 1024)
         return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor wakes once per step"))
 
@@ -113,7 +125,7 @@ def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     event = figures["event_cycles"] + figures["index_cycles"] * float(lists)
     reached = load.synapses if lists and load.synapses is not None else load.fan_out
     events = per_count(load, spike=reached)
-    neurons = per_count(load, step=sum(load.sizes[1:]))
+    neurons = per_count(load, step=sum(load.sizes[1:]) + load.n_resonators)
     return {
         "synaptic_event": np.multiply.outer(event, events),
         "neuron_update": np.multiply.outer(figures["update_macs"] * figures["mac_cycles"], neurons),
@@ -141,7 +153,9 @@ def _stored_bits(load: Workload) -> int:
     return 8 * (_bytes(load.weight_bits) + _bytes(load.delay_bits))
 
 
-def _flash_misfits(n_weights: int, bits: int, beside: int, flash: int) -> tuple[Misfit, ...]:
+def _flash_misfits(
+    n_weights: int, bits: int, beside: int, flash: int, factors: int = 0
+) -> tuple[Misfit, ...]:
     """Return the misfit of the weights, where there is one.
 
     Args:
@@ -149,8 +163,9 @@ def _flash_misfits(n_weights: int, bits: int, beside: int, flash: int) -> tuple[
         bits: of each.
         beside: bytes that are stored with each.
         flash: bytes that there are.
+        factors: bytes of the neurons' own factors.
     """
-    size = _bytes(bits) + beside
+    size, flash = _bytes(bits) + beside, flash - factors
     if n_weights * size <= flash:
         return ()
     # The longest numbers that fit are the smallest change.
@@ -160,7 +175,8 @@ def _flash_misfits(n_weights: int, bits: int, beside: int, flash: int) -> tuple[
         change = f"at most {flash // size} weights instead of {n_weights}"
     else:
         change = f"weights of {8 * shorter} bits instead of {bits}"
-    text = f"weights of {n_weights * size} bytes, {flash} bytes of flash"
+    left = f" beside {factors} of neurons' factors" if factors else ""
+    text = f"weights of {n_weights * size} bytes, {flash} bytes of flash{left}"
     return (Misfit("flash_kib", text, change),)
 
 
