@@ -106,7 +106,7 @@ def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path)
             return  # this family has no neurons
         neurons += named
     known: dict[str, Any] = registry.known("neurons")
-    if not all(known[neuron].programmed for neuron in neurons):
+    if not all(getattr(known[neuron], "programmed", False) for neuron in neurons):
         return
     kinds: dict[str, Any] = registry.known("hardware.kinds")
     for index, name in enumerate(names):
