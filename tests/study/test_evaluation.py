@@ -54,6 +54,7 @@ def written(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any
         force=FORCE,
         repetition=REPETITION,
         session=np.arange(18) % 2,
+        hard=LABEL // 2,
     )
     space = {
         "study": name,
@@ -62,7 +63,8 @@ def written(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any
             "kind": "raster",
             "file": "x.npz",
             "step_ms": 5.0,
-            "columns": {"fabric": "label"} | {name: name for name in ("force", "repetition", "session")},
+            "columns": {"fabric": "label"}
+            | {name: name for name in ("force", "repetition", "session", "hard")},
         },
         "task": {"target": "fabric"},
         "window": {"n_steps": 12},
@@ -254,3 +256,55 @@ def test_what_only_recordings_show_is_refused_before_any_training(
     assert fault.message == message
     assert line in path.read_text().splitlines()[fault.line - 1] or line == "- 13"
     assert fault.path == str(path)
+
+
+def test_every_family_is_evaluated(tmp_path: Path) -> None:
+    kinds = [
+        {"kind": "snn", "hidden": [4]},
+        {"kind": "threshold_lif", "weights": "learnt"},
+        {"kind": "elm", "hidden": 8, "window_ms": 20.0, "windows": 3},
+        {"kind": "hots", "layers": 1, "prototypes": 2, "radius": 1},
+        {"kind": "naive_bayes", "window_ms": 20.0},
+        {"kind": "mlp", "window_ms": 20.0, "hidden": 4, "epochs": 2},
+        KNN,
+    ]
+    study = run(
+        tmp_path,
+        by_channel(),
+        model={"choice": kinds},
+        window={"n_steps": 12, "jitter_steps": 2},
+        training={**FEW, "crops": 3},
+        evaluation={"shifts": [3], "leave_out": "force"},
+    )
+    assert set(study.trials["status"]) == {"finished"}, study.trials["reason"].tolist()
+    assert study.trials["family"].tolist() == [kind["kind"] for kind in kinds]
+    # The recordings do not change over time, so moved windows are the same windows.
+    assert study.trials["accuracy_shifted"].tolist() == study.trials["accuracy"].tolist()
+    assert study.trials["accuracy_unseen"].between(0, 1).all()
+
+
+def test_a_joint_target_has_columns_for_each_head(tmp_path: Path) -> None:
+    models = {
+        "choice": [
+            {"kind": "snn", "hidden": [4]},
+            {"kind": "cascade", "hidden": [4], "first_hidden": [4]},
+            KNN,
+        ]
+    }
+    study = run(
+        tmp_path,
+        by_channel(),
+        task={"target": ["fabric", "hard"], "joint": True},
+        model=models,
+        training=FEW,
+        evaluation={"shifts": [3], "leave_out": "force"},
+    )
+    assert set(study.trials["status"]) == {"finished"}, study.trials["reason"].tolist()
+    points = study.points()
+    full = points[points["read_out_ms"].isna() & points["phi"].isna()]
+    assert full["task"].tolist() == ["fabric", "hard"] * 3
+    assert full["accuracy_shifted"].tolist() == full["accuracy"].tolist()
+    [knn] = study.runs(2)
+    joint, heads = knn["unseen"]["force"], knn["of_heads"]
+    for fold in ("1", "2", "3"):
+        assert joint[fold] <= min(heads[name]["unseen"]["force"][fold] for name in ("fabric", "hard"))
