@@ -10,7 +10,7 @@ from dse.cli import main
 from dse.config import load_space
 from dse.dataset import cache
 from dse.recordings import RecordingError
-from dse.study import explore, results
+from dse.study import explore
 from dse.study.preview import preview
 
 SPACE = """\
@@ -88,6 +88,8 @@ def test_an_audit_is_stored_and_mentioned(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     space = write(tmp_path, slope=2)
     assert "shortcuts" not in preview(space)
+    study = explore.run(space, tmp_path / "results", jobs=1, progress=False)
+    assert study.audit is None and not (study.folder / record.FILE).exists()
     assert main(["audit", str(space.source), "--format", "json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert any(row["probe"] == "drift" and row["shortcut"] for row in rows)
@@ -101,13 +103,6 @@ def test_an_audit_is_stored_and_mentioned(tmp_path, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out)["sections"]["audit of felt"]["rows"] == rows
     changed = record.last(write(tmp_path, slope=3), cache.usual_root())
     assert changed is None, "other recordings have not been audited"
-
-
-def test_a_study_without_an_audit(tmp_path, monkeypatch):
-    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
-    study = explore.run(write(tmp_path), tmp_path / "results", jobs=1, progress=False)
-    assert results.open(study.folder).audit is None
-    assert not (study.folder / record.FILE).exists()
 
 
 def test_a_shift_without_room_is_refused(tmp_path, monkeypatch, capsys):

@@ -8,7 +8,7 @@ import pytest
 from dse.audit import AuditRow, Levels, Material, probe, readers, rows
 from tests.audit import planted
 
-SEEDS = range(5)
+SEEDS = range(3)
 
 
 def audited(material: Material) -> dict[str, AuditRow]:
@@ -35,7 +35,6 @@ def test_clean_recordings_are_read_wherever_the_window_lies():
     assert audit["unseen force"].without > 0.9
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(
     ("made", "name", "remedy", "others"),
     [
@@ -54,8 +53,8 @@ def test_clean_recordings_are_read_wherever_the_window_lies():
         (planted.by_order, "identity: trial", "blocks of trial", set()),
     ],
 )
-def test_a_planted_shortcut_is_found(made, name, remedy, others, seed):
-    audit = audited(made(seed))
+def test_a_planted_shortcut_is_found(made, name, remedy, others):
+    audit = audited(made(0))
     assert audit[name].shortcut, audit[name]
     assert remedy in audit[name].remedy
     assert {name for name, row in audit.items() if row.shortcut} - {name} <= others
