@@ -1,8 +1,9 @@
 "use strict";
 // What could pass for skill in the recordings and the split: a row per probe of `dse audit`.
 const Audit = (() => {
-  const COLUMNS = ["task", "probe", "reader", "accuracy", "chance", "without", "verdict", "remedy"];
-  const NUMBERS = ["accuracy", "chance", "without"];
+  const COLUMNS = ["task", "probe", "accuracy", "chance", "without", "verdict"];
+  const ERRORS = { accuracy: "se", chance: null, without: "without_se" }; // of the columns of numbers
+  const BELOW = { probe: "reader", verdict: "remedy" }; // in the same cell
 
   function view(root, app) {
     const { element, number } = app;
@@ -11,13 +12,18 @@ const Audit = (() => {
     root.append(element("details", {}, line, element("div", { className: "scroll" }, table)));
     let drawn = null;
 
+    const isNumber = (column) => Object.hasOwn(ERRORS, column);
+
+    function value(row, column) {
+      if (row[column] === null || !isNumber(column)) return row[column] ?? "–";
+      const error = row[ERRORS[column]] ?? null;
+      return number(row[column], true) + (error === null ? "" : ` ± ${Number(error.toPrecision(1))}`);
+    }
+
     function cell(row, column) {
-      const className = NUMBERS.includes(column) ? "" : "text";
-      const error = column === "accuracy" ? row.se : column === "without" ? row.without_se : null;
-      const text = row[column] === null ? "–"
-        : NUMBERS.includes(column) ? number(row[column], true) + (error === null ? "" : ` ± ${Number(error.toPrecision(1))}`)
-        : String(row[column]);
-      return element("td", { className, textContent: text });
+      const below = row[BELOW[column]] ? [element("small", { textContent: row[BELOW[column]] })] : [];
+      const className = isNumber(column) ? "" : `text ${column}`;
+      return element("td", { className }, String(value(row, column)), ...below);
     }
 
     function render({ page }) {
@@ -32,7 +38,7 @@ const Audit = (() => {
       line.textContent = named.length ? `Audit: could pass for skill: ${named.join(", ")}`
         : "Audit: no probe found a shortcut in the recordings";
       table.tHead.replaceChildren(element("tr", {}, ...columns.map((column) =>
-        element("th", { scope: "col", className: NUMBERS.includes(column) ? "" : "text", textContent: column }))));
+        element("th", { scope: "col", className: isNumber(column) ? "" : "text", textContent: column }))));
       table.tBodies[0].replaceChildren(...rows.map((row) =>
         element("tr", { className: row.shortcut ? "shortcut" : "" }, ...columns.map((column) => cell(row, column)))));
     }
