@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dse.audit import groups, length, position, rest, totals, twins
-from dse.audit.gather import designs, first_values, material
+from dse.audit import groups, leaks, length, position, rest, totals, twins
+from dse.audit.gather import designs, material, values_of, without_labels
 from dse.audit.material import Material
 from dse.audit.rows import AuditRow
 from dse.config import SearchSpace
-from dse.config.values import echo
 from dse.dataset.parts import Progress, silent
 from dse.recordings import RecordingError
 
@@ -38,7 +37,8 @@ class Audit:
 def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: Progress = silent) -> Audit:
     """Return what could pass for skill in the recordings and the split of a search space.
 
-    Probes run on the spikes of its first design, for each of its targets.
+    Probes run on the spikes of its first design, for each of its targets. If the encoder of that design
+    reads labels, a row says so, and the others are of the first design whose encoder reads none.
 
     Args:
         space: search space.
@@ -51,16 +51,21 @@ def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: 
         OSError: the cache cannot be written.
     """
     notes = [_HOW]
-    if values := first_values(space):
-        notes.append("audited at " + ", ".join(f"{name} {echo(value)}" for name, value in values.items()))
+    if (k_fold := space.split.k_fold) is not None:
+        notes.append(f"audited on fold {k_fold.fold} of {k_fold.k}")
     rows: list[AuditRow] = []
     for design in designs(space):
         read = material(space, design, root, shifts, progress)
+        if read.reads_labels and (honest := without_labels(space, design)) is not None:
+            leaky, design = read, honest
+            read = material(space, design, root, shifts, progress)
+            rows.append(leaks.of_encoder(leaky, read))
         if shifts and not position.has_room_for(read, shifts).any():
             steps = ", ".join(map(str, shifts))
-            raise RecordingError(
-                f"no validation window of {read.task} can be moved by {steps} steps in its recording"
-            )
+            text = f"no validation window of {read.task} can be moved by {steps} steps in its recording"
+            raise RecordingError(text)
+        if values := values_of(design):
+            notes.append(f"audited at {values}")
         probed, sentences = probe(read, shifts)
         rows += probed
         notes += sentences
@@ -75,8 +80,14 @@ def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], l
     verdict = "the better of these is what shortcuts are compared with"
     rows = [read.row("counts over time", score, verdict) for score in read.scores.values()]
     rows += [*totals.rows(read), *rest.rows(read), *length.rows(read)]
-    rows += [*moved, *twins.rows(read), *groups.rows(read)]
+    rows += [*moved, *twins.rows(read), *leaks.rows(read), *groups.rows(read)]
     notes = [f"{read.task}: {silence}"] if (silence := totals.silence(read)) else []
+    for part, drawn, every in (
+        ("training", read.train, read.dataset.train),
+        ("validation", read.validation, read.dataset.validation),
+    ):
+        if len(drawn) < len(every):
+            notes.append(f"{read.task}: {len(drawn)} of {len(every)} {part} samples are drawn")
     if not moved:
         notes.append(f"{read.task}: windows have no room to move in their recordings")
     constant = [name for name, values in read.columns.items() if len(set(values[read.train].tolist())) == 1]

@@ -16,6 +16,7 @@ from dse.config.contracts import Encoder
 from dse.config.resolved import Sections
 from dse.config.settings import Window
 from dse.config.space import Design
+from dse.config.values import echo
 from dse.dataset.parts import Progress, place_signals, seen_by_encoder, silent
 from dse.recordings.targets import target_columns
 from dse.recordings.windows import mean_levels
@@ -27,6 +28,7 @@ MOST = 1000
 FIRST = 16
 """The resting level is the mean of the first sixteenth of a window."""
 
+_MOST_ENCODERS = 1000
 _DATA = ("task", "window", "preprocessing", "encoder")
 
 
@@ -38,12 +40,17 @@ def designs(space: SearchSpace) -> Iterator[Design]:
         yield first if axis is None else first | {axis.name: value}
 
 
-def first_values(space: SearchSpace) -> dict[str, object]:
-    """Return the axes of the data and the value of each that is audited, without the target."""
-    design = next(designs(space))
-    return {
-        name: value for name, value in design.items() if name.split(".")[0] in _DATA and name != "task.target"
-    }
+def without_labels(space: SearchSpace, design: Design) -> Design | None:
+    """Return the first design for the same target whose encoder reads no labels; None where there is none."""
+    target = {name: design[name] for name in ("task.target",) if name in design}
+    others = (other | target for other in corners(space, ("encoder",), _MOST_ENCODERS))
+    return next((other for other in others if not space.resolve(other).reads_labels), None)
+
+
+def values_of(design: Design) -> str:
+    """Return the values of a design on the axes of the data, without the target, in words."""
+    axes = (name for name in design if name.split(".")[0] in _DATA and name != "task.target")
+    return ", ".join(f"{name} {echo(design[name])}" for name in axes)
 
 
 def sections_of(space: SearchSpace, design: Design) -> Sections:
@@ -97,6 +104,7 @@ def material(
         levels=levels,
         reach=0 if window.cut_steps is None else (window.cut_steps - 1) // every,
         leak=dataset.transductive(folder),
+        reads_labels=bool(sections.reads_labels),
     )
 
 
@@ -104,7 +112,7 @@ def _with_room(window: Window, shifts: Sequence[int]) -> Window:
     """Return a window that training may move far enough for the shifts; whole recordings have no room."""
     if window.n_steps is None:
         return window
-    usual = window.n_steps // position.FRACTIONS[0]
+    usual = max(1, window.n_steps // position.FRACTIONS[0])
     if window.jitter_steps:
         usual = max(usual, position.furthest(window.jitter_steps, window.n_steps))
     most = max(map(abs, shifts), default=usual)

@@ -16,7 +16,7 @@ from dse.audit.twins import FEW
 from dse.config.resolved import LeftOut
 from dse.config.settings import Groups
 from dse.recordings.groups import folds, without
-from dse.recordings.splits import NUMBER, ORIGINAL
+from dse.recordings.splits import NUMBER
 from dse.records import Array, Bools, Ints
 
 MOST_FOLDS = 8
@@ -25,8 +25,8 @@ FOLDS = 5
 
 
 def rows(material: Material) -> list[AuditRow]:
-    """Return a row per label column that neither the target nor the split reads, and the row of the leak."""
-    audit = [_leak(material)] if material.leak else []
+    """Return a row per label column that neither the target nor the split reads."""
+    audit = []
     for name, values in material.columns.items():
         if name in (*material.target_columns, *material.split_columns, NUMBER):
             continue
@@ -38,22 +38,6 @@ def rows(material: Material) -> list[AuditRow]:
         elif values.dtype.kind in "iuf":
             audit.append(_order(material, name, values))
     return audit
-
-
-def _leak(material: Material) -> AuditRow:
-    """Return the row of an evaluation that has seen its answers: windows with common steps, or an encoder."""
-    original, number = material.columns.get(ORIGINAL), material.columns.get(NUMBER)
-    before, apart_only = material.best, None
-    if original is not None and number is not None and material.reach:
-        same = original[material.validation][:, None] == original[material.train]
-        apart = np.abs(number[material.validation][:, None] - number[material.train])
-        before = material.scores[NEAREST]
-        place = nearest(material.distances, ~(same & (apart <= material.reach)))
-        apart_only = material.score(NEAREST, classes_of(material.codes, place))
-    remedy = "an encoder that reads no labels"
-    if "encoder" not in material.leak:
-        remedy = f"split by column '{ORIGINAL}', e.g. split.stratified.group: {ORIGINAL}"
-    return material.row("label leak", before, material.leak, shortcut=True, remedy=remedy, without=apart_only)
 
 
 def _group(material: Material, name: str, values: Array) -> AuditRow:

@@ -46,6 +46,7 @@ class Material:
     levels: of sampled signals; None of other recordings.
     reach: windows that were cut from one recording share steps where their numbers differ by at most this.
     leak: why the evaluation has seen its answers; '' where it has not.
+    reads_labels: whether the encoder reads the labels of what it encodes.
     """
 
     task: str
@@ -62,6 +63,7 @@ class Material:
     levels: Levels | None = None
     reach: int = 0
     leak: str = ""
+    reads_labels: bool = False
 
     @property
     def codes(self) -> Ints:

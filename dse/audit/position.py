@@ -21,11 +21,9 @@ CROPS = 17
 def usual_shifts(material: Material) -> tuple[int, ...]:
     """Return the shifts of an audit in steps, later and earlier; none where windows have no room."""
     for fraction in FRACTIONS:
-        steps = material.dataset.n_steps // fraction
+        steps = max(1, material.dataset.n_steps // fraction)
         with_room = [
-            s
-            for s in (steps, -steps)
-            if s and has_room(material.dataset, s)[material.validation].mean() >= HALF
+            s for s in (steps, -steps) if has_room(material.dataset, s)[material.validation].mean() >= HALF
         ]
         if with_room:
             return tuple(with_room)

@@ -61,7 +61,7 @@ def _row(
     before = material.best
     needed = share_lost(before, without) >= HALF and is_lower(before.correct, without.correct)
     if not needed and share < HALF:
-        sentence += f", but spikes hardly show it: without it {percent(share)} of the counts differ"
+        sentence += f", but readers do without it ({percent(share)} of the spike counts follow it)"
         return material.row(probe, score, sentence, without=without)
     sentence += f", and {percent(share)} of the spike counts follow it"
     return material.row(probe, score, sentence, shortcut=True, remedy=remedy, without=without)

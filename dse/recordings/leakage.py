@@ -1,4 +1,7 @@
-"""Shortcuts that predict the label of a recording without any information about touch."""
+"""Shortcuts that predict the label of a recording without any information about touch.
+
+These are checked whenever data are prepared; `dse.audit` probes more, and whether spikes show them.
+"""
 
 from __future__ import annotations
 

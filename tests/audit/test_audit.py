@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from dse.audit import audit, record
+from dse.audit import audit, gather, record
 from dse.cli import main
 from dse.config import load_space
 from dse.dataset import cache
@@ -48,7 +48,7 @@ def row_of(space, folder, probe):
 def test_an_encoder_of_changes_hides_the_resting_level(tmp_path):
     row = row_of(write(tmp_path, level=40), tmp_path, "resting level")
     assert row.accuracy == 1 and not row.shortcut
-    assert row.verdict.endswith("but spikes hardly show it: without it 0 % of the counts differ")
+    assert row.verdict.endswith("but readers do without it (0 % of the spike counts follow it)")
 
 
 def test_an_encoder_of_levels_shows_the_resting_level(tmp_path):
@@ -82,6 +82,29 @@ def test_windows_of_one_recording_on_both_sides(tmp_path):
     row = row_of(write(tmp_path, text=text), tmp_path, "label leak")
     assert row.shortcut and "windows with common steps of one recording" in row.verdict
     assert row.without is not None
+
+
+def test_an_encoder_that_reads_labels(tmp_path):
+    threshold = "{kind: threshold, matching: {choice: [own_label, nearest]}}"
+    text = SPACE.replace("{kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}", threshold)
+    result = audit(write(tmp_path, text=text), tmp_path / "cache")
+    leak, first = result.rows[0], result.rows[1]
+    assert leak.probe == "label leak" and leak.shortcut and leak.accuracy == 1
+    assert leak.without == max(row.accuracy for row in result.rows[1:] if row.probe == first.probe) < 0.7
+    assert "audited at encoder.matching 'nearest'" in result.notes
+    only = SPACE.replace(
+        "{kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}", threshold.replace(", nearest", "")
+    )
+    result = audit(write(tmp_path, text=only), tmp_path / "cache")
+    assert [row.shortcut for row in result.rows if row.probe == "label leak"] == [True]
+
+
+def test_folds_and_draws_are_stated(tmp_path, monkeypatch):
+    monkeypatch.setattr(gather, "MOST", 30)
+    folds = SPACE.replace("{train: {part: [0]}, validation: {part: [1]}}", "{k_fold: {k: 2}}")
+    notes = audit(write(tmp_path, text=folds), tmp_path / "cache").notes
+    assert "audited on fold 0 of 2" in notes
+    assert "material: 30 of 40 training samples are drawn" in notes
 
 
 def test_an_audit_is_stored_and_mentioned(tmp_path, monkeypatch, capsys):

@@ -132,7 +132,7 @@ def test_signals_that_rest_at_another_level():
 
     hidden = Levels(level, none, lambda constant, trend: cut(as_before))
     row = audited(dataclasses.replace(material, levels=hidden))["resting level"]
-    assert not row.shortcut and "hardly show it: without it 0 %" in row.verdict
+    assert not row.shortcut and "readers do without it (0 %" in row.verdict
     assert row.without == pytest.approx(audited(material)["counts over time"].accuracy, abs=0.1)
     silent = planted.spikes_of(np.zeros((len(level), planted.N_STEPS, planted.N_CHANNELS), bool))
     shown = Levels(level, level, lambda constant, trend: silent)

@@ -35,10 +35,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
     space = load(arguments)
     from dse.audit import audit, record
     from dse.dataset import cache
+    from dse.study.progress import Lines
 
     with tempfile.TemporaryDirectory() as instead:
         root, note = cache.opened_root(Path(instead))
-        result = audit(space, root, arguments.shifts)
+        result = audit(space, root, arguments.shifts, Lines().doing)
         if not note:
             record.save(result, space, root)
     table = audit_answer(result)
