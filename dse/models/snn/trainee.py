@@ -13,7 +13,7 @@ from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
-from dse.neurons.fixed_point import WEIGHT_SCALE
+from dse.neurons.fixed_point import WEIGHT_SCALE, quantise_passes
 from dse.records import Array, Floats
 
 SATURATED = 0.95
@@ -168,9 +168,12 @@ class Trainee:
             growth = _rms(w) / max(_rms(before), 2 / WEIGHT_SCALE)
             if not math.isfinite(growth):
                 return f"a weight is not finite after epoch {epoch + 1}"
-            if growth > _LOST_GROWTH:
-                layer = number % len(layers) + 1
+            layer = number % len(layers) + 1
+            if self.model.arithmetic != "integer" and growth > _LOST_GROWTH:
                 return f"the weights of layer {layer} have grown {growth:.0e} times after epoch {epoch + 1}"
+            # A weight beyond the range of 8 bits has no gradient: growth ends there.
+            if self.model.arithmetic == "integer" and not quantise_passes(w).any():
+                return f"the weights of layer {layer} all exceed 8 bits after epoch {epoch + 1}"
         return ""
 
 
