@@ -15,6 +15,7 @@ import numpy as np
 
 from dse.engine.layers import kernel_population
 from dse.engine.member import Member
+from dse.neurons import cuba_lif, resonator
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array, Ints
 
@@ -52,7 +53,9 @@ class Stage:
     is_output: (tile,) the tile belongs to its owner's last layer.
     ahead_first, ahead_count: (tile,) int32 the owner's tiles in the next stage; 0 where there are none.
     feed_forward, recurrent: the panels of either kind of weights.
-    keep_u, keep_v: (tile, WIDTH) int32 4096 - decay, of the current and of the potential.
+    keep_u, keep_v: (tile, WIDTH) int32 factors of either state in 1/4096: 4096 - decay, or c of a resonator.
+    cross: (4, tile, WIDTH) int32 dse.neurons.resonator.Cross, the first two in 1/4096; (4, 0, WIDTH): no
+        layer has resonators.
     threshold: (tile,) int32 mantissa.
     surrogate: (4, tile) float64 of Exponential.exponents.
     unit, recurrent_unit: (tile, WIDTH) float32.
@@ -68,6 +71,7 @@ class Stage:
     recurrent: Panels
     keep_u: Ints
     keep_v: Ints
+    cross: Ints
     threshold: Array
     surrogate: Array
     unit: Array
@@ -122,6 +126,14 @@ def stages(members: Sequence[Member]) -> tuple[Stage, ...]:
     )
 
 
+def _cross(population: cuba_lif.Population | resonator.Population) -> tuple[Array, ...]:
+    """Return what one state gives to the other, in 1/4096 where it is of the step before."""
+    if isinstance(population, cuba_lif.Population):
+        return np.zeros(()), np.zeros(()), np.ones(()), np.zeros(())
+    y_to_x, x_to_y, now_to_y, hold = population.cross
+    return np.rint(DECAY_SCALE * y_to_x), np.rint(DECAY_SCALE * x_to_y), now_to_y, hold
+
+
 def _stage(
     members: Sequence[Member],
     depth: int,
@@ -141,6 +153,7 @@ def _stage(
         rows = [columns(np.broadcast_to(v, n).astype(kind)) for v, n in zip(values, sizes, strict=True)]
         return np.concatenate([row[:, 0] for row in rows])
 
+    crosses = [_cross(p) for p in populations]
     surrogates = [x.surrogate.exponents(p.to_threshold) for x, p in zip(layers, populations, strict=True)]
     ring_units = [x.unit if x.recurrent_unit is None else x.recurrent_unit for x in layers]
     return Stage(
@@ -152,8 +165,11 @@ def _stage(
         ahead[1][owner],
         _panels(before[0][owner], before[1][owner]),
         _panels(here[0][owner], np.where(has_ring, here[1], 0)[owner]),
-        per_neuron([DECAY_SCALE - p.decay_current for p in populations], np.int32),
-        per_neuron([DECAY_SCALE - p.decay_voltage for p in populations], np.int32),
+        per_neuron([np.rint(DECAY_SCALE * p.keep[0]) for p in populations], np.int32),
+        per_neuron([np.rint(DECAY_SCALE * p.keep[1]) for p in populations], np.int32),
+        np.stack([per_neuron([cross[k] for cross in crosses], np.int32) for k in range(4)])
+        if any(isinstance(p, resonator.Population) for p in populations)
+        else np.zeros((4, 0, WIDTH), np.int32),
         np.repeat(np.asarray([p.threshold for p in populations], np.int32), tiles),
         np.repeat(np.asarray(surrogates), tiles, axis=0).T.copy(),
         per_neuron([x.unit for x in layers], np.float32),

@@ -117,7 +117,9 @@ class Level:
         self.ones = torch.ones(stage.n_tiles, device=device)
         self._first, self._count = on_device(stage.first, device), on_device(stage.count, device)
         self._ahead = on_device(stage.ahead_first, device), on_device(stage.ahead_count, device)
-        self._keep = on_device(stage.keep_u, device), on_device(stage.keep_v, device)
+        factors = (stage.keep_u, stage.keep_v, stage.cross)
+        self._factors = tuple(on_device(x, device) for x in factors)
+        self._turns = stage.cross.size > 0
         self._threshold = on_device(stage.threshold, device)
         self._surrogate = on_device(stage.surrogate, device)
         penalty = np.concatenate([_penalty(m, depth) for m in members if depth < len(m.layers)])
@@ -172,7 +174,7 @@ class Level:
                 n_sent,
                 tiles.every,
                 n_sent if dropout.kept is None else dropout.kept,
-                *self._keep,
+                *self._factors,
                 self._threshold,
                 self._surrogate,
                 n_tiles,
@@ -183,6 +185,7 @@ class Level:
                 INTEGER=self.numbers.integer,
                 MASKED=dropout.kept is not None,
                 STEPWISE=ring is not None,
+                TURNS=self._turns,
                 num_warps=2,
                 **UNFUSED,
             )
@@ -266,7 +269,8 @@ class Level:
                     trace.n_sent if kept is None else kept,
                     dropout.factor,
                     self._penalty,
-                    *self._keep,
+                    *self._factors,
+                    self.stage.n_tiles,
                     n,
                     n_steps,
                     0 if ring is None else end - 1,
@@ -277,6 +281,7 @@ class Level:
                     MASKED=kept is not None,
                     PENALISED=self._is_penalised and not is_output,
                     STEPWISE=ring is not None,
+                    TURNS=self._turns,
                     num_warps=2,
                     **UNFUSED,
                 )

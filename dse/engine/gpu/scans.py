@@ -32,6 +32,7 @@ def scan(
     kept: tl.tensor,
     keep_u_ptr: tl.tensor,
     keep_v_ptr: tl.tensor,
+    cross: tl.tensor,
     threshold: tl.tensor,
     surrogate: tl.tensor,
     n_tiles: tl.tensor,
@@ -42,6 +43,7 @@ def scan(
     INTEGER: tl.constexpr,
     MASKED: tl.constexpr,
     STEPWISE: tl.constexpr,
+    TURNS: tl.constexpr,
 ) -> None:
     """Run neurons over some steps; z becomes the surrogate gradient (dse.neurons.cuba_lif.Population.step).
 
@@ -57,8 +59,9 @@ def scan(
         n_sent: those before the last step, likewise.
         tiles: tile numbers, one per program on axis 0; blocks of samples on axis 1.
         kept: (tile, sample, WIDTH) uint8, 0 where dropout silences a neuron; read where MASKED.
-        keep_u_ptr: (tile, WIDTH) int32 4096 - decay.
+        keep_u_ptr: (tile, WIDTH) int32 factor in 1/4096.
         keep_v_ptr: likewise.
+        cross: (4, tile, WIDTH) int32 of Stage, read where TURNS.
         threshold: (tile,) int32 mantissa.
         surrogate: (4, n_tiles) float64 of Exponential.exponents.
         n_tiles: tiles of the arrays.
@@ -69,6 +72,7 @@ def scan(
         INTEGER: integer states; otherwise states of z's precision.
         MASKED: some neurons are silenced.
         STEPWISE: states are kept between calls.
+        TURNS: some neurons are resonators (dse.neurons.resonator).
     """
     tile = tl.load(tiles + tl.program_id(0)).to(tl.int64)
     sample = tl.program_id(1) * SAMPLES + tl.arange(0, SAMPLES)
@@ -92,6 +96,15 @@ def scan(
         above = mantissa.to(real) * (1 / _WEIGHT_SCALE)
         u = tl.zeros((SAMPLES, WIDTH), real)
     v = u
+    if TURNS:
+        one = n_tiles * WIDTH
+        v_to_u = tl.load(cross + of_column).to(keep_u.dtype)
+        u_to_v = tl.load(cross + one + of_column).to(keep_u.dtype)
+        now_to_v = tl.load(cross + 2 * one + of_column).to(keep_u.dtype)
+        hold = tl.load(cross + 3 * one + of_column).to(keep_u.dtype)
+        if not INTEGER:
+            v_to_u = v_to_u * (1 / _DECAY_SCALE)
+            u_to_v = u_to_v * (1 / _DECAY_SCALE)
     fired_before = tl.zeros((SAMPLES, WIDTH), tl.int32)
     sent_before = fired_before
     if STEPWISE:
@@ -117,7 +130,17 @@ def scan(
             tl.store(raw + at, nothing, mask=inside)
     for t in range(first_step, end_step):
         drive = tl.load(z + at, mask=inside, other=0.0)
-        if INTEGER:  # every rounding is toward zero
+        if TURNS:
+            across_u = u * keep_u + v * v_to_u
+            across_v = v * keep_v + u * u_to_v
+            if INTEGER:
+                u = tl.where(across_u < 0, -((-across_u) >> 12), across_u >> 12)
+                u += (drive * _STATE_SCALE).to(tl.int64)
+                before = tl.where(across_v < 0, -((-across_v) >> 12), across_v >> 12) + now_to_v * u
+            else:
+                u = across_u + drive
+                before = across_v + now_to_v * u
+        elif INTEGER:  # every rounding is toward zero
             u = tl.where(u < 0, -((-u * keep_u) >> 12), (u * keep_u) >> 12)
             u += (drive * _STATE_SCALE).to(tl.int64)
             before = tl.where(v < 0, -((-v * keep_v) >> 12), (v * keep_v) >> 12) + u
@@ -125,7 +148,10 @@ def scan(
             u = u * keep_u + drive
             before = v * keep_v + u
         fired = before > above
-        v = tl.where(fired, tl.zeros_like(before), before)
+        if TURNS:
+            v = tl.where(fired, hold * before, before)
+        else:
+            v = tl.where(fired, tl.zeros_like(before), before)
         potential = before.to(real)
         if INTEGER:
             potential = potential * (1 / _STATE_SCALE)
@@ -160,6 +186,8 @@ def scan_back(
     penalty: tl.tensor,
     keep_u_ptr: tl.tensor,
     keep_v_ptr: tl.tensor,
+    cross: tl.tensor,
+    n_tiles: tl.tensor,
     n_samples: tl.tensor,
     n_steps: tl.tensor,
     first_step: tl.tensor,
@@ -170,6 +198,7 @@ def scan_back(
     MASKED: tl.constexpr,
     PENALISED: tl.constexpr,
     STEPWISE: tl.constexpr,
+    TURNS: tl.constexpr,
 ) -> None:
     """Set dL/dz of some steps, backward in time, the reset ignored (dse.neurons.cuba_lif.backward).
 
@@ -185,8 +214,10 @@ def scan_back(
         kept: (tile, sample, WIDTH) uint8, 0 where dropout silences a neuron; read where MASKED.
         factor: (tile,) float32 gain of spikes that are kept, read where MASKED.
         penalty: (tile, WIDTH) what every spike adds to the loss, read where PENALISED.
-        keep_u_ptr: (tile, WIDTH) int32 4096 - decay.
+        keep_u_ptr: (tile, WIDTH) int32 factor in 1/4096.
         keep_v_ptr: likewise.
+        cross: (4, tile, WIDTH) int32 of Stage, read where TURNS.
+        n_tiles: tiles of the arrays.
         n_samples: samples of the arrays.
         n_steps: steps of the arrays.
         first_step: the last step to run; 0 unless STEPWISE.
@@ -197,6 +228,7 @@ def scan_back(
         MASKED: some neurons are silenced.
         PENALISED: spikes add to the loss.
         STEPWISE: sums are kept between calls.
+        TURNS: some neurons are resonators.
     """
     tile = tl.load(tiles + tl.program_id(0)).to(tl.int64)
     sample = tl.program_id(1) * SAMPLES + tl.arange(0, SAMPLES)
@@ -208,6 +240,11 @@ def scan_back(
     of_column = tile * WIDTH + column[None, :]
     keep_u = tl.load(keep_u_ptr + of_column).to(real) * (1 / _DECAY_SCALE)
     keep_v = tl.load(keep_v_ptr + of_column).to(real) * (1 / _DECAY_SCALE)
+    if TURNS:
+        one = n_tiles * WIDTH
+        v_to_u = tl.load(cross + of_column).to(real) * (1 / _DECAY_SCALE)
+        u_to_v = tl.load(cross + one + of_column).to(real) * (1 / _DECAY_SCALE)
+        now_to_v = tl.load(cross + 2 * one + of_column).to(real)
     lv = tl.zeros((SAMPLES, WIDTH), real)
     lu = lv
     if STEPWISE:
@@ -231,8 +268,14 @@ def scan_back(
             by_spike += tl.load(by_ring + of_sample, mask=leaves, other=0.0)
         if PENALISED:
             by_spike += tl.load(penalty + of_column)
-        lv = keep_v * lv + by_spike * tl.load(slope + at, mask=inside, other=0.0)
-        lu = keep_u * lu + lv
+        by_v = by_spike * tl.load(slope + at, mask=inside, other=0.0)
+        if TURNS:
+            later = lv
+            lv = keep_v * lv + (v_to_u * lu + by_v)
+            lu = keep_u * lu + (u_to_v * later + now_to_v * lv)
+        else:
+            lv = keep_v * lv + by_v
+            lu = keep_u * lu + lv
         store_parts(by_z, at, by_z_size, lu, inside, N_PARTS)
         at -= WIDTH
     if STEPWISE:

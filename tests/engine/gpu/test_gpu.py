@@ -28,8 +28,9 @@ from dse.engine.member import Engine, Masters, Member, Report, TrainedLayer, Tur
 from dse.engine.network import gradients as on_cpu
 from dse.models.snn.family import SNN
 from dse.models.training import FitRequest, Training
-from dse.neurons import cuba_lif, fixed_point
+from dse.neurons import LayerSpec, cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
+from dse.neurons.resonator import Resonator
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic, Outcome
 from tests.models.snn.toy import rngs, toy
@@ -87,6 +88,18 @@ def member(
     return Member(tuple(layers), true_rate, 0.05, arithmetic, clip_norm)
 
 
+def resonating(of: Member, share: float, *, reset: bool = False) -> Member:
+    """Return a member whose hidden neurons resonate, or some of them."""
+    neuron = Resonator(share=share, period=(3, 12), reset=reset, current_decay=(0.1, 0.9))
+
+    def population(layer: TrainedLayer) -> Any:
+        spec = LayerSpec(layer.feed_forward.shape[1], False, 1, 1.0)
+        return neuron.population(spec, np.random.default_rng(0))
+
+    hidden = (replace(layer, population=population(layer)) for layer in of.layers[:-1])
+    return replace(of, layers=(*hidden, of.layers[-1]))
+
+
 def gains_of(of: Member, n: int, seed: int) -> tuple[np.ndarray | None, ...]:
     """Return dropout of half of the hidden neurons, twice as strong where they are kept, and of inputs."""
     rng = np.random.default_rng(seed)
@@ -114,6 +127,12 @@ NAMES = (
     "ideal, recurrent",
     "cross-entropy, hidden spikes penalised",
     "cross-entropy at three lengths, recurrent, hidden spikes penalised",
+)
+RESONATORS = (
+    resonating(member((INPUTS, 70, 9, 4), 11), 0.5, reset=True),
+    resonating(member((INPUTS, 20, 4), 12, ring=True), 1.0),
+    resonating(member((INPUTS, 9, 4), 13, arithmetic="float32"), 0.4),
+    resonating(member((INPUTS, 9, 4), 14, arithmetic="ideal", ring=True), 1.0),
 )
 X = np.random.default_rng(10).random((N, T, INPUTS)) < 0.3
 LABELS = np.array([0, 3, 1, 1, 2])
@@ -233,7 +252,8 @@ def test_weight_gradients_sum_every_row_of_a_long_batch() -> None:
             assert_close(found, times * 0.5 * (x[0].T @ by_z.astype(np.float64)), share)
 
 
-def test_integer_states_and_spikes_equal_the_definition_at_every_step() -> None:
+@pytest.mark.parametrize("turns", [False, True], ids=["CUBA-LIF", "resonators beside CUBA-LIF"])
+def test_integer_states_and_spikes_equal_the_definition_at_every_step(turns: bool) -> None:
     rng = np.random.default_rng(2)
     decays = [rng.integers(0, 4097, (1, WIDTH)).astype(np.int32) for _ in range(2)]
     for decay in decays:
@@ -253,7 +273,14 @@ def test_integer_states_and_spikes_equal_the_definition_at_every_step() -> None:
     passed, raw = torch.zeros_like(slope), torch.zeros_like(slope)
     u, v = (torch.zeros((1, n, WIDTH), dtype=torch.int64, device=device) for _ in range(2))
     n_fired, n_sent = (torch.zeros((1, n, WIDTH), dtype=torch.int32, device=device) for _ in range(2))
-    population = cuba_lif.Population(decays[0][0], decays[1][0], 80)
+    population: Any = cuba_lif.Population(decays[0][0], decays[1][0], 80)
+    if turns:
+        neuron = Resonator(share=0.5, reset=True, period=(2.2, 20), voltage_decay=(0.1, 0.9))
+        population = neuron.population(LayerSpec(WIDTH, False, 1, 1.0), rng)
+    one, w = np.ones(WIDTH, np.float32), np.zeros((1, WIDTH), np.float32)
+    layer = replace(MEMBERS[0].layers[0], feed_forward=w, unit=one, population=population)
+    (stage,) = stages([Member((layer,), 1, 0)])
+    assert (stage.cross.size > 0) == turns
     calculus = NumpyCalculus("integer")
     state, counts = population.initial_state((n, WIDTH), calculus), np.zeros((n, WIDTH), np.int64)
     for t in range(n_steps):
@@ -267,7 +294,7 @@ def test_integer_states_and_spikes_equal_the_definition_at_every_step() -> None:
             n_sent,
             put([0], torch.int32),
             put(np.arange(n * WIDTH) % 2, torch.uint8),
-            *(put(4096 - d, torch.int32) for d in decays),
+            *(put(x, torch.int32) for x in (stage.keep_u, stage.keep_v, stage.cross)),
             put([80], torch.int32),
             put(np.array(surrogate.exponents(80 / 64))[:, None], torch.float64),
             1,
@@ -278,11 +305,12 @@ def test_integer_states_and_spikes_equal_the_definition_at_every_step() -> None:
             INTEGER=True,
             MASKED=True,
             STEPWISE=True,
+            TURNS=turns,
         )
         state, before, fired = population.step(state, z[:, t], calculus)
         counts += fired.astype(np.int64)
-        np.testing.assert_array_equal(u[0].cpu(), state.u)
-        np.testing.assert_array_equal(v[0].cpu(), state.v)
+        np.testing.assert_array_equal(u[0].cpu(), state[0])
+        np.testing.assert_array_equal(v[0].cpu(), state[1])
         of_step = slope.view(n, n_steps, WIDTH)[:, t].cpu().numpy()
         assert_close(of_step, surrogate(before - 80 / 64), 1e-5)
         if t + 1 < n_steps:
@@ -359,6 +387,34 @@ def test_several_steps_follow_the_cpu_and_those_without_a_turn_stay() -> None:
             assert_reports_agree(found[k], expected[k], GRADIENT_ERROR[members[k].arithmetic])
             for a, b in zip(matrices(ours.masters(k)), matrices(theirs.masters(k)), strict=True):
                 np.testing.assert_allclose(a, b, rtol=0, atol=1e-4)  # Adam magnifies gradients near 0
+
+
+def test_resonators_train_as_on_the_cpu_and_change_no_bit_of_cuba_lif_beside_them() -> None:
+    members = [MEMBERS[0], *RESONATORS]
+    ours, theirs, alone = (
+        engine.start(members, N, T), cpu.start(members, N, T), engine.start(MEMBERS[:1], N, T)
+    )  # fmt: skip
+    turns = turns_of(members)
+    for step in range(2):
+        x = np.random.default_rng(step).random((N, T, INPUTS)) < 0.3
+        reports, expected = (c.step(rows_of(x), LABELS, turns) for c in (ours, theirs))
+        assert alone.step(rows_of(x), LABELS, {0: turns[0]})[0] == reports[0]
+        for k, of in enumerate(members):
+            assert_reports_agree(reports[k], expected[k], 1e-5)
+            if not step:
+                layers, surrogates = running(of, start_of(of)), [x.surrogate for x in of.layers]
+                rates: dict[str, Any] = {"true_rate": of.true_rate, "false_rate": of.false_rate}
+                rates |= {"arithmetic": of.arithmetic, "gains": turns[k].gains}
+                exact = on_cpu(rows_of(x), layers, surrogates, LABELS, **rates)
+                its = [*exact.feed_forward, *(r for r in exact.recurrent if r.size)]
+                for a, b in zip(matrices(ours.gradients(k)), its, strict=True):
+                    assert_close(a, b, GRADIENT_ERROR[of.arithmetic])
+            assert all(fired > 0 for fired in reports[k].fired)
+            for a, b in zip(matrices(ours.masters(k)), matrices(theirs.masters(k)), strict=True):
+                np.testing.assert_allclose(a, b, rtol=0, atol=1e-4)  # Adam magnifies gradients near 0
+    assert_same(ours.masters(0), alone.masters(0))
+    before = start_of(members[1]).feed_forward
+    assert all((a != b).any() for a, b in zip(ours.masters(1).feed_forward, before, strict=True))
 
 
 def run(cohort: Engine, turns: Mapping[int, Turn]) -> list[dict[int, Report]]:
@@ -547,7 +603,7 @@ def compile_all(capability: int, most_shared_bytes: int) -> None:
         assert done.metadata.shared <= most_shared_bytes, f"{key} needs {done.metadata.shared} bytes"
 
     JITFunction.run = launch  # type: ignore[method-assign]
-    cohort = wide.WideEngine(MEMBERS, N, T, torch.device("cpu"))
+    cohort = wide.WideEngine([*MEMBERS, *RESONATORS], N, T, torch.device("cpu"))
     for slab in cohort._slabs:
         places = range(len(slab._members))
         gains = {k: gains_of(slab._members[k], N, 0) for k in places}
