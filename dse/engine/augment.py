@@ -1,11 +1,7 @@
-"""Windows that training changes before it learns from them: joined, stretched, moved over the array, thinned.
-
-Every function takes what was drawn and returns spikes; nothing here draws but `thinned`.
-"""
+"""Windows that training changes before it learns from them: joined, stretched, moved, thinned."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from itertools import product
@@ -13,12 +9,12 @@ from itertools import product
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Array, Floats, Ints, Spikes
+from dse.records import Array, Bools, Floats, Ints, Spikes
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows of stored spikes, and the steps that they may show.
+    """Windows of stored spikes, and the steps that they may show, all int64.
 
     samples: (n,) sample numbers.
     start: (n,) first step.
@@ -31,12 +27,23 @@ class Windows:
     end: Ints
 
 
-def shift_table(positions: Ints, most: int) -> Ints:
-    """Return where the spikes of every channel go when the array is moved, (shift, channel); -1: nowhere.
+@dataclass(frozen=True)
+class Shifts:
+    """Where the spikes of every channel go when the array is moved.
 
-    Shifts are all pairs of up to `most` places along x and along y, none first. Places are numbered along an
-    axis in the order of its coordinates, so that a pitch of any size is one place. What leaves the array is
-    lost. Channels that are alone in their plane stay where they are.
+    to: (shift, channel) int32 channels, -1: nowhere; the first shift is none.
+    keeps_order: (shift,) whether channels rise where they rose before.
+    """
+
+    to: Ints
+    keeps_order: Bools
+
+
+def shifts_of(positions: Ints, most: int) -> Shifts:
+    """Return all shifts by pairs of up to `most` places along x and along y.
+
+    Places are numbered along an axis in the order of its coordinates, so that a pitch of any size is one
+    place. What leaves the array is lost. Channels that are alone in their plane stay where they are.
 
     Args:
         positions: (channel, 3) x, y and plane.
@@ -49,13 +56,17 @@ def shift_table(positions: Ints, most: int) -> Ints:
     reach = range(-most, most + 1)
     along = [reach if n and axis.max() else (0,) for axis in (x, y)]
     shifts = sorted(product(*along), key=lambda shift: shift != (0, 0))
-    table = np.full((len(shifts), n), -1, np.int32)
-    for row, (dx, dy) in zip(table, shifts, strict=True):
+    to = np.full((len(shifts), n), -1, np.int32)
+    for row, (dx, dy) in zip(to, shifts, strict=True):
         row[:] = [at.get((a + dx, b + dy, p), -1) for a, b, p in zip(x, y, plane, strict=True)]
-    return np.where(alone, np.arange(n, dtype=np.int32), table)
+    to = np.where(alone, np.arange(n, dtype=np.int32), to)
+    return Shifts(to, np.array([(np.diff(row[row >= 0]) > 0).all() for row in to]))
 
 
-@compiled()
+_kernel = compiled(_nrt=False)
+
+
+@_kernel
 def _once(index: Array, begin: int, end: int) -> int:
     """Sort a part of an index, without duplicates; return where it ends."""
     for i in range(begin + 1, end):
@@ -72,40 +83,60 @@ def _once(index: Array, begin: int, end: int) -> int:
     return left
 
 
-@compiled()
+@_kernel
 def _changed(
     row_offsets: Array,
     channel: Array,
     stored_steps: int,
     windows: Array,
-    others: Array,
     cut: Array,
     factor: Array,
     moved: Array,
-    table: Array,
+    shifts: Array,
+    keeps_order: Array,
+    dice: Array,
+    lowest: int,
     n_steps: int,
     offsets: Array,
     index: Array,
 ) -> int:
-    """Fill the offsets and the index of `changed`; windows are (n, 4) sample, start, low, end."""
-    position, centre = 0, n_steps / 2
+    """Fill the offsets and the index of `changed`; windows are (2, 4, n) sample, start, low, end."""
+    position, read, row, centre = 0, 0, 0, n_steps / 2
     offsets[0] = 0
-    for n in range(len(windows)):
-        for t in range(n_steps):
-            window = windows[n] if t < cut[n] else others[n]
-            first = window[1] + math.ceil((t - centre) / factor[n] + centre - 0.5)
-            last = window[1] + math.ceil((t + 1 - centre) / factor[n] + centre - 0.5)
-            begin = position
-            for step in range(max(first, window[2]), min(last, window[3])):
-                row = window[0] * stored_steps + step
-                for e in range(row_offsets[row], row_offsets[row + 1]):
-                    to = table[moved[n], channel[e]]
-                    if to >= 0:
+    for n in range(cut.size):
+        shift, stretch = moved[n], factor[n]
+        edge = math.ceil((0 - centre) / stretch + centre - 0.5)
+        for part in range(2):
+            sample, start, low, end = (
+                windows[part, 0, n] * stored_steps,
+                windows[part, 1, n],
+                windows[part, 2, n],
+                windows[part, 3, n],
+            )
+            for t in range(cut[n] if part else 0, n_steps if part else cut[n]):
+                after = math.ceil((t + 1 - centre) / stretch + centre - 0.5)
+                from_step = min(max(start + edge, low), end)
+                to_step = min(max(start + after, low), end)
+                edge, begin = after, position
+                first, last = row_offsets[sample + from_step], row_offsets[sample + to_step]
+                if shift:
+                    for e in range(first, last):
+                        to = shifts[shift, channel[e]]
                         index[position] = to
-                        position += 1
-            if last > first + 1 or moved[n] != 0:
-                position = _once(index, begin, position)
-            offsets[n * n_steps + t + 1] = position
+                        position += 1 if to >= 0 and (lowest == 0 or dice[read + e - first] >= lowest) else 0
+                elif lowest > 0:
+                    for e in range(first, last):
+                        index[position] = channel[e]
+                        position += 1 if dice[read + e - first] >= lowest else 0
+                else:
+                    for k in range(last - first):
+                        index[position + k] = channel[first + k]
+                    position += last - first
+                read += last - first
+                if to_step > from_step + 1 or (shift and not keeps_order[shift]):
+                    position = _once(index, begin, position)
+                row += 1
+                offsets[row] = position
     return position
 
 
@@ -116,10 +147,12 @@ def changed(
     cut: Ints,
     factor: Floats,
     moved: Ints,
-    table: Ints,
+    shifts: Shifts,
     n_steps: int,
+    dropped: float,
+    rng: np.random.Generator,
 ) -> Spikes:
-    """Return windows as samples of their own, joined with others, stretched and moved.
+    """Return windows as samples of their own: joined with others, stretched, moved and thinned.
 
     Sample i shows window i up to step cut[i] and the other one from there. Stretched by f about the middle c
     of the window, a spike at step s is seen at floor(c + f (s + 1/2 - c)); two spikes of a channel that fall
@@ -129,29 +162,31 @@ def changed(
         spikes: stored spikes, binary.
         windows: n of them.
         others: n of them.
-        cut: (n,) steps.
-        factor: (n,) by which times are stretched, > 0.
-        moved: (n,) rows of the table.
-        table: of `shift_table`.
+        cut: (n,) int64 steps; n_steps everywhere: the others are not shown.
+        factor: (n,) float64 by which times are stretched, > 0.
+        moved: (n,) int64 number of each one's shift.
+        shifts: of the array.
         n_steps: length of the windows.
+        dropped: probability with which each spike is dropped, to 1/65536.
+        rng: draws which.
     """
-
-    def stacked(w: Windows) -> Ints:
-        return np.stack([w.samples, w.start, w.low, w.end], axis=1).astype(np.int64)
-
-    offsets = np.empty(len(cut) * n_steps + 1, np.int64)
-    most = _most_spikes(spikes, windows) + _most_spikes(spikes, others) * bool((cut < n_steps).any())
-    index = np.empty(most, np.int32)
+    is_joined = bool((cut < n_steps).any())
+    most = _most_shown(spikes, windows) + (_most_shown(spikes, others) if is_joined else 0)
+    lowest = round(dropped * 2**16)
+    dice = rng.bit_generator.random_raw(-(-most // 4) if lowest else 0).view(np.uint16)
+    offsets, index = np.empty(len(cut) * n_steps + 1, np.int64), np.empty(most + 1, np.int32)
     n_spikes = _changed(
         spikes.row_offsets,
         spikes.channel,
         spikes.n_steps,
-        stacked(windows),
-        stacked(others),
-        np.asarray(cut, np.int64),
-        np.asarray(factor, np.float64),
-        np.asarray(moved, np.int64),
-        table,
+        np.stack([(w.samples, w.start, w.low, w.end) for w in (windows, others)]),
+        cut,
+        factor,
+        moved,
+        shifts.to,
+        shifts.keeps_order,
+        dice,
+        lowest,
         n_steps,
         offsets,
         index,
@@ -159,14 +194,7 @@ def changed(
     return Spikes(offsets, index[:n_spikes], n_steps, spikes.n_channels, spikes.step_ms)
 
 
-def _most_spikes(spikes: Spikes, windows: Windows) -> int:
-    """Return how many spikes some windows can show."""
-    first = windows.samples.astype(np.int64) * spikes.n_steps
-    return int((spikes.row_offsets[first + windows.end] - spikes.row_offsets[first + windows.low]).sum())
-
-
-def thinned(spikes: Spikes, share: float, rng: np.random.Generator) -> Spikes:
-    """Return spikes of which each was dropped with the same probability."""
-    kept = rng.random(len(spikes.channel), np.float32) >= share
-    before = np.concatenate([[0], np.cumsum(kept)])
-    return dataclasses.replace(spikes, row_offsets=before[spikes.row_offsets], channel=spikes.channel[kept])
+def _most_shown(spikes: Spikes, windows: Windows) -> int:
+    """Return how many spikes some windows may show."""
+    row = windows.samples * spikes.n_steps
+    return int((spikes.row_offsets[row + windows.end] - spikes.row_offsets[row + windows.low]).sum())

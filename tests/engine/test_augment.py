@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dse.engine.augment import Windows, changed, shift_table, thinned
+from dse.engine.augment import Shifts, Windows, changed, shifts_of
 from dse.records import Spikes
 from dse.testing.small import spikes_of
 
@@ -28,14 +28,40 @@ def drawn(rng: np.random.Generator, n: int, n_steps: int, n_channels: int) -> np
     return rng.random((n, n_steps, n_channels)) < 0.3
 
 
+def shown(
+    x: np.ndarray,
+    windows: Windows,
+    others: Windows,
+    cut: np.ndarray,
+    n_steps: int,
+    factor: np.ndarray | None = None,
+    moved: np.ndarray | None = None,
+    table: np.ndarray | None = None,
+    dropped: float = 0.0,
+) -> np.ndarray:
+    n = len(cut)
+    to = np.arange(x.shape[2], dtype=np.int32)[None] if table is None else table
+    found = changed(
+        spikes_of(x, 5.0),
+        windows,
+        others,
+        cut,
+        np.ones(n) if factor is None else factor,
+        np.zeros(n, int) if moved is None else moved,
+        Shifts(to, np.array([(np.diff(row[row >= 0]) > 0).all() for row in to])),
+        n_steps,
+        dropped,
+        np.random.default_rng(3),
+    )
+    return dense(found)
+
+
 def one(x: np.ndarray, n_steps: int, *, factor: float = 1.0, moved: int = 0, table: np.ndarray) -> np.ndarray:
     """Return the first sample's middle window, changed; all stored steps may be shown."""
     at = np.array([0])
     windows = Windows(at, at + (x.shape[1] - n_steps) // 2, at, at + x.shape[1])
-    found = changed(
-        spikes_of(x, 5.0), windows, windows, at + n_steps, np.array([factor]), at + moved, table, n_steps
-    )
-    return dense(found)[0]
+    found = shown(x, windows, windows, at + n_steps, n_steps, np.array([factor]), at + moved, table)
+    return found[0]
 
 
 NO_MOVE = np.arange(4, dtype=np.int32)[None]
@@ -45,17 +71,15 @@ def test_without_a_change_windows_are_as_they_are() -> None:
     x = drawn(np.random.default_rng(0), 3, 12, 4)
     samples, start = np.array([2, 0]), np.array([1, 4])
     windows = whole(samples, start, 7)
-    found = changed(
-        spikes_of(x, 5.0), windows, windows, np.full(2, 7), np.ones(2), np.zeros(2, int), NO_MOVE, 7
-    )
-    np.testing.assert_array_equal(dense(found), [x[2, 1:8], x[0, 4:11]])
+    found = shown(x, windows, windows, np.full(2, 7), 7)
+    np.testing.assert_array_equal(found, [x[2, 1:8], x[0, 4:11]])
 
 
 def test_a_window_goes_on_as_another_one() -> None:
     x = drawn(np.random.default_rng(1), 2, 10, 4)
     first, other = whole(np.array([0]), np.array([1]), 6), whole(np.array([1]), np.array([3]), 6)
-    found = changed(spikes_of(x, 5.0), first, other, np.array([2]), np.ones(1), np.zeros(1, int), NO_MOVE, 6)
-    np.testing.assert_array_equal(dense(found)[0], np.concatenate([x[0, 1:3], x[1, 5:9]]))
+    found = shown(x, first, other, np.array([2]), 6)
+    np.testing.assert_array_equal(found[0], np.concatenate([x[0, 1:3], x[1, 5:9]]))
 
 
 def test_stretching_to_the_double_leaves_every_other_step_silent() -> None:
@@ -78,26 +102,24 @@ def test_steps_that_may_not_be_shown_are_silent() -> None:
     x = np.ones((1, 8, 4), bool)
     at = np.array([0])
     windows = Windows(at, at + 2, at + 2, at + 6)
-    found = changed(spikes_of(x, 5.0), windows, windows, at + 4, np.array([0.5]), at, NO_MOVE, 4)
-    np.testing.assert_array_equal(dense(found)[0, :, 0], [0, 1, 1, 0])
+    found = shown(x, windows, windows, at + 4, 4, np.array([0.5]))
+    np.testing.assert_array_equal(found[0, :, 0], [0, 1, 1, 0])
 
 
 def test_the_array_moves_by_whole_places_and_loses_its_border() -> None:
     # x x       2 x 2 places of pitch 10 in plane 0, two of them in plane 1 and one channel of its own
     positions = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, 0], [0, 0, 1], [10, 0, 1], [0, 0, 7]])
-    table = shift_table(positions, 1)
-    assert table.shape == (9, 7)
-    np.testing.assert_array_equal(table[0], np.arange(7))
-    rows = {tuple(row) for row in table.tolist()}
+    shifts = shifts_of(positions, 1)
+    assert shifts.to.shape == (9, 7) and shifts.keeps_order.all()
+    np.testing.assert_array_equal(shifts.to[0], np.arange(7))
+    rows = {tuple(row) for row in shifts.to.tolist()}
     assert (1, -1, 3, -1, 5, -1, 6) in rows  # one place along x
     assert (2, 3, -1, -1, -1, -1, 6) in rows  # one place along y
-    assert (-1, -1, 0, -1, -1, -1, 6) not in rows
-    assert (-1, -1, -1, 0, -1, -1, 6) in rows
-    in_a_row = np.array([[k, 0, 0] for k in range(4)])
-    np.testing.assert_array_equal(
-        np.sort(shift_table(in_a_row, 1), axis=0)[:, 1], [0, 1, 2]
-    )  # to the left, not at all, to the right
-    np.testing.assert_array_equal(shift_table(positions, 0), np.arange(7)[None])
+    assert (-1, -1, -1, 0, -1, -1, 6) in rows  # back along both
+    np.testing.assert_array_equal(shifts_of(positions, 0).to, np.arange(7)[None])
+    crossed = shifts_of(np.array([[0, 0, 0], [2, 0, 0], [1, 0, 0]]), 1)  # a row whose numbers do not rise
+    np.testing.assert_array_equal(crossed.to[1:], [[-1, 2, 0], [2, -1, 1]])
+    np.testing.assert_array_equal(crossed.keeps_order, [True, False, False])
 
 
 def test_moved_spikes_stay_sorted() -> None:
@@ -120,11 +142,19 @@ def test_stretching_follows_its_equation(seed: int, factor: float, n_steps: int)
     np.testing.assert_array_equal(one(x, n_steps, factor=factor, table=NO_MOVE), expected)
 
 
-def test_thinning_drops_its_share_and_keeps_the_rest_in_place() -> None:
+@pytest.mark.parametrize("moved", [0, 1])
+def test_a_share_of_the_spikes_is_dropped_and_the_rest_stays_in_place(moved: int) -> None:
     x = drawn(np.random.default_rng(2), 20, 50, 8)
-    spikes = spikes_of(x, 5.0)
-    found = dense(thinned(spikes, 0.25, np.random.default_rng(3)))
-    assert (found <= x).all()
+    windows = whole(np.arange(20), np.zeros(20, int), 50)
+    table = np.array([np.arange(8), np.arange(8)[::-1]], np.int32)
+    found = shown(
+        x, windows, windows, np.full(20, 50), 50, moved=np.full(20, moved), table=table, dropped=0.25
+    )
+    before = x[:, :, ::-1] if moved else x
+    assert (found <= before).all()
     assert found.sum() / x.sum() == pytest.approx(0.75, abs=0.03)
-    silent = spikes_of(np.zeros((1, 3, 2), bool), 5.0)
-    assert not dense(thinned(silent, 0.5, np.random.default_rng(3))).any()
+
+
+def test_silence_stays_silent() -> None:
+    windows = whole(np.arange(1), np.zeros(1, int), 3)
+    assert not shown(np.zeros((1, 3, 2), bool), windows, windows, np.full(1, 3), 3, dropped=0.5).any()

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dse.engine.augment import Windows, changed, shift_table, thinned
+from dse.engine.augment import Shifts, Windows, changed, shifts_of
 from dse.models.training import Generators, Training
 from dse.records import Dataset, Floats, Ints, Spikes
 
@@ -31,23 +31,24 @@ class Augmentation:
         """
         data, n = self._dataset, len(samples)
         others, cut = self._others(samples, start)
-        spikes = changed(
+        return changed(
             data.spikes,
             self._windows(samples, start),
             others,
             cut,
             self._factors(n),
-            self._draws["channel shift"].integers(len(self._table), size=n),
-            self._table,
+            self._draws["channel shift"].integers(len(self._shifts.to), size=n),
+            self._shifts,
             data.n_steps,
+            self._training.event_dropout,
+            self._draws["event dropout"],
         )
-        share = self._training.event_dropout
-        return thinned(spikes, share, self._draws["event dropout"]) if share else spikes
 
     def _windows(self, samples: Ints, start: Ints) -> Windows:
         """Return windows that show what training windows of these samples may show."""
-        data = self._dataset
-        return Windows(samples, start, data.start_low[samples], data.start_high[samples] + data.n_steps)
+        low, high = self._dataset.start_low[samples], self._dataset.start_high[samples]
+        columns = (samples, start, low, high + self._dataset.n_steps)
+        return Windows(*(column.astype(np.int64) for column in columns))
 
     def _others(self, samples: Ints, start: Ints) -> tuple[Windows, Ints]:
         """Return windows of the same classes, and the step from which each is shown; (n,) n_steps: never."""
@@ -77,5 +78,5 @@ class Augmentation:
         return train[np.argsort(of_class, kind="stable")], np.cumsum(size) - size, size
 
     @cached_property
-    def _table(self) -> Ints:
-        return shift_table(self._dataset.positions, self._training.channel_shift)
+    def _shifts(self) -> Shifts:
+        return shifts_of(self._dataset.positions, self._training.channel_shift)
