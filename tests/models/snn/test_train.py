@@ -120,9 +120,12 @@ def test_blended_windows_are_of_one_class() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arithmetic", "reason"), [("integer", "all exceed 8 bits after epoch 1"), ("ideal", "times after epoch 1")]
+    ("arithmetic", "reason"),
+    [("integer", "all exceed 8 bits after epoch 1"), ("ideal", "times after epoch 1")],
 )
-def test_a_design_that_diverges_ends_and_leaves_its_neighbours_untouched(arithmetic: Any, reason: str) -> None:
+def test_a_design_that_diverges_ends_and_leaves_its_neighbours_untouched(
+    arithmetic: Any, reason: str
+) -> None:
     data = toy()
     wild = SNN(hidden=(20,), arithmetic=arithmetic), base(learning_rate=1e3)
     found = together(data, [MIXED[0], wild, MIXED[1]])
