@@ -22,7 +22,7 @@ from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import Profile
 from dse.measure import decision
 from dse.measure.confusion import confusion
-from dse.measure.heads import head_answers, head_slices, head_targets, joint_label
+from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
 from dse.measure.objectives.accuracy import accuracy
 from dse.measure.objectives.accuracy_unseen import Unseen
@@ -64,6 +64,7 @@ class Measurement:
     columns: the full read-out, column -> number.
     points: column -> (phi, theta); empty without a decision grid.
     read_outs: column -> (k,), after time_ms[j] of the input.
+        In both, `unseen_name` names the accuracies of a fold.
     points_load, read_outs_load: mean work of the same answers, which any hardware can be asked the cost of.
     hardware: profile -> `columns_on` of the full read-out.
     confusion, confusion_test: (true class, answered class) counts of the full read-out.
@@ -83,8 +84,20 @@ class Measurement:
     unseen: Unseen = field(default_factory=dict)
 
 
-OfTargets = Mapping[str, float]
-"""Accuracy of the target, '', and of a joint one also of each head, by name."""
+@dataclass(frozen=True)
+class Accuracies:
+    """Accuracies of one target: of the full read-out, after k input lengths, and at every (phi, theta).
+
+    read_outs: (k,); None of a joint target as a whole. grid: None without a grid.
+    """
+
+    full: float
+    read_outs: Floats | None = None
+    grid: Floats | None = None
+
+
+OfTargets = Mapping[str, Accuracies]
+"""Accuracies of the target, '', and of a joint one also of each head, by name."""
 UnseenTargets = Mapping[str, Mapping[str, OfTargets]]
 """Label column -> fold of its values -> accuracies after a training without the fold."""
 
@@ -198,14 +211,7 @@ def measure(
         ValueError: a response holds no samples, or the grid is out of range.
     """
     how = _How(phi, theta, weight_bits, read_out_every_ms)
-    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
-    if not dataset.heads:
-        targets = {"": _Target(truth, truth_test, len(dataset.classes), slice(None))}
-    else:
-        targets = {
-            head.name: _of_head(head, outputs, truth, truth_test)
-            for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True)
-        }
+    targets = _targets(dataset)
     at_shifts = {name: _Moved() for name in targets}
     jointly = _Moved()
     for samples, answers in moved:
@@ -215,7 +221,7 @@ def measure(
             at_shifts[name].add(answers, true, target, how)
         if dataset.heads:
             jointly.n = len(samples)
-            jointly.read_outs.append(np.array([accuracies(answers, dataset, samples)[""]]))
+            jointly.read_outs.append(np.array([accuracy(_joint_label(answers, dataset), classes)]))
     measurements = {}
     for name, target in targets.items():
         answered = at_shifts[name].beside(_answers_to(target, outcome, dataset.spikes.n_channels, how))
@@ -226,38 +232,65 @@ def measure(
     end = _at_end(answered.read_outs)  # the work is that of the whole net, whichever head is asked
     if jointly.read_outs:
         end = replace(end, shifted=np.stack(jointly.read_outs))
-    return _measured_jointly(outcome, dataset, measurements, end, _of_target(unseen or {}, ""))
+    return _measured_jointly(outcome, dataset, measurements, end, _full(_of_target(unseen or {}, "")))
 
 
-def accuracies(answers: Response | Answers, dataset: Dataset, samples: Ints) -> dict[str, float]:
-    """Return the accuracy of the full read-out; of a joint target also that of each head, by name.
+def accuracies(
+    answers: Response | Answers,
+    dataset: Dataset,
+    samples: Ints,
+    phi: Array,
+    theta: Array,
+    read_out_every_ms: float | None = None,
+) -> dict[str, Accuracies]:
+    """Return the accuracies of answers, '' of the target, and of a joint one also of each head, by name.
 
     Args:
         answers: to the samples.
         dataset: their classes and heads.
         samples: (n,) sample numbers, n >= 1.
+        phi: spike offsets of the decision grid.
+        theta: its confidences.
+        read_out_every_ms: as of `measure`.
     """
-    truth = dataset.target[samples]
+    how, truth = _How(phi, theta, 8, read_out_every_ms), dataset.target[samples]
+    of_targets = {}
+    if dataset.heads:
+        of_targets[""] = Accuracies(accuracy(_joint_label(answers, dataset), truth))
+    for name, target in _targets(dataset).items():
+        moved = _Moved()
+        moved.add(answers, truth if target.joint_of is None else target.joint_of[truth], target, how)
+        [read_outs], grids = moved.read_outs, moved.grids
+        of_targets[name] = Accuracies(float(read_outs[-1]), read_outs, grids[0] if grids else None)
+    return of_targets
+
+
+def _targets(dataset: Dataset) -> dict[str, _Target]:
+    """Return what is to be answered: '' of a single target, the heads of a joint one by name."""
+    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
     if not dataset.heads:
-        label = answers.label[:, -1] if isinstance(answers, Answers) else read_out(answers.output)
-        return {"": accuracy(label, truth)}
-    label = _joint_label(answers, dataset)
-    of_heads = (
-        np.stack([head.of_class[label] for head in dataset.heads], axis=1)
-        if isinstance(answers, Answers)
-        else head_answers(dataset, answers.output.sum(axis=1, dtype=np.int64))
-    )
-    right = of_heads == head_targets(dataset, samples)
-    names = [head.name for head in dataset.heads]
-    return {"": accuracy(label, truth), **dict(zip(names, right.mean(axis=0).tolist(), strict=True))}
+        return {"": _Target(truth, truth_test, len(dataset.classes), slice(None))}
+    return {
+        head.name: _of_head(head, outputs, truth, truth_test)
+        for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True)
+    }
 
 
-def _of_target(unseen: UnseenTargets, name: str) -> Unseen:
+def _of_target(unseen: UnseenTargets, name: str) -> dict[str, dict[str, Accuracies]]:
     """Return the accuracies of one target on groups after trainings without them."""
     return {
         column: {fold: of_targets[name] for fold, of_targets in folds.items()}
         for column, folds in unseen.items()
     }
+
+
+def _full(unseen: Mapping[str, Mapping[str, Accuracies]]) -> dict[str, dict[str, float]]:
+    return {column: {fold: x.full for fold, x in folds.items()} for column, folds in unseen.items()}
+
+
+def unseen_name(number: int) -> str:
+    """Return the name of an array of accuracies of a fold, by its number among the folds of `unseen`."""
+    return f"unseen/{number}"
 
 
 def records_for_objectives(
@@ -291,24 +324,31 @@ def read_out(output: Array) -> Ints:
 
 
 def _measured(
-    outcome: Outcome, target: _Target, answered: _Answered, hardware: Sequence[Profile], unseen: Unseen
+    outcome: Outcome,
+    target: _Target,
+    answered: _Answered,
+    hardware: Sequence[Profile],
+    unseen: Mapping[str, Mapping[str, Accuracies]],
 ) -> Measurement:
     """Return the measurement of one target."""
     of_lengths = measured("points", answered.read_outs)
     of_grid = {} if answered.grid is None else measured("points", answered.grid)
-    answer = _full_read_out(outcome, target, answered, unseen)
+    answer = _full_read_out(outcome, target, answered, _full(unseen))
+    folds = [fold for of_column in unseen.values() for fold in of_column.values()]
+    lengths = {unseen_name(i): x.read_outs for i, x in enumerate(folds) if x.read_outs is not None}
+    settings = {unseen_name(i): x.grid for i, x in enumerate(folds) if x.grid is not None}
     full = _at_end(answered.read_outs).load.mapped(lambda counts: counts[-1])
     declared = registry.columns("points")
     return Measurement(
         columns=_columns({name: x[-1] for name, x in of_lengths.items()}, answer),
-        points={name: x for name, x in of_grid.items() if not declared[name].of_design},
-        read_outs={**of_lengths, **answered.of_lengths},
+        points={name: x for name, x in of_grid.items() if not declared[name].of_design} | settings,
+        read_outs={**of_lengths, **answered.of_lengths, **lengths},
         points_load=None if answered.grid is None else answered.grid.load,
         read_outs_load=answered.read_outs.load,
         hardware={chip.name: flat(columns_on(chip, full)) for chip in hardware},
         confusion=answer.confusion,
         confusion_test=answer.confusion_test,
-        unseen=unseen,
+        unseen=answer.unseen,
     )
 
 

@@ -291,7 +291,11 @@ def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Fa
                 yield number, dataclasses.replace(failure, message=f"{where}: {failure.message}")
             else:
                 assert outcome.test is not None  # the fold is the test set
-                yield number, accuracies(outcome.test, data, data.test)
+                phi, theta = np.array(run.phi), np.array(run.theta)
+                yield (
+                    number,
+                    accuracies(outcome.test, data, data.test, phi, theta, run.read_out_every_ms),
+                )
     except (store.StoreError, MemoryError):
         raise
     except Exception as error:

@@ -7,6 +7,7 @@ Numbers are means over a trial's runs, as in `dse.study.trials`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +19,13 @@ from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
 from dse.measure.objectives.accuracy import seeds_se
+from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.measure.on_chips import columns_on, drawn_on
+from dse.measure.run import unseen_name
 from dse.records import Array, Ints, Operations, Workload
 from dse.study import precision
 from dse.study import trials as tables
-from dse.study.record import RunRecord
+from dse.study.record import Numbers, RunRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -195,7 +198,9 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     design = {
         name: value
         for name, value in first.items()
-        if name not in _OF_ROW and (name not in declared or declared[name].of_design)
+        if name not in _OF_ROW
+        and not name.startswith("accuracy_unseen")
+        and (name not in declared or declared[name].of_design)
     }
     last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
     pieces = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
@@ -203,9 +208,11 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
         # Where each run has phi up to what its own outputs reach, the shared ones come first.
         shared = min(len(arrays["phi"]) for arrays in surfaces)
         grids = [store.work_of(arrays).mapped(lambda x: _flat(x[:shared])) for arrays in surfaces]
-        pieces.append(Answered(design, _grid([_measured(x) for x in surfaces]), grids))
+        grid = _grid([_measured(x) for x in surfaces]) | _unseen(numbers, surfaces, slice(None))
+        pieces.append(Answered(design, grid, grids))
     earlier = [load.mapped(lambda x: x[:-1]) for load in of_lengths]
-    pieces.append(Answered(design, _earlier([_measured(x) for x in read_outs]), earlier))
+    columns = _earlier([_measured(x) for x in read_outs]) | _unseen(numbers, read_outs, slice(-1))
+    pieces.append(Answered(design, columns, earlier))
     return pieces
 
 
@@ -282,6 +289,31 @@ def _earlier(read_outs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
         [{name: x for name, x in one.items() if name not in _OF_SETTINGS} for one in read_outs]
     )
     return {name: x[:-1] for name, x in ({"read_out_ms": averaged["decision_latency_ms"]} | averaged).items()}
+
+
+def _unseen(
+    runs: Sequence[Numbers], arrays: Sequence[Mapping[str, Array]], points: slice
+) -> dict[str, Array]:
+    """Return the columns of accuracy on unseen groups of some points; none where a run has no such arrays.
+
+    Args:
+        runs: numbers of each.
+        arrays: of each, a file of its points.
+        points: of the first axis of the arrays.
+    """
+    of_runs = []
+    for numbers, of_run in zip(runs, arrays, strict=True):
+        names = (unseen_name(i) for i in itertools.count())
+        named = {column: {fold: next(names) for fold in folds} for column, folds in numbers.unseen.items()}
+        if not all(name in of_run for folds in named.values() for name in folds.values()):
+            return {}
+        of_runs.append(
+            {
+                column: {f: of_run[name][points] for f, name in folds.items()}
+                for column, folds in named.items()
+            }
+        )
+    return {name: x.ravel() for name, x in unseen_columns(merged(of_runs)).items()}
 
 
 def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

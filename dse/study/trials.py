@@ -16,8 +16,9 @@ import numpy as np
 
 from dse import registry
 from dse.config import Axis, SearchSpace
+from dse.measure.objectives import flat
 from dse.measure.objectives.accuracy import seeds_se
-from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
+from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_columns
 from dse.study.record import Numbers, RunRecord
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
         for name in with_errors(columns):
             columns[f"{name}_se"] = float(seeds_se([row[name] for row in rows]))
         columns |= _ranges(rows)
-    unseen = unseen_columns(merged([run.unseen for run in runs]))
+    unseen = flat(unseen_columns(merged([as_arrays(run.unseen) for run in runs])))
     return {name: x for name, x in columns.items() if name not in unseen} | unseen
 
 

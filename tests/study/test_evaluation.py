@@ -143,6 +143,32 @@ def test_each_group_is_answered_without_its_recordings(tmp_path: Path) -> None:
     assert columns["accuracy_unseen_se"] == columns["accuracy_unseen_force_se"] == pytest.approx(2 / 9)
     best = study.skyline([("accuracy_unseen", "max"), ("n_weights", "min")]).rows
     assert best["accuracy_unseen"].tolist() == [pytest.approx(7 / 9)]
+    points = study.points()  # the recordings do not change over time
+    assert points["read_out_ms"].tolist()[1:] == [20.0, 40.0]
+    for name in ("accuracy_unseen", "accuracy_unseen_force"):
+        assert points[name].tolist() == [pytest.approx(7 / 9)] * 3
+
+
+def test_decisions_have_their_own_accuracy_on_groups(tmp_path: Path) -> None:
+    decision = {"phi": [0, 2], "theta": [0.4, 0.6]}
+    changes: dict[str, Any] = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
+    study = run(tmp_path, by_channel(), model={"kind": "snn", "hidden": [5]}, decision=decision, **changes)
+    points = study.points()
+    assert points["accuracy_unseen"].notna().all() and points["accuracy_shifted"].notna().all()
+    last = points[points["phi"].notna()]
+    assert len(last) == 4 and (last["accuracy_unseen"] == last["accuracy_unseen_force"]).all()
+    files = [study.arrays(0, name) for name in ("surface.npz", "read_out.npz")]
+    for (first, second), rows in zip(
+        files, (points["phi"].notna(), points["read_out_ms"].notna()), strict=True
+    ):
+        # Run 0 leaves out forces 1 and 3, run 1 force 2.
+        folds = [first["unseen/0"].ravel(), first["unseen/1"].ravel(), second["unseen/0"].ravel()]
+        expected = np.mean(folds, axis=0)[: rows.sum()]
+        assert points.loc[rows, "accuracy_unseen"].tolist() == pytest.approx(expected.tolist())
+    wide = run(tmp_path, by_channel(), "wide", model=SNN, decision={"phi": {"up_to": "outputs"}}, **changes)
+    on_grid = wide.points()["phi"].notna()  # of each run its own: no fold knows it
+    assert wide.points().loc[on_grid, "accuracy_unseen"].isna().all()
+    assert wide.points().loc[~on_grid, "accuracy_unseen"].notna().all()
 
 
 def test_folds_and_several_columns(tmp_path: Path) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dse.measure.objectives import FullReadOut
+from dse.measure.objectives import FullReadOut, flat
 from dse.measure.objectives.accuracy import seeds_se
+from dse.records import Floats
 from dse.registry import Column, register
 
 Unseen = Mapping[str, Mapping[str, float]]
@@ -19,7 +19,7 @@ Unseen = Mapping[str, Mapping[str, float]]
 @register("objectives", "accuracy_unseen")
 @dataclass(frozen=True)
 class AccuracyUnseen:
-    """Accuracy of the full read-out on groups that training leaves out (`evaluation.leave_out`)."""
+    """Accuracy on groups that training leaves out (`evaluation.leave_out`)."""
 
     needs = "full_read_out"
     columns = (
@@ -41,36 +41,48 @@ class AccuracyUnseen:
     )
 
     def measure(self, answer: FullReadOut) -> Mapping[str, float]:
-        columns = unseen_columns(answer.unseen)
+        columns = flat(unseen_columns(as_arrays(answer.unseen)))
         return {column.name: columns[column.name] for column in self.columns if columns}
 
 
-def merged(runs: Sequence[Unseen]) -> Unseen:
-    """Return the accuracies of all runs of a design: of each fold, the mean over the runs that trained it."""
-    merged: dict[str, dict[str, float]] = {}
+def as_arrays(unseen: Unseen) -> dict[str, dict[str, Floats]]:
+    """Return accuracies of one point as arrays without axes."""
+    return {column: {fold: np.asarray(x) for fold, x in of.items()} for column, of in unseen.items()}
+
+
+def merged(runs: Sequence[Mapping[str, Mapping[str, Floats]]]) -> dict[str, dict[str, Floats]]:
+    """Return the accuracies of all runs of a design: of each fold, the mean over the runs that trained it.
+
+    Args:
+        runs: of each, label column -> fold -> accuracies (...), a number per design point.
+    """
+    of_columns: dict[str, dict[str, Floats]] = {}
     for column in dict.fromkeys(column for run in runs for column in run):
         parts = [run[column] for run in runs if column in run]
         folds = dict.fromkeys(fold for part in parts for fold in part)
-        merged[column] = {f: float(np.mean([part[f] for part in parts if f in part])) for f in folds}
-    return merged
+        of_columns[column] = {
+            fold: np.mean([part[fold] for part in parts if fold in part], axis=0) for fold in folds
+        }
+    return of_columns
 
 
-def unseen_columns(unseen: Unseen) -> dict[str, float]:
-    """Return accuracy_unseen, accuracy_unseen_NAME of each label column, and their standard errors.
+def unseen_columns(unseen: Mapping[str, Mapping[str, Floats]]) -> dict[str, Floats]:
+    """Return accuracy_unseen, accuracy_unseen_NAME of each label column, and their errors, (...) each.
 
         accuracy_unseen_NAME = mean over the folds,  se = s / sqrt(folds);  NaN with one fold
         accuracy_unseen      = mean over the m label columns,  se = sqrt(sum of se^2) / m
 
     Args:
-        unseen: empty where nothing is left out, which has no columns.
+        unseen: label column -> fold -> accuracies (...); empty where nothing is left out: no columns.
     """
-    columns: dict[str, float] = {}
-    for name, folds in unseen.items():
-        values = list(folds.values())
-        columns[f"accuracy_unseen_{name}"] = float(np.mean(values))
-        columns[f"accuracy_unseen_{name}_se"] = float(seeds_se(values)) if len(values) > 1 else math.nan
     if not unseen:
         return {}
-    means, errors = list(columns.values())[::2], list(columns.values())[1::2]
-    error = math.hypot(*errors) / len(errors)
-    return {"accuracy_unseen": float(np.mean(means)), "accuracy_unseen_se": error} | columns
+    columns: dict[str, Floats] = {}
+    means, errors = [], []
+    for name, folds in unseen.items():
+        values = np.array(list(folds.values()), np.float64)
+        means.append(values.mean(axis=0))
+        errors.append(seeds_se(values) if len(values) > 1 else np.full(values.shape[1:], np.nan))
+        columns |= {f"accuracy_unseen_{name}": means[-1], f"accuracy_unseen_{name}_se": errors[-1]}
+    error = np.sqrt(np.square(errors).sum(axis=0)) / len(errors)
+    return {"accuracy_unseen": np.mean(means, axis=0), "accuracy_unseen_se": error} | columns
