@@ -18,6 +18,7 @@ from dse.config.settings import Window
 from dse.config.space import Design
 from dse.config.values import echo
 from dse.dataset.parts import Progress, place_signals, seen_by_encoder, silent
+from dse.recordings import RecordingError
 from dse.recordings.targets import target_columns
 from dse.recordings.windows import mean_levels
 from dse.records import Bools, Floats, Ints, Signals, Spikes
@@ -44,7 +45,7 @@ def without_labels(space: SearchSpace, design: Design) -> Design | None:
     """Return the first design for the same target whose encoder reads no labels; None where there is none."""
     target = {name: design[name] for name in ("task.target",) if name in design}
     others = (other | target for other in corners(space, ("encoder",), _MOST_ENCODERS))
-    return next((other for other in others if not space.resolve(other).reads_labels), None)
+    return next((other for other in others if not sections_of(space, other).reads_labels), None)
 
 
 def values_of(design: Design) -> str:
@@ -54,8 +55,15 @@ def values_of(design: Design) -> str:
 
 
 def sections_of(space: SearchSpace, design: Design) -> Sections:
-    """Return the sections that an audit reads: what else a study evaluates does not matter."""
-    return dataclasses.replace(space.resolve(design), evaluation=None)
+    """Return the sections that an audit reads: what else a study evaluates does not matter.
+
+    Raises:
+        RecordingError: a component refuses values of the design that are legal one by one.
+    """
+    try:
+        return dataclasses.replace(space.resolve(design), evaluation=None)
+    except ValueError as error:
+        raise RecordingError(str(error)) from None
 
 
 def material(
@@ -75,7 +83,7 @@ def material(
         OSError: the cache cannot be written.
     """
     base, sections = space.source.parent, sections_of(space, design)
-    roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts), evaluation=None)
+    roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts))
     folder = dataset.prepare(roomy, base, root, space.execution.threads, progress)
     data = dataset.load(folder)
     train, validation = (_drawn(samples) for samples in (data.train, data.validation))

@@ -85,10 +85,12 @@ def _class_elsewhere(material: Material, values: Array) -> Bools:
 
 def _inseparable(material: Material, name: str, values: Array) -> AuditRow:
     """Return the row of a column whose values hold whole classes: a look-up answers in place of the label."""
-    train = values[material.train]
-    first = {value: code for value, code in zip(train.tolist(), material.codes.tolist(), strict=True)}
-    guesses = [first.get(value, -1) for value in values[material.validation].tolist()]
-    score = material.score(f"look-up of {name}", np.array(guesses))
+    known, group = np.unique(values[material.train], return_inverse=True)
+    frequent = np.array([np.bincount(material.codes[group == k]).argmax() for k in range(len(known))])
+    looked_up = values[material.validation]
+    place = np.minimum(np.searchsorted(known, looked_up), len(known) - 1)
+    guesses = np.where(known[place] == looked_up, frequent[place], -1)
+    score = material.score(f"look-up of {name}", guesses)
     shortcut = is_above(score)
     verdict = f"{name} names the class with {score.accuracy:.3f}"
     if shortcut:

@@ -69,7 +69,8 @@ def _row(material: Material, room: Bools, before: Score, after: Mapping[int, Sco
     """Return the row of one reader: before windows are moved, and after, by shift."""
     before = before.of(room, material.truth)
     moved = [score.of(room, material.truth) for score in after.values()]
-    mean = Score(before.reader, np.concatenate([score.correct for score in moved]), before.chance)
+    every = np.concatenate([score.correct for score in moved])
+    mean = Score(before.reader, every, before.chance, repeats=len(moved))
     lost = share_lost(before, mean)
     shortcut = is_above(before) and lost >= HALF and all(is_lower(before.correct, x.correct) for x in moved)
     if shortcut:
@@ -108,11 +109,15 @@ def _moved(material: Material, reader: str, steps: Sequence[int]) -> dict[int, S
 def _of_crops(material: Material, steps: Sequence[int]) -> tuple[Score, dict[int, Score]]:
     """Return what nearest neighbours among crops of training answer to unmoved windows, and by shift."""
     crops = np.unique(np.linspace(-material.jitter_steps, material.jitter_steps, CROPS).round().astype(int))
-    x = np.concatenate([material.counts(material.train, NEAREST_BINS, int(s)) for s in crops])
-    codes = np.tile(material.codes, len(crops))
-
-    def score(shift: int) -> Score:
-        query = material.counts(material.validation, NEAREST_BINS, shift)
-        return material.score(f"{NEAREST}, crops", classes_of(codes, nearest(distances(x, query))))
-
-    return score(0), {s: score(s) for s in steps}
+    queries = {s: material.counts(material.validation, NEAREST_BINS, s) for s in (0, *steps)}
+    least = {s: np.full(len(query), np.inf) for s, query in queries.items()}
+    answers = {s: np.full(len(query), -1) for s, query in queries.items()}
+    for crop in crops.tolist():
+        x = material.counts(material.train, NEAREST_BINS, crop)
+        for s, query in queries.items():
+            squared = distances(x, query)
+            nearer = squared.min(axis=1) < least[s]
+            answers[s][nearer] = material.codes[nearest(squared)][nearer]
+            least[s] = np.minimum(least[s], squared.min(axis=1))
+    scores = {s: material.score(f"{NEAREST}, crops", answer) for s, answer in answers.items()}
+    return scores[0], {s: scores[s] for s in steps}

@@ -54,11 +54,15 @@ class AuditRow:
 
 @dataclass(frozen=True)
 class Score:
-    """Which samples a reader answers correctly, (n,) bool, and the share of their largest class."""
+    """Which samples a reader answers correctly, (n,) bool, and the share of their largest class.
+
+    repeats: how often each sample is among them; the standard error counts it once.
+    """
 
     reader: str
     correct: Bools
     chance: float
+    repeats: int = 1
 
     @property
     def n(self) -> int:
@@ -70,7 +74,7 @@ class Score:
 
     @property
     def se(self) -> float:
-        return float(wilson_se(self.correct.sum(), self.n))
+        return float(wilson_se(self.correct.sum() / self.repeats, self.n / self.repeats))
 
     def of(self, chosen: Bools, codes: Ints) -> Score:
         """Return the score on some of the samples.

@@ -59,8 +59,9 @@ def _audited(space: SearchSpace) -> dict[str, object]:
     """Return what the last audit of the search space has found; nothing without an audit."""
     from dse.audit import record
     from dse.recordings import RecordingError
+    from dse.store import StoreError
 
-    with contextlib.suppress(OSError, RuntimeError, RecordingError):
+    with contextlib.suppress(OSError, RuntimeError, RecordingError, StoreError):
         if (audit := record.last(space, cache.usual_root())) is not None:
             return {"shortcuts": audit.shortcuts}
     return {}

@@ -164,6 +164,18 @@ def test_single_samples_and_constant_columns(tmp_path):
     assert "material: training has one value of force" in result.notes
 
 
+def test_a_first_design_that_its_encoder_refuses(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    space = write(tmp_path)
+    monkeypatch.setattr(type(space), "resolve", refuse)
+    assert main(["audit", str(space.source)]) == 2
+    assert capsys.readouterr().err.strip() == "encoder: these do not go together"
+
+
+def refuse(space, design):
+    raise ValueError("encoder: these do not go together")
+
+
 def test_one_class(tmp_path):
     result = audit(write(tmp_path, label=np.zeros(80)), tmp_path / "cache")
     assert result.rows == ()
