@@ -215,7 +215,8 @@ class Family(Protocol):
     def respond(self, fitted: Network | Parameters, dataset: Dataset, samples: Ints) -> Response | Answers:
         """Answer on the evaluated windows of some samples with what `fit` returned as `Outcome.network`.
 
-        On `dataset.validation` the answer is that of the `Outcome`.
+        The windows begin at `dataset.start`, which may be elsewhere than in training. On the windows of the
+        fit and `dataset.validation` the answer is that of the `Outcome`.
 
         Raises:
             ValueError: the data set has other channels or another length than was trained on.

@@ -70,6 +70,7 @@ class Measurement:
     confusion, confusion_test: (true class, answered class) counts of the full read-out.
     heads: of a joint target, head -> its own measurement.
     unseen: label column -> fold of its values -> accuracy after a training without the fold.
+    shifted: (shift,) accuracy of the full read-out on moved windows; None where none were moved.
     """
 
     columns: dict[str, Any]
@@ -82,6 +83,7 @@ class Measurement:
     confusion_test: Ints | None
     heads: dict[str, Measurement] = field(default_factory=dict)
     unseen: Unseen = field(default_factory=dict)
+    shifted: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -349,6 +351,7 @@ def _measured(
         confusion=answer.confusion,
         confusion_test=answer.confusion_test,
         unseen=answer.unseen,
+        shifted=None if answered.read_outs.shifted is None else answered.read_outs.shifted[:, -1],
     )
 
 
@@ -420,6 +423,7 @@ def _measured_jointly(
         confusion_test=None if matrix_test is None else matrix_test[:, :-1],
         heads=heads,
         unseen=unseen,
+        shifted=None if end.shifted is None else end.shifted[:, -1],
     )
 
 

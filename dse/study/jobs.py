@@ -389,11 +389,18 @@ def _response_arrays(response: Response | Answers, data: Dataset, index: Ints) -
 
 
 def arrays_of(job: Run, measurement: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
-    """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface."""
+    """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface.
+
+    Where windows were moved, another holds the accuracy at each shift.
+    """
     matrices = {"validation": measurement.confusion}
     if measurement.confusion_test is not None:
         matrices["test"] = measurement.confusion_test
     files = {f"confusion{suffix}.npz": matrices}
+    evaluation = job.sections.evaluation
+    if evaluation is not None and evaluation.shifts is not None and measurement.shifted is not None:
+        shifts: dict[str, Array] = {"shift": np.array(evaluation.shifts), "accuracy": measurement.shifted}
+        files[f"shifts{suffix}.npz"] = shifts
     if measurement.read_outs:
         files[f"read_out{suffix}.npz"] = measurement.read_outs | _work(measurement.read_outs_load)
     if measurement.points:

@@ -22,8 +22,8 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
     """Check a family.
 
     The result follows from the seed; `respond` gives the answers of the fit again, also after storing;
-    answers do not depend on later input; weights are counted; a design trains to the same bits alone and in a
-    cohort.
+    answers do not depend on later input, and are those of the windows that the data set names; weights are
+    counted; a design trains to the same bits alone and in a cohort.
 
     Args:
         family: small enough to train in a second.
@@ -48,6 +48,11 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
     _check_counts(name, family, outcome, data)
     _check_answers(name, family, outcome, data)
     _check_causal(name, family, outcome, data)
+    moved = family.respond(outcome.network, small.one_step_later(data), data.validation)
+    expect(
+        same(moved, outcome.validation),
+        f"{name}.respond must answer the windows that begin at `dataset.start`, wherever that is",
+    )
     if trains_in_cohorts(family):
         _check_cohort(name, family, outcome, data, training)
 

@@ -96,6 +96,20 @@ def without_spikes_after(data: Dataset, n_steps: int) -> Dataset:
     return replace(data, spikes=cut)
 
 
+def one_step_later(data: Dataset) -> Dataset:
+    """Return the same windows in recordings that begin with one more step, without spikes."""
+    spikes = data.spikes
+    begins = spikes.row_offsets[:-1].reshape(-1, spikes.n_steps)
+    later = np.append(np.concatenate([begins[:, :1], begins], axis=1), spikes.row_offsets[-1])
+    return replace(
+        data,
+        spikes=replace(spikes, row_offsets=later, n_steps=spikes.n_steps + 1),
+        start=data.start + 1,
+        start_low=data.start_low + 1,
+        start_high=data.start_high + 1,
+    )
+
+
 def signals(lengths: Sequence[int] = (40, 31, 40, 25, 40, 33), n_channels: int = 3) -> Signals:
     """Return recordings that walk up and down, each in a way of its own."""
     rng = np.random.default_rng(11)

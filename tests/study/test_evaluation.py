@@ -112,6 +112,8 @@ def test_a_family_that_reads_the_place_falls_where_windows_move(tmp_path: Path) 
     # Wilson of 1.5 and of 0 right answers of 9
     assert columns["accuracy_shifted_se"] == pytest.approx(np.sqrt(5 / 36 / 9 + 1 / 324) / (10 / 9))
     assert columns["accuracy_shifted_min_se"] == pytest.approx(1 / 18 / (10 / 9))
+    [shifts] = study.arrays(0, "shifts.npz")
+    assert shifts["shift"].tolist() == [4, -4] and shifts["accuracy"].tolist() == [1 / 3, 0.0]
     points = study.points()
     first = points[points["read_out_ms"] == 20.0].iloc[0]  # class 0 at the start, any other class is silent
     assert (first["accuracy"], first["accuracy_shifted"]) == (pytest.approx(2 / 3), pytest.approx(1 / 6))

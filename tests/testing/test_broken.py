@@ -23,7 +23,18 @@ from dse.measure.objectives import FullReadOut, Points
 from dse.models.counts.knn import KNN
 from dse.neurons.lif import Lif
 from dse.recordings.time_series import TimeSeries
-from dse.records import Answers, Array, Dataset, Events, Operations, Outcome, Signals, Spikes, Workload
+from dse.records import (
+    Answers,
+    Array,
+    Dataset,
+    Events,
+    Operations,
+    Outcome,
+    Parameters,
+    Signals,
+    Spikes,
+    Workload,
+)
 from dse.registry import Column, param
 from dse.search.samplers.random import Random
 from dse.testing import (
@@ -67,9 +78,18 @@ class UncountedKNN(KNN):
     fit_cohort = None
 
 
+@dataclass(frozen=True)
+class RootedKNN(KNN):
+    """It answers the same steps wherever the windows are."""
+
+    def respond(self, fitted: Parameters, dataset: Dataset, samples: Array) -> Answers:
+        return super().respond(fitted, dataclasses.replace(dataset, start=0 * dataset.start + 2), samples)
+
+
 @pytest.mark.parametrize(
     ("family", "text"),
     [
+        (RootedKNN(), "respond must answer the windows that begin at `dataset.start`"),
         (UncountedKNN(), "has `fit_cohort` and must have the other methods of `CohortFamily` too"),
         (UnseededKNN(), "must train to the same result by the same seed"),
         (ForgetfulKNN(), "respond must give the validation answers of its fit"),
