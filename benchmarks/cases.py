@@ -7,12 +7,32 @@ from functools import cached_property
 
 import numpy as np
 
+from dse.records import Arithmetic
+
 TRUE_RATE, FALSE_RATE = 0.2, 0.02
 DECAY_CURRENT, DECAY_VOLTAGE, THRESHOLD = 1024, 123, 80
 """SLAYER's defaults of its N-MNIST example, in integers: 0.25, 0.03, 1.25."""
+PERIOD, QUALITY, GAIN = 8.0, 3.0, 8.0
+"""Of resonators: steps, quality factor, and what their weights are multiplied with, to fire as often."""
 TAU_GRAD, SCALE_GRAD = 0.03, 3.0
 LEARNING_RATE = 1e-6
 """So small that activity does not drift while it is timed."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What a row trains.
+
+    arithmetic: of the states.
+    share: of the hidden neurons that resonate.
+    reset: whether spikes reset the potential of resonators.
+    delayed: whether layers hand their spikes on one step later.
+    """
+
+    arithmetic: Arithmetic
+    share: float = 0.0
+    reset: bool = False
+    delayed: bool = True
 
 
 @dataclass(frozen=True)
@@ -42,11 +62,18 @@ class Case:
         shapes = zip(self.sizes, self.sizes[1:], strict=False)
         return [rng.uniform(-1, 1, (i, o)).astype(np.float32) / np.float32(np.sqrt(i)) for i, o in shapes]
 
-    @cached_property
-    def rounded(self) -> list[np.ndarray]:
-        """The weights on the 8-bit grid, up or down by chance: to the nearest would zero all of case C."""
+    def weights_of(self, variant: Variant) -> list[np.ndarray]:
+        """Return the weights as a variant runs them: those of resonators stronger, 8-bit ones rounded.
+
+        They are rounded up or down by chance: to the nearest would zero all of case C.
+        """
+        hidden, output = self.weights
+        resonates = np.arange(self.sizes[1]) < round(variant.share * self.sizes[1])
+        started = [hidden * np.where(resonates, GAIN, 1).astype(np.float32), output]
+        if variant.arithmetic != "integer":
+            return started
         rng = np.random.default_rng(2)
-        return [np.floor(w * 32 + rng.random(w.shape, np.float32)) / np.float32(32) for w in self.weights]
+        return [np.floor(w * 32 + rng.random(w.shape, np.float32)) / np.float32(32) for w in started]
 
 
 CASES = {

@@ -19,19 +19,16 @@ from rich.table import Table
 
 from benchmarks.cases import (
     CASES,
-    DECAY_CURRENT,
-    DECAY_VOLTAGE,
     FALSE_RATE,
     LEARNING_RATE,
-    THRESHOLD,
     TRUE_RATE,
     Case,
+    Variant,
 )
 from benchmarks.ours import SURROGATE, layers_of, rows_of
 from dse.engine import gpu
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif
 from dse.records import Arithmetic
 
 ARITHMETICS: tuple[Arithmetic, ...] = ("integer", "float32", "ideal")
@@ -42,17 +39,13 @@ WARM_UP = 3
 
 def member_of(case: Case, arithmetic: Arithmetic) -> Member:
     """Return a case's network at its start."""
-    layers = layers_of(case, arithmetic)
+    layers = layers_of(case, Variant(arithmetic))
     return Member(
         tuple(
             TrainedLayer(
                 layer.feed_forward,
                 None,
-                cuba_lif.Population(
-                    np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
-                    np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
-                    THRESHOLD,
-                ),
+                layer.population,
                 SURROGATE,
                 np.ones(layer.n_neurons, np.float32),
             )
@@ -73,7 +66,7 @@ def error_of(case: Case, arithmetic: Arithmetic) -> float:
     none = (None,) * len(case.weights)
     expected = gradients(
         rows_of(case.x),
-        layers_of(case, arithmetic),
+        layers_of(case, Variant(arithmetic)),
         [SURROGATE] * len(none),
         case.labels,
         true_rate=TRUE_RATE,

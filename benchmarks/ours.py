@@ -11,20 +11,22 @@ from benchmarks.cases import (
     DECAY_VOLTAGE,
     FALSE_RATE,
     LEARNING_RATE,
+    PERIOD,
+    QUALITY,
     SCALE_GRAD,
     TAU_GRAD,
     THRESHOLD,
     TRUE_RATE,
     Case,
+    Variant,
 )
 from dse.engine import cpu
 from dse.engine.events import Rows, delayed
 from dse.engine.layers import Weights, prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif
+from dse.neurons import Population, cuba_lif, resonator
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic
 
 SURROGATE = exponential(THRESHOLD / 64, TAU_GRAD, SCALE_GRAD)
 
@@ -37,30 +39,39 @@ def rows_of(x: np.ndarray) -> Rows:
     return Rows(offsets, np.nonzero(flat)[1].astype(np.int32), n, t, c)
 
 
-def layers_of(case: Case, arithmetic: Arithmetic) -> list[Weights]:
+def population(n: int, variant: Variant, *, is_output: bool) -> Population[Any]:
+    """Return the neurons of a layer."""
+    lif = cuba_lif.Population(
+        np.full(n, DECAY_CURRENT, np.int32), np.full(n, DECAY_VOLTAGE, np.int32), THRESHOLD
+    )
+    if is_output or not variant.share:
+        return lif
+    resonates = np.arange(n) < round(variant.share * n)
+    c, s = (np.where(resonates, x, 0).astype(np.int32) for x in resonator.factors(PERIOD, QUALITY))
+    decays = (np.where(resonates, 0, d).astype(np.int32) for d in (lif.decay_current, lif.decay_voltage))
+    return resonator.Population(resonates, c, s, *decays, THRESHOLD, variant.reset)
+
+
+def layers_of(case: Case, variant: Variant) -> list[Weights]:
     """Return a case's layers as they run."""
-    return [
-        weights(w, None, cuba_lif.Population(np.int32(DECAY_CURRENT), np.int32(DECAY_VOLTAGE), THRESHOLD))
-        for w in (case.rounded if arithmetic == "integer" else case.weights)
-    ]
+    of = case.weights_of(variant)
+    last = len(of) - 1
+    return [weights(w, None, population(w.shape[1], variant, is_output=k == last)) for k, w in enumerate(of)]
 
 
 class Ours:
     """Some copies of a case's network in a cohort; times are of all copies together."""
 
-    def __init__(self, case: Case, arithmetic: Arithmetic, copies: int) -> None:
+    def __init__(self, case: Case, variant: Variant, copies: int) -> None:
+        arithmetic = variant.arithmetic
         self._case, self._arithmetic = case, arithmetic
-        self._rows, self._layers = rows_of(case.x), layers_of(case, arithmetic)
+        self._rows, self._layers = rows_of(case.x), layers_of(case, variant)
         self._prepared = [prepare(layer, arithmetic) for layer in self._layers]
         layers = tuple(
             TrainedLayer(
                 layer.feed_forward,
                 None,
-                cuba_lif.Population(
-                    np.full(layer.n_neurons, DECAY_CURRENT, np.int32),
-                    np.full(layer.n_neurons, DECAY_VOLTAGE, np.int32),
-                    THRESHOLD,
-                ),
+                layer.population,
                 SURROGATE,
                 np.ones(layer.n_neurons, np.float32),
             )

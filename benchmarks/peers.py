@@ -8,6 +8,7 @@ hand spikes on without a step's delay.
 
 from __future__ import annotations
 
+import math
 import warnings
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.cases import PERIOD, QUALITY, Variant
+from dse.neurons import resonator
 from dse.neurons.surrogate import Exponential
 
 
@@ -115,7 +118,7 @@ class SnnTorch(Peer):
                     beta=keep_v,
                     threshold=p.threshold,
                     reset_mechanism="zero",
-                    spike_grad=snntorch.surrogate.fast_sigmoid() if own_surrogate else _fires(p.surrogate),
+                    spike_grad=snntorch.surrogate.fast_sigmoid() if own_surrogate else _Fires(p.surrogate),
                 )
             )
 
@@ -139,11 +142,18 @@ class SnnTorch(Peer):
         return layers
 
 
-def _fires(surrogate: Exponential) -> Any:
-    """Return a spike function of the potential above the threshold, with dse's surrogate."""
-    from dse.engine.autograd import Fire
+class _Fires(torch.nn.Module):
+    """A spike function of the potential above the threshold, with dse's surrogate."""
 
-    return lambda v: Fire.apply(v, surrogate)
+    def __init__(self, surrogate: Exponential) -> None:
+        super().__init__()
+        self._surrogate = surrogate
+
+    def forward(self, v: torch.Tensor) -> Any:
+        """Return 1 where a potential is above the threshold."""
+        from dse.engine.autograd import Fire
+
+        return Fire.apply(v, self._surrogate)
 
 
 class SpikingJelly(Peer):
@@ -206,6 +216,66 @@ class Norse(Peer):
         return found
 
 
+class ResonatorLoop(Loop):
+    """Plain loop; the hidden neurons are resonators."""
+
+    def __init__(self, weights: Sequence[np.ndarray], populations: Sequence[Population]) -> None:
+        from benchmarks.ours import population
+        from benchmarks.torch_loop import resonating
+
+        super().__init__(weights, populations)
+        hidden = population(weights[0].shape[1], Variant("float32", 1.0), is_output=False)
+        assert isinstance(hidden, resonator.Population)
+        self._loops[0] = resonating(populations[0], hidden)
+
+
+class SpikingJellyResonators(SpikingJelly):
+    """SpikingJelly's RAFNode (resonate and fire) in multi-step mode, before its CUBALIFNode.
+
+    With dse's surrogate. Its equations are dse's with `reset`; its gradient stops where a neuron has spiked.
+    """
+
+    def __init__(self, weights: Sequence[np.ndarray], populations: Sequence[Population]) -> None:
+        from spikingjelly.activation_based import neuron
+
+        super().__init__(weights, populations)
+        p, (c, s) = populations[0], resonator.factors(PERIOD, QUALITY)
+        # The factors as they are rounded, so that the neurons are the same.
+        c, s = float(c) / 4096, float(s) / 4096
+        self._neurons[0] = neuron.RAFNode(
+            b=math.log(math.hypot(c, s)),
+            omega=math.atan2(s, c),
+            v_threshold=p.threshold,
+            v_reset=0.0,
+            surrogate_function=_Fires(p.surrogate),
+            detach_reset=True,
+        )
+        self._neurons[0].step_mode = "m"
+        self._neurons[1].surrogate_function = _Fires(populations[1].surrogate)
+
+
+_MV = 20.0
+"""Of a weight unit, where neurons are driven in mV."""
+
+
+class NorseResonators(Norse):
+    """Norse's Izhikevich neurons with its parameters of a resonator, step by step, before its LIF."""
+
+    def spikes(self, inputs: Any) -> list[torch.Tensor]:
+        """Return each layer's spikes."""
+        from norse.torch.functional import izhikevich
+
+        behaviour, of_steps = izhikevich.resonator, []
+        drive = inputs @ (_MV * self.weights[0])
+        state = izhikevich.IzhikevichState(*(x.detach() + torch.zeros_like(drive[0]) for x in behaviour.s))
+        for z in drive.unbind(0):
+            fired, state = izhikevich.izhikevich_feed_forward_step(z, state, behaviour.p)
+            of_steps.append(fired)
+        hidden = torch.stack(of_steps)
+        output, _ = self._neurons[1](hidden @ self.weights[1])
+        return [hidden, output]
+
+
 def peer(name: str, weights: Sequence[np.ndarray], populations: Sequence[Population]) -> Peer:
     """Return a network by the name of its row.
 
@@ -221,6 +291,9 @@ def peer(name: str, weights: Sequence[np.ndarray], populations: Sequence[Populat
         "snntorch, our surrogate": lambda *a: SnnTorch(*a, hoisted=True, own_surrogate=False),
         "spikingjelly": SpikingJelly,
         "norse": Norse,
+        "loop, resonators": ResonatorLoop,
+        "spikingjelly, resonators": SpikingJellyResonators,
+        "norse, resonators": NorseResonators,
     }
     found: Peer = makers[name](weights, populations)
     return found

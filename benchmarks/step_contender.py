@@ -21,16 +21,22 @@ from benchmarks.cases import (
     THRESHOLD,
     TRUE_RATE,
     Case,
+    Variant,
 )
 from benchmarks.worker import cpu_seconds, serve
 
 COPIES = 8
-OURS: dict[str, tuple[Any, int]] = {
-    "dse, ideal": ("ideal", 1),
-    "dse, float32": ("float32", 1),
-    "dse, integer": ("integer", 1),
-    f"dse, integer, cohort of {COPIES}": ("integer", COPIES),
+OURS = {
+    "dse, ideal": (Variant("ideal"), 1),
+    "dse, float32": (Variant("float32"), 1),
+    "dse, integer": (Variant("integer"), 1),
+    f"dse, integer, cohort of {COPIES}": (Variant("integer"), COPIES),
+    "dse, resonators, float32": (Variant("float32", 1.0), 1),
+    "dse, resonators, integer": (Variant("integer", 1.0), 1),
+    "dse, half resonators, integer": (Variant("integer", 0.5), 1),
+    f"dse, resonators, integer, cohort of {COPIES}": (Variant("integer", 1.0), COPIES),
 }
+"""Row -> what it trains, and how many copies at a time."""
 
 
 class Contender(Protocol):
@@ -62,7 +68,8 @@ class _Peer:
             )
             for n in case.sizes[1:]
         ]
-        self._learner = Learner(peer(name, case.weights, populations), TRUE_RATE, FALSE_RATE)
+        weights = case.weights_of(Variant("float32", 1.0 if "resonators" in name else 0.0))
+        self._learner = Learner(peer(name, weights, populations), TRUE_RATE, FALSE_RATE)
         self._inputs = self._learner.network.prepare(dense_inputs(case.x))
         self._labels = torch.as_tensor(case.labels)
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from dse.engine.autograd import TorchCalculus, later, layer_spikes, on_torch, spike_rate
+from dse.engine.autograd import TorchCalculus, later, layer_spikes, loss_of, on_torch
+from dse.engine.goal import SPIKE_RATE, Goal
+from dse.neurons import resonator
 from dse.neurons.cuba_lif import Population
 
 if TYPE_CHECKING:
@@ -36,6 +38,13 @@ class CsrProduct(torch.autograd.Function):
         return ctx.transposed @ grad[0], None, None
 
 
+def spike_rate(
+    output: torch.Tensor, labels: torch.Tensor, true_rate: float, false_rate: float
+) -> torch.Tensor:
+    """Return SLAYER's SpikeRate loss of output spikes (step, sample, class), summed over the batch."""
+    return loss_of(output, labels.numpy(), Goal(SPIKE_RATE, true_rate, false_rate))
+
+
 def loops(populations: Sequence[peers.Population]) -> list[Callable[[torch.Tensor], torch.Tensor]]:
     """Return each layer as a function of its weighted input, (step, sample, neuron) float32."""
 
@@ -46,3 +55,12 @@ def loops(populations: Sequence[peers.Population]) -> list[Callable[[torch.Tenso
         return lambda drive: later(layer_spikes(drive, neurons, calculus))
 
     return [loop(p) for p in populations]
+
+
+def resonating(
+    p: peers.Population, resonators: resonator.Population
+) -> Callable[[torch.Tensor], torch.Tensor]:
+    """Return a layer of resonators as a function of its weighted input, (step, sample, neuron) float32."""
+    calculus = TorchCalculus("float32", p.surrogate)
+    neurons = on_torch(resonators, calculus)
+    return lambda drive: later(layer_spikes(drive, neurons, calculus))

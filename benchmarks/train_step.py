@@ -6,7 +6,7 @@ CPU time, median (and minimum) of all calls in all rounds, one thread pinned to 
 process of its own; the rows take turns, round by round, so that ratios come from the same run. A framework is
 looked for in this Python unless `--python` names another for it. Input spikes are random. All start from the
 same weights, drawn as torch draws them; integer weights are those on the 8-bit grid, rounded up or down by
-chance. The time of a cohort is per design.
+chance. The time of a cohort is per design. Resonators share a period; their weights are stronger.
 
 The gradient error is the largest difference from a torch loop in float64 with the same weights and
 arithmetic, relative to the gradient's largest entry: a spike that float32 alone fires or loses is in it.
@@ -19,7 +19,7 @@ import contextlib
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
@@ -27,7 +27,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.cases import CASES, FALSE_RATE, TRUE_RATE, Case
+from benchmarks.cases import CASES, FALSE_RATE, TRUE_RATE, Case, Variant
 from benchmarks.ours import SURROGATE, layers_of, rows_of
 from benchmarks.step_contender import OURS
 from benchmarks.worker import NotInstalled, Worker, pythons
@@ -40,10 +40,20 @@ ROWS = {
     "snntorch in loop": "snnTorch, linear in the loop",
     "spikingjelly": "SpikingJelly CUBALIF, multi-step",
     "norse": "Norse LIF",
-    **{name: name for name in OURS},
+    **{name: name for name in OURS if "resonators" not in name},
+    "loop, resonators": "torch loop, resonators",
+    "spikingjelly, resonators": "SpikingJelly RAF, multi-step",
+    "norse, resonators": "Norse Izhikevich, resonator",
+    **{name: name for name in OURS if "resonators" in name},
 }
-EXACT = {"loop": "ideal", "csr loop": "ideal"} | {name: arithmetic for name, (arithmetic, _) in OURS.items()}
-"""The arithmetic of the rows whose gradients have an exact counterpart."""
+EXACT = {
+    "loop": Variant("ideal"),
+    "csr loop": Variant("ideal"),
+    "loop, resonators": Variant("ideal", 1.0),
+    "spikingjelly, resonators": Variant("ideal", 1.0, reset=True, delayed=False),
+    **{name: variant for name, (variant, _) in OURS.items()},
+}
+"""What the rows whose gradients are compared with the definition train."""
 
 ELSEWHERE = {
     "lava-dl SLAYER": {"A": 0.325, "B": 0.131, "C": 1.06},
@@ -52,6 +62,9 @@ ELSEWHERE = {
 }
 CSR_LOOP_ELSEWHERE = {"A": 0.093, "B": 0.039, "C": 0.231}
 """CPU seconds per training step measured on another machine."""
+
+
+CUBA_LIF = [name for name, (variant, _) in OURS.items() if not variant.share]
 
 
 @dataclass
@@ -64,21 +77,28 @@ class Row:
     error: float | None = None
 
 
-def exact_gradients(case: Case) -> dict[str, list[np.ndarray]]:
-    """Return dL/dW of each layer by automatic differentiation in float64, for real and integer states."""
-    return {
-        arithmetic: gradients(
+def exact_gradients(case: Case) -> dict[Variant, list[np.ndarray]]:
+    """Return dL/dW of each layer by automatic differentiation in float64, of every variant of `EXACT`."""
+    exact = {variant: _in_float64(variant) for variant in EXACT.values()}
+    by_autograd = {
+        variant: gradients(
             rows_of(case.x),
-            layers_of(case, arithmetic),
+            layers_of(case, variant),
             [SURROGATE] * 2,
             case.labels,
             true_rate=TRUE_RATE,
             false_rate=FALSE_RATE,
-            arithmetic=arithmetic,
+            arithmetic=variant.arithmetic,
             gains=[None] * 2,
+            shift=variant.delayed,
         )[1]
-        for arithmetic in ("ideal", "integer")
+        for variant in set(exact.values())
     }
+    return {variant: by_autograd[other] for variant, other in exact.items()}
+
+
+def _in_float64(variant: Variant) -> Variant:
+    return replace(variant, arithmetic="ideal") if variant.arithmetic == "float32" else variant
 
 
 def error(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> float:
@@ -89,12 +109,11 @@ def error(found: Sequence[np.ndarray], exact: Sequence[np.ndarray]) -> float:
 def measure(case: str, rounds: int, seconds: float, python_of: dict[str, str]) -> dict[str, Row | None]:
     """Return each row of a case; None where its framework is not installed."""
     exact = exact_gradients(CASES[case])
-    exact["float32"] = exact["ideal"]
     found: dict[str, Row | None] = dict.fromkeys(ROWS)
     running: dict[str, tuple[Worker, Row]] = {}
     with contextlib.ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
         for name in ROWS:
-            python = python_of.get(name.split()[0], sys.executable)
+            python = python_of.get(name.split()[0].strip(","), sys.executable)
             with contextlib.suppress(NotInstalled):
                 worker = stack.enter_context(Worker(python, "benchmarks.step_contender", name, case))
                 found[name] = row = Row(worker.ask("rates"))
@@ -154,7 +173,7 @@ def add_elsewhere(table: Table, case: str, rows: dict[str, Row | None]) -> None:
     scale = median(loop.step) / CSR_LOOP_ELSEWHERE[case]
     for what, seconds in ELSEWHERE.items():
         scaled = seconds[case] * scale
-        ours = [f"{scaled / median(row.step):.2f}" for key, row in rows.items() if key in OURS and row]
+        ours = [f"{scaled / median(row.step):.2f}" for key, row in rows.items() if key in CUBA_LIF and row]
         table.add_row(case, what, f"{1e3 * seconds[case]:.1f}", f"{1e3 * scaled:.1f}", *ours)
     table.add_section()
 
@@ -175,7 +194,7 @@ def main() -> None:
         "measured on another machine",
         "its ms",
         "scaled, ms",
-        *(f"× {name}" for name in OURS),
+        *(f"× {name}" for name in CUBA_LIF),
         title="Times faster than figures of another machine, scaled by the CSR loops of the two",
         title_justify="left",
     )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.cases import CASES
+from benchmarks.cases import CASES, Variant
 from benchmarks.ours import rows_of
 from benchmarks.step_contender import OURS, contender
 from benchmarks.train_step import EXACT, ROWS, Row, error, exact_gradients, table_of
@@ -14,13 +16,27 @@ from dse.engine.events import dense
 TINY = CASES["tiny"]
 
 
-@pytest.mark.parametrize("name", EXACT)
-def test_gradients_and_answers_are_the_witness_s(name: str) -> None:
-    exact = exact_gradients(TINY)
-    kind = {"float32": "ideal"}.get(EXACT[name], EXACT[name])
+@pytest.fixture(scope="module")
+def exact() -> dict[Variant, list[np.ndarray]]:
+    return exact_gradients(TINY)
+
+
+WITNESSES = {
+    Variant("ideal"): "loop",
+    Variant("integer"): "dse, integer",
+    Variant("ideal", 1.0): "loop, resonators",
+    Variant("integer", 1.0): "dse, resonators, integer",
+    Variant("integer", 0.5): "dse, half resonators, integer",
+}
+
+
+@pytest.mark.parametrize("name", [name for name in EXACT if not name.startswith("spikingjelly")])
+def test_gradients_and_answers_are_the_witness_s(name: str, exact: dict[Variant, list[np.ndarray]]) -> None:
+    variant = EXACT[name]
     it = contender(name, TINY)
-    assert error(it.gradients(), exact[kind]) < 1e-5
-    reference = contender("loop" if kind == "ideal" else "dse, integer", TINY)
+    assert error(it.gradients(), exact[variant]) < 1e-5
+    real = replace(variant, arithmetic="ideal") if variant.arithmetic == "float32" else variant
+    reference = contender(WITNESSES[real], TINY)
     np.testing.assert_array_equal(np.asarray(it.infer()), np.asarray(reference.infer()))
     rates = it.rates()
     assert len(rates) == 2 and all(0 < rate < 1 for rate in rates)
@@ -32,7 +48,7 @@ def test_rows_are_the_inverse_of_dense() -> None:
 
 def test_rounded_weights_are_neighbours_on_the_grid_and_unbiased() -> None:
     case = CASES["C"]
-    for w, rounded in zip(case.weights, case.rounded, strict=True):
+    for w, rounded in zip(case.weights, case.weights_of(Variant("integer")), strict=True):
         np.testing.assert_array_equal(rounded * 32, np.round(rounded * 32))
         assert np.abs(rounded - w).max() < 1 / 32
         assert abs((rounded - w).mean()) < 4 * (1 / 64) / np.sqrt(w.size)
