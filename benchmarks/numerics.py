@@ -1,4 +1,4 @@
-"""Speed against error of the package's own numerics: six parts, one table.
+"""Speed against error of the package's own numerics: seven parts, one table.
 
     python -m benchmarks.numerics [--only NAME ...] [--rounds 3]
 
@@ -10,6 +10,11 @@ decay       one layer, started as the package starts one, from rest: 12-bit deca
             The threshold is 1.25 where none is named.
             LIF: the current is gone in a step (d_u = 1). Cost: per neuron and step. Membrane: |error| / |v|
             until a neuron's trains part; then they differ by their resets
+resonator   one layer likewise: integer states with factors of fewer bits, 12-bit factors with ideal states,
+            and exact factors in float32, against exact factors in float64; per period and quality factor.
+            Early, late: membrane of integer against ideal states, same factors, over the first and last 1000
+            of 20 000 steps. 24 bits: largest state over 2^23, of these inputs, and where all inputs have the
+            largest weight and fire while the resonator swings up: it overflows above 1
 elm         output weights of an H of given condition number, with ridge r s_1^2, against the solution of the
             same ridge in decimals of 120 digits; outputs on rows that were not seen; and how far those are
             from what the noisy targets meant. Normal equations: as they are read, in float64
@@ -57,10 +62,10 @@ from dse.models.snn.initialise import initialise, populations_of
 from dse.models.surfaces.time_surfaces import NEVER, Field, Memory, Stream
 from dse.models.training import Training
 from dse.native.compiled import compiled
-from dse.neurons import cuba_lif, fixed_point, izhikevich
+from dse.neurons import cuba_lif, fixed_point, izhikevich, resonator
 from dse.preprocessing import pool
 from dse.recordings.pooling import pooling
-from dse.records import Array, Block, Dataset, Signals, Spikes
+from dse.records import Arithmetic, Array, Block, Dataset, Signals, Spikes
 
 MATCH_WITHIN = 5.0
 DIGITS = 120
@@ -288,6 +293,101 @@ def decay_rows(
                 "time (steps)": like.time,
             }
             yield Row(f"{of}: {name}", cost_s / expected.voltage.size, errors)
+
+
+def rounded_factors(period: float, quality: float, bits: int) -> tuple[int, int]:
+    """Return c and s of a resonator in 1/4096 as so many bits hold them; what would grow, toward zero."""
+    exact = exact_factors(period, quality)
+    step = 2 ** (12 - bits)
+    c, s = (int(step * np.rint(x / step)) for x in exact)
+    if c * c + s * s < 4096**2:
+        return c, s
+    c, s = (int(step * np.trunc(x / step)) for x in exact)
+    return c, s
+
+
+def exact_factors(period: float, quality: float) -> tuple[float, float]:
+    """Return them without rounding."""
+    r = np.exp(-1 / max(quality * period / np.pi, 1.0))
+    w = 2 * np.pi / period
+    return float(4096 * r * np.cos(w)), float(4096 * r * np.sin(w))
+
+
+def resonators(weight: Array, c: float, s: float, threshold: int) -> Weights:
+    """Return a layer of resonators that are all alike."""
+    n = weight.shape[1]
+    factors, none = (np.full(n, x) for x in (c, s)), np.zeros(n, np.int32)
+    return weights(
+        weight, None, resonator.Population(np.ones(n, bool), *factors, none, none, threshold, False)
+    )
+
+
+def resonator_rows(
+    rounds: int,
+    periods: Sequence[float] = (2.2, 4.7, 12.0, 40.0),
+    qualities: Sequence[float] = (1.5, 5.0, 20.0),
+    bits: Sequence[int] = (2, 3, 4, 6, 8, 10, 12),
+    n_hidden: int = 16,
+    n_samples: int = 4,
+    n_steps: int = 1000,
+    n_long: int = 20_000,
+) -> Iterator[Row]:
+    """Yield the error of arithmetics per period and quality factor of resonators."""
+    rows = drawn_rows(n_samples, n_steps, 50, 0.03, np.random.default_rng(0))
+    long_rows = drawn_rows(1, n_long, 50, 0.03, np.random.default_rng(1))
+    for period, quality in product(periods, qualities):
+        model = SNN(
+            hidden=(n_hidden,),
+            neuron=resonator.Resonator(period=(period,), quality=(quality,)),
+            initial_rate=0.2,
+        )
+        populations = populations_of(model, 2, 1.0, np.random.default_rng(1))
+        start = initialise(rows, model, populations, 2, np.random.default_rng(1))
+        weight, threshold = fixed_point.quantise(start.feed_forward[0]), round(64 * model.neuron.threshold)
+        exact = resonators(weight, *exact_factors(period, quality), threshold)
+        expected = prepare(exact, "ideal").forward(rows, keep_voltage=True)
+        of_12_bits = resonators(weight, *rounded_factors(period, quality, 12), threshold)
+        runs: list[tuple[str, Weights, Arithmetic]] = [
+            (
+                f"{b} bits, integer",
+                resonators(weight, *rounded_factors(period, quality, b), threshold),
+                "integer",
+            )
+            for b in bits
+        ]
+        runs += [("12 bits, ideal", of_12_bits, "ideal"), ("exact, float32", exact, "float32")]
+        for name, run, arithmetic in runs:
+            ready = prepare(run, arithmetic)
+            found = ready.forward(rows, keep_voltage=True, count=True)
+            cost_s, _ = least_s(partial(ready.forward, rows), rounds)
+            like = match(trains(found.fired), trains(expected.fired))
+            errors = {
+                "membrane": relative(found.voltage, expected.voltage),
+                "spike count": like.count,
+                "matched": like.matched,
+                "time (steps)": like.time,
+                "24 bits": found.peak * fixed_point.STATE_SCALE / 2**23,
+            }
+            if name == "12 bits, integer":
+                of_long = [
+                    prepare(of_12_bits, x).forward(long_rows, keep_voltage=True).voltage
+                    for x in ("integer", "ideal")
+                ]
+                for when, part in (("early", slice(0, 1000)), ("late", slice(-1000, None))):
+                    errors[when] = relative(*(v[:, part] for v in of_long))
+                errors["24 bits, at resonance"] = at_resonance(period, of_12_bits.population)
+            yield Row(f"P {period:g}, q {quality:g}: {name}", cost_s / expected.voltage.size, errors)
+
+
+def at_resonance(period: float, population: resonator.Population, n_inputs: int = 50) -> float:
+    """Return the largest state over 2^23 where all inputs fire while the potential's answer is positive."""
+    n_steps = int(20 * period) + 200
+    raster = np.repeat(np.sin(2 * np.pi * np.arange(n_steps) / period)[:, None] > 0, n_inputs, axis=1)
+    offsets = np.concatenate([[0], np.cumsum(raster.sum(axis=1))])
+    rows = Rows(offsets, np.nonzero(raster)[1].astype(np.int32), 1, n_steps, n_inputs)
+    weight = np.full((n_inputs, len(population.resonates)), 254 / 64, np.float32)
+    forward = prepare(weights(weight, None, population), "integer").forward(rows, count=True)
+    return forward.peak * fixed_point.STATE_SCALE / 2**23
 
 
 def conditioned(
@@ -591,6 +691,7 @@ def rates_rows(
 PARTS: Mapping[str, Part] = {
     "izhikevich": Part("Izhikevich: step and method per gain", "us / neuron s", 1e6, izhikevich_rows),
     "decay": Part("LIF and CUBA-LIF: decays and states", "ns / neuron step", 1e9, decay_rows),
+    "resonator": Part("Resonators: factors and states", "ns / neuron step", 1e9, resonator_rows),
     "elm": Part("ELM: precision and ridge per condition number", "us / solution", 1e6, elm_rows),
     "decision": Part("Decision: grids of phi and theta", "ms / net", 1e3, decision_rows),
     "hots": Part("HOTS: truncated decay, binned time", "ns / event", 1e9, hots_rows),

@@ -93,6 +93,30 @@ def test_slow_neurons_start_with_a_threshold_at_which_they_fire() -> None:
     assert len(prepare(layer, "integer").forward(rows).fired.index) > 0.02 * 4 * 400 * 16
 
 
+def test_coarser_factors_err_more_and_integer_states_do_not_drift() -> None:
+    sizes = {"n_hidden": 4, "n_samples": 2, "n_steps": 300, "n_long": 4000}
+    rows = by_setting(numerics.resonator_rows(1, (12.0,), (1.5, 20.0), (4, 8, 12), **sizes))
+    for q in ("1.5", "20"):
+        of = {
+            name: rows[f"P 12, q {q}: {name}"].errors
+            for name in ("4 bits, integer", "8 bits, integer", "12 bits, integer", "exact, float32")
+        }
+        assert falling(errors["membrane"] for errors in of.values())
+        integer = of["12 bits, integer"]
+        assert integer["late"] < 2 * integer["early"] < 0.05
+        assert of["exact, float32"]["membrane"] < 1e-4
+        assert integer["24 bits"] < 0.5
+    peaks = [rows[f"P 12, q {q}: 12 bits, integer"].errors["24 bits, at resonance"] for q in ("1.5", "20")]
+    assert peaks[0] < 1 < peaks[1]
+
+
+def test_factors_of_few_bits_never_grow() -> None:
+    for bits in (2, 3, 4, 12):
+        for period, quality in ((2.2, 1.5), (4.0, 100.0), (40.0, 20.0)):
+            c, s = numerics.rounded_factors(period, quality, bits)
+            assert c * c + s * s < 4096**2 and c % 2 ** (12 - bits) == s % 2 ** (12 - bits) == 0
+
+
 def test_exact_solutions_are_those_of_a_diagonal() -> None:
     values = np.array([1.0, 2.0**-20, 2.0**-52])
     h, t = np.diag(values), np.ones((3, 1))
@@ -185,7 +209,7 @@ def test_the_table_has_a_row_of_heads_per_part_and_one_per_setting() -> None:
     found = numerics.table(["rates"], 1)
     assert found.row_count == n + 1
     assert next(iter(found.columns[1].cells)) == "[bold]ns / event"
-    assert set(numerics.PARTS) == {"izhikevich", "decay", "elm", "decision", "hots", "rates"}
+    assert set(numerics.PARTS) == {"izhikevich", "decay", "resonator", "elm", "decision", "hots", "rates"}
 
 
 def test_recordings_take_part_where_there_are_some(
