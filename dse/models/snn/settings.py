@@ -34,7 +34,8 @@ class Stack:
     hidden_spike_penalty: float = param(
         0.0,
         low=0,
-        doc="activity regularisation: each spike of a hidden neuron adds this much to the loss of its sample",
+        doc="activity regularisation: each spike of a hidden neuron adds this much to the loss of its sample; "
+        "1e-6 to 1e-4 leave fewer spikes, more than 1e-3 may leave none",
     )
     tau_grad: float = param(
         0.03, low=0, low_open=True, doc="width of the hidden surrogate gradient, in units of 100 thresholds"
