@@ -34,7 +34,7 @@ class Stack:
     hidden_spike_penalty: float = param(
         0.0,
         low=0,
-        doc="activity regularisation: each spike of a hidden neuron adds this much to the loss of its sample; "
+        doc="activity regularisation: each spike of a hidden neuron adds this much to its sample's loss; "
         "1e-6 to 1e-4 leave fewer spikes, more than 1e-3 may leave none",
     )
     tau_grad: float = param(

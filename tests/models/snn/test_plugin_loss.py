@@ -1,4 +1,4 @@
-"""A loss that a user wrote, in a file beside the search space: beside shipped ones on an axis, and trained."""
+"""A loss that a user wrote, in a file beside the search space: an axis with shipped ones, and trained."""
 
 from __future__ import annotations
 
