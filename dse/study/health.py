@@ -21,8 +21,9 @@ _FAULTS = (
     ),
     (
         ("missed_initial_rates",),
-        "began with a layer at less than half or more than twice the spike rate that it was to have",
-        "change model.initial_rate or the neuron's threshold, or give the model more input spikes",
+        "began with a layer at less than half or more than twice its target spike rate",
+        "compare initial_rate_hidden with model.initial_rate and initial_rate_output with the target rates; "
+        "change these or the neuron's threshold, or give the model more input spikes",
     ),
 )
 

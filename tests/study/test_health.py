@@ -24,7 +24,7 @@ def test_each_kind_of_fault_is_counted_once_and_names_what_to_change() -> None:
     )
     assert "1 of 3 designs have neurons that fire in nearly every step (saturated_neurons > 0, " in saturated
     (missed,) = faults(trials.assign(collapsed_outputs=0, saturated_neurons=0, missed_initial_rates=1))
-    assert "first in trial 0): change model.initial_rate" in missed
+    assert "first in trial 0): compare initial_rate_hidden with model.initial_rate" in missed
 
 
 def test_sound_designs_and_families_without_such_columns_have_none() -> None:

@@ -181,6 +181,8 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
             not 0.5 * target <= reached <= 2 * target for target, reached in trainee.rates
         ),
         "initial_rates": [reached for _, reached in trainee.rates],
+        "initial_rate_hidden": float(np.mean([reached for _, reached in trainee.rates[:-1]])),
+        "initial_rate_output": float(trainee.rates[-1][1]),
         "gradient_norm_largest": max(trainee.history["gradient_norm"]),
         "gradient_norm_last": trainee.history["gradient_norm"][-1],
         "clipped_gradients": trainee.clipped_batches,

@@ -61,6 +61,7 @@ def test_a_wide_input_does_not_start_silent() -> None:
     data = toy(n_channels=6084, n_steps=20, n=12, rate=0.02)
     outcome = fit(data, SNN(hidden=(8,)), Training(epochs=1, batch_size=6), rngs())
     assert outcome.health["missed_initial_rates"] == 0
+    assert 0.05 <= outcome.health["initial_rate_hidden"] <= 0.2
     assert outcome.validation.spikes[..., 1].sum() > 0
 
 
