@@ -12,7 +12,7 @@ _FAULTS = (
     (
         ("collapsed_outputs",),
         "give one answer to every validation sample",
-        "lower training.learning_rate, or change model.loss or the model's target rates",
+        "lower training.learning_rate or model.hidden_spike_penalty, or change model.loss or target rates",
     ),
     (
         ("saturated_neurons", "saturated_outputs"),

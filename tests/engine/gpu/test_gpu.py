@@ -459,7 +459,7 @@ def test_members_of_one_kind_share_a_slab() -> None:
 
 
 def test_two_heads_train_as_on_the_cpu() -> None:
-    members = [replace(MEMBERS[k], heads=(2, 2)) for k in (0, 2)]
+    members = [replace(MEMBERS[k], heads=(2, 2)) for k in (0, 2, 7)]
     labels = np.stack([LABELS % 2, 2 + LABELS // 2 % 2], axis=1)
     ours, theirs = engine.start(members, N, 3), cpu.start(members, N, 3)
     turns = turns_of(members)
@@ -476,6 +476,8 @@ def test_two_heads_train_as_on_the_cpu() -> None:
             arithmetic=of.arithmetic,
             gains=turns[k].gains,
             heads=(2, 2),
+            loss=of.loss,
+            hidden_spike_penalty=of.hidden_spike_penalty,
         )
         theirs_ = [*cpu_gradients.feed_forward, *(r for r in cpu_gradients.recurrent if r.size)]
         for a, b in zip(matrices(ours.gradients(k)), theirs_, strict=True):
