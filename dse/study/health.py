@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 _FAULTS = (
     (
         ("collapsed_outputs",),
-        "give one answer to every validation sample",
+        "give one answer to nearly every validation sample",
         "lower training.learning_rate or model.hidden_spike_penalty, or change model.loss or target rates",
     ),
     (

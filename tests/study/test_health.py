@@ -19,7 +19,7 @@ def test_each_kind_of_fault_is_counted_once_and_names_what_to_change() -> None:
     trials = pandas.DataFrame([{"trial": k, **row} for k, row in enumerate(rows)])
     collapsed, saturated = faults(trials)
     assert collapsed.startswith(
-        "2 of 3 designs give one answer to every validation sample "
+        "2 of 3 designs give one answer to nearly every validation sample "
         "(collapsed_outputs > 0, first in trial 1): lower training.learning_rate"
     )
     assert "1 of 3 designs have neurons that fire in nearly every step (saturated_neurons > 0, " in saturated

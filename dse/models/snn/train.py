@@ -26,6 +26,8 @@ from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
 from dse.records import Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 
 PROBE_SAMPLES = 64
+COLLAPSED = 0.99
+"""Share of the samples with one answer that counts as all."""
 
 
 def train(
@@ -195,10 +197,15 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
 
 
 def _collapsed(dataset: Dataset, validation: Response) -> int:
-    """Return how many heads give one answer to all validation samples, whose labels differ."""
+    """Return how many heads give one answer to nearly all validation samples, though their labels differ."""
     answers = head_answers(dataset, validation.output.sum(axis=1, dtype=np.int64))
     targets = head_targets(dataset, dataset.validation)
     return sum(
-        len(np.unique(answer)) == 1 < len(np.unique(target))
+        _largest_share(target) < COLLAPSED <= _largest_share(answer)
         for answer, target in zip(answers.T, targets.T, strict=True)
     )
+
+
+def _largest_share(classes: Ints) -> float:
+    """Return the share of the most frequent class; 0 of none."""
+    return float(np.bincount(classes).max() / len(classes)) if len(classes) else 0.0
