@@ -289,6 +289,8 @@ class Response:
     step_ms: duration of a network step.
     peak_state: largest |u| or |v| in integer units; above 2**23 - 1 the 24-bit registers of Loihi overflow.
     synapses: per layer, input first, mean number of nonzero weights that a spike reached; None: all.
+    update_work: of a classifier other than a single network, per layer after the input, how often an update
+        counts (`Workload.update_work`); None: once.
     """
 
     output: Array
@@ -297,6 +299,7 @@ class Response:
     step_ms: float
     peak_state: int
     synapses: tuple[float, ...] | None = None
+    update_work: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from dse.config.locate import hardware_names, is_hardware_file, shipped_profiles
 from dse.config.parts import Part, read_fixed, read_or_axis
 from dse.config.settings import Decision, Evaluation, ExecutionSettings, Precision, Reach, Search
 from dse.config.space import DecisionGrid, SearchSettings
-from dse.config.values import Report, echo, keys_of, read_fields
+from dse.config.values import Report, blamed, echo, keys_of, read_fields
 from dse.config.yaml_lines import Raw, parse
 
 _BATCH = 8
@@ -120,6 +121,33 @@ def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path)
         if kind is not None and not kind.any_neuron:
             run = f"cannot run neuron {' or '.join(dict.fromkeys(neurons))}: its neurons cannot be programmed"
             report(("hardware", index), f"hardware '{name}' {run}")
+
+
+def check_steps(sections: Mapping[str, Part], report: Report) -> None:
+    """Report neurons whose parameters need shorter input steps than the search space has.
+
+    Args:
+        sections: data .. training.
+        report: called with (path, sentence) for every mistake.
+    """
+    data, model = sections.get("preprocessing", sections.get("data")), sections["model"]
+    if data is None or not data.good:
+        return
+    known = registry.known("neurons")
+    steps = {getattr(built, "step_ms", None) for built in data.at_ends()}
+    for part in model.entries.values() or [model]:
+        if not any(hasattr(known[name], "check_step") for name in part.components("neurons")):
+            continue
+        checks = [getattr(getattr(built, "neuron", None), "check_step", None) for built in part.at_ends()]
+        messages: dict[str, None] = {}
+        for check, step_ms in product(filter(None, checks), filter(None, steps)):
+            try:
+                check(step_ms)
+            except ValueError as error:
+                messages.setdefault(str(error))
+        keys = part.values.keys() | {axis.place[1] for axis in part.axes.values()}
+        for message in messages:
+            report(*blamed(message, keys, ("model",)))
 
 
 def objectives(

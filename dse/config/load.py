@@ -75,6 +75,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     if "model" in sections and sections["model"].good:
         goals.check_neurons(hardware, sections["model"], report, source.parent)
+        goals.check_steps(sections, report)
     split = sections.get("split")
     has_test = "test" in data or split is None or not split.good or split.fixed.has_test
     evaluation = sections.get("evaluation")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -75,6 +76,13 @@ class Part:
             if rule.component == section
             for name in components_named(values.get(key), rule)
         ]
+
+    def at_ends(self) -> Iterator[Any]:
+        """Yield the objects of the section at every corner of its axes, where its class takes the values."""
+        keys = [axis.place[1] for axis in self.axes.values()]
+        for combination in combinations(self.axes.values()):
+            with contextlib.suppress(ValueError):
+                yield self.built(dict(zip(keys, combination, strict=True)))
 
     def to_plain(self) -> dict[str, Raw]:
         """Return the section as it is written in YAML, with every default."""
@@ -263,11 +271,16 @@ def _conditioned(cls: type, varied: dict[str, Axis]) -> dict[str, Axis]:
     }
 
 
+def combinations(axes: Iterable[Axis]) -> Iterator[tuple[Raw, ...]]:
+    """Return the values at every corner of some axes; of very many axes not all."""
+    extremes = [[axis.wrapped(value) for value in axis.extremes()] for axis in axes]
+    return itertools.islice(itertools.product(*extremes), _MOST_COMBINATIONS)
+
+
 def _refusals(cls: type, fixed: Values, varied: dict[str, Axis]) -> list[str]:
     """Return the objections of a class to its values, tried at every corner of the section's axes."""
-    extremes = [[axis.wrapped(value) for value in axis.extremes()] for axis in varied.values()]
     messages: dict[str, None] = {}
-    for combination in itertools.islice(itertools.product(*extremes), _MOST_COMBINATIONS):
+    for combination in combinations(varied.values()):
         try:
             construct(cls, fixed | dict(zip(varied, combination, strict=True)))
         except ValueError as error:

@@ -672,6 +672,7 @@ def _load(
     else:
         assert response.synapses is not None  # the family counts what no stack says
         additions = spikes @ np.array(response.synapses)
+        updates = updates * np.array(response.update_work or 1.0)
     return Operations(
         macs=np.zeros_like(additions),
         additions=additions,

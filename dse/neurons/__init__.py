@@ -98,6 +98,9 @@ class LayerSpec:
 class Neuron(Protocol):
     """A kind of neuron: a frozen dataclass whose fields are its YAML keys, declared with `registry.param`.
 
+    One whose parameters need short input steps has a method `check_step(step_ms)` that raises a ValueError,
+    whose sentence begins with the key that it is about.
+
     Populations: class of its populations; outputs may be of the class of another kind.
     label: what such neurons are called in a sentence, such as 'leaky integrate-and-fire'.
     arithmetics: in which its definition runs; 'integer' only where it holds states as whole numbers.

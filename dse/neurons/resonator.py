@@ -195,6 +195,10 @@ class Resonator(cuba_lif.CubaLif):
         if self.period_unit == "steps":
             self._periods(1.0)
 
+    def check_step(self, step_ms: float) -> None:
+        """Check that every period has at least 2 input steps."""
+        self._periods(step_ms)
+
     @classmethod
     def resonators(cls, parameters: Mapping[str, Array]) -> int:
         """Return how many neurons of a layer resonate."""

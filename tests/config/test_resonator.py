@@ -26,6 +26,14 @@ CHIPS = "hardware: [loihi1_silicon]"
             r"tiny.yaml:14: model.quality must have bounds in increasing order, got \[5",
         ),
         ("share: 0", r"tiny.yaml:14: model.share must be in \(0, 1\], got 0"),
+        (
+            "period: [15, 200], period_unit: ms",
+            "tiny.yaml:14: model.period must be at least 2 input steps of 10 ms, got 15 ms",
+        ),
+        (
+            "period: [2, 80], period_unit: {choice: [steps, Hz]}",
+            "tiny.yaml:14: model.period must be at least 2 input steps of 10 ms, got 80 Hz",
+        ),
         ("period_unit: s", "tiny.yaml:14: unknown model.period_unit 's'"),
     ],
 )

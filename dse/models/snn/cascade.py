@@ -27,6 +27,7 @@ from dse.models.snn.family import SNN
 from dse.models.snn.respond import fan_outs, respond, respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.training import Generators, Training
+from dse.neurons import neuron_of
 from dse.records import Array, Dataset, Ints, Network, Outcome, Parameters, Response, Spikes
 from dse.registry import param, register
 
@@ -269,7 +270,14 @@ def _together(
         one.step_ms,
         max(one.peak_state, two.peak_state),
         tuple(n / max(1, int(of)) for n, of in zip(operations, total, strict=True)),
+        (*_update_work(first), 1.0, *_update_work(second)),
     )
+
+
+def _update_work(network: Network) -> tuple[float, ...]:
+    """Return per layer how often an update counts: those of resonators twice."""
+    resonators = (neuron_of(layer.neuron).resonators(layer.parameters) for layer in network.layers)
+    return tuple(1 + r / n for r, n in zip(resonators, network.sizes[1:], strict=True))
 
 
 def _arriving(output: Array, steps_per_sample: int) -> Array:
