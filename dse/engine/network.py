@@ -1,4 +1,4 @@
-"""A stack of layers: forward for answers; of CUBA-LIF layers, forward and backward for gradients."""
+"""A stack of layers: forward for answers; of layers with kernels, forward and backward for gradients."""
 
 from __future__ import annotations
 

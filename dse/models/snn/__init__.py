@@ -1,1 +1,1 @@
-"""Dense CUBA-LIF networks: settings, initialisation, training, responses, coarser weights."""
+"""Dense spiking networks: settings, initialisation, training, responses, coarser weights."""

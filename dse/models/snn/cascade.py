@@ -1,4 +1,4 @@
-"""A cascade of two CUBA-LIF stacks: what one makes of the first head is input to the other.
+"""A cascade of two spiking stacks: what one makes of the first head is input to the other.
 
 The first stack answers one head of a joint target, such as the velocity profile. The second sees the data's
 channels and, as channels of their own, the output spikes of the first as they arrive (its running estimate:
@@ -40,7 +40,7 @@ _ADDED = (
 @register("models", "cascade")
 @dataclass(frozen=True)
 class Cascade(Stack):
-    """Two CUBA-LIF networks; the second also receives the output spikes of the first."""
+    """Two spiking networks; the second also receives the output spikes of the first."""
 
     first: str = param("", doc="head that the first stack predicts (default: the last column of the target)")
     first_hidden: tuple[int, ...] = param(
