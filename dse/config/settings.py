@@ -230,8 +230,8 @@ class Evaluation:
         doc="moves of the evaluated window, without further training (negative: towards the start): columns "
         "accuracy_shifted and accuracy_shifted_min. Shifts up to window.jitter_steps lie inside the training "
         "crops of spiking networks, and of all families with training.crops; larger ones lie outside. "
-        "Validation recordings without room for every shift are left out; column n_shifted counts the rest. "
-        "A run's shifts.npz has the accuracy at each shift",
+        "Validation recordings without room for every shift are left out; n_shifted counts the rest, and "
+        "accuracy_unshifted is of their unmoved windows. A run's shifts.npz has the accuracy at each shift",
         unit="steps",
         axis=False,
     )

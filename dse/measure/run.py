@@ -11,7 +11,7 @@ A joint target has a measurement for each of its heads; its own accuracy counts 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -150,7 +150,7 @@ class _How:
 
 @dataclass
 class _Moved:
-    """Accuracies of one target on moved windows of n samples.
+    """Accuracies of one target on windows of n samples: first unmoved, then at every shift.
 
     read_outs: per shift (k,). grids: per shift (phi, theta); empty without a grid.
     """
@@ -179,9 +179,29 @@ class _Moved:
             return answered
         grid = answered.grid
         if grid is not None:
-            grid = replace(grid, shifted=np.stack(self.grids), n_shifted=self.n)
-        read_outs = replace(answered.read_outs, shifted=np.stack(self.read_outs), n_shifted=self.n)
-        return replace(answered, read_outs=read_outs, grid=grid)
+            grid = _with_shifts(grid, self.grids, self.n)
+        return replace(
+            answered, read_outs=_with_shifts(answered.read_outs, self.read_outs, self.n), grid=grid
+        )
+
+
+def _with_shifts(points: Points, accuracies: Sequence[Floats], n: int) -> Points:
+    """Return points with accuracies of n samples, unmoved and at every shift."""
+    return replace(points, shifted=np.stack(accuracies[1:]), unshifted=accuracies[0], n_shifted=n)
+
+
+def _and_unmoved(
+    moved: Iterable[tuple[Ints, Response | Answers]], outcome: Outcome, dataset: Dataset
+) -> Iterator[tuple[Ints, Response | Answers]]:
+    """Yield what a run answers to the unmoved windows of the moved samples, then to the moved ones."""
+    for number, (samples, answers) in enumerate(moved):
+        if not number:
+            among, unmoved = np.isin(dataset.validation, samples), outcome.validation
+            if isinstance(unmoved, Answers):
+                yield samples, replace(unmoved, label=unmoved.label[among])
+            else:
+                yield samples, replace(unmoved, output=unmoved.output[among])
+        yield samples, answers
 
 
 def measure(
@@ -206,7 +226,8 @@ def measure(
         weight_bits: bits per weight of a spiking network.
         read_out_every_ms: distance of the input lengths after which a spiking network is read out; None:
             `READ_OUTS` of them, evenly spaced.
-        moved: per shift, samples (n,) and what the run answers to their moved windows.
+        moved: per shift, validation samples (n,), rising and the same at each, and what the run answers to
+            their moved windows.
         unseen: accuracies on groups after trainings without them; None: there were none.
 
     Raises:
@@ -216,7 +237,7 @@ def measure(
     targets = _targets(dataset)
     at_shifts = {name: _Moved() for name in targets}
     jointly = _Moved()
-    for samples, answers in moved:
+    for samples, answers in _and_unmoved(moved, outcome, dataset):
         classes = dataset.target[samples]
         for name, target in targets.items():
             true = classes if target.joint_of is None else target.joint_of[classes]
@@ -233,7 +254,7 @@ def measure(
         return measurements[""]
     end = _at_end(answered.read_outs)  # the work is that of the whole net, whichever head is asked
     if jointly.read_outs:
-        end = replace(end, shifted=np.stack(jointly.read_outs))
+        end = _with_shifts(end, jointly.read_outs, jointly.n)
     return _measured_jointly(outcome, dataset, measurements, end, _full(_of_target(unseen or {}, "")))
 
 
@@ -454,6 +475,7 @@ def _at_end(points: Points) -> Points:
         load=points.load.mapped(lambda counts: counts[-1:]),
         spikes_test=None if points.spikes_test is None else points.spikes_test[-1:],
         shifted=None if points.shifted is None else points.shifted[:, -1:],
+        unshifted=None if points.unshifted is None else points.unshifted[-1:],
     )
 
 

@@ -271,7 +271,8 @@ def records() -> dict[str, list[Points | FullReadOut | Priced]]:
 def _evaluated(record: Points | FullReadOut | Priced) -> Points | FullReadOut | Priced:
     """Return a record of a study that moves windows and leaves groups out; the accuracies are made up."""
     if isinstance(record, Points):
-        return replace(record, shifted=np.stack([record.accuracy, record.accuracy / 2]), n_shifted=9)
+        shifted = np.stack([record.accuracy, record.accuracy / 2])
+        return replace(record, shifted=shifted, unshifted=record.accuracy, n_shifted=9)
     if isinstance(record, FullReadOut):
         return replace(record, unseen={"force": {"1": 0.5, "2": 0.75}})
     return record

@@ -51,6 +51,7 @@ class Points:
     n_inputs: input channels, delayed copies counted; n_neurons: hidden and output neurons. None where the
         classifier does not say.
     shifted: (shift, ...) accuracy on moved windows of `n_shifted` samples; None where none were moved.
+    unshifted: (...) accuracy on the windows of the same samples where they were not moved.
     """
 
     n_samples: int
@@ -66,6 +67,7 @@ class Points:
     n_neurons: int | None = None
     shifted: Floats | None = None
     n_shifted: int = 0
+    unshifted: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,14 @@ def measured(needs: Needs, record: Points | FullReadOut | Priced) -> dict[str, A
 _ORDER = (
     *("accuracy", "accuracy_se", "accuracy_strict", "accuracy_test"),
     *("accuracy_shifted", "accuracy_shifted_se", "accuracy_shifted_min", "accuracy_shifted_min_se"),
-    *("n_shifted", "accuracy_unseen", "accuracy_unseen_se", "n_weights", "memory_bytes"),
+    *(
+        "accuracy_unshifted",
+        "n_shifted",
+        "accuracy_unseen",
+        "accuracy_unseen_se",
+        "n_weights",
+        "memory_bytes",
+    ),
     *("decision_latency_ms", "undecided", "ties"),
     *("spikes_per_inference", "spikes_per_inference_no_input", "spikes_total", "spikes_total_no_input"),
     *("synaptic_operations", "macs", "input_spike_rate_hz", "spike_rate_hz"),

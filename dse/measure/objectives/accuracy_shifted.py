@@ -54,6 +54,13 @@ class AccuracyShifted:
             of_evaluation="shifts",
         ),
         Column(
+            "accuracy_unshifted",
+            "",
+            "max",
+            "Accuracy on the unmoved windows of the recordings that accuracy_shifted is of.",
+            of_evaluation="shifts",
+        ),
+        Column(
             "n_shifted",
             "",
             "max",
@@ -63,7 +70,7 @@ class AccuracyShifted:
     )
 
     def measure(self, points: Points) -> Mapping[str, Array]:
-        if points.shifted is None:
+        if points.shifted is None or points.unshifted is None:
             return {}
         mean, worst, n = points.shifted.mean(axis=0), points.shifted.min(axis=0), points.n_shifted
         return {
@@ -71,5 +78,6 @@ class AccuracyShifted:
             "accuracy_shifted_se": wilson_se(np.minimum(mean * n, n), n),
             "accuracy_shifted_min": worst,
             "accuracy_shifted_min_se": wilson_se(np.rint(worst * n), n),
+            "accuracy_unshifted": points.unshifted,
             "n_shifted": np.full(np.shape(mean), n),
         }

@@ -39,7 +39,8 @@ def test_one_fold_has_no_error_and_nothing_has_no_columns() -> None:
 def test_shifts_of_several_points() -> None:
     points = next(x for x in records()["points"] if isinstance(x, Points))
     shifted = np.array([[1.0, 0.5], [0.5, 0.5], [0.0, 0.2]])
-    columns = AccuracyShifted().measure(replace(points, shifted=shifted, n_shifted=10))
+    columns = AccuracyShifted().measure(replace(points, shifted=shifted, unshifted=shifted[0], n_shifted=10))
+    assert columns["accuracy_unshifted"].tolist() == [1.0, 0.5]
     assert columns["accuracy_shifted"].tolist() == pytest.approx([0.5, 0.4])
     assert columns["accuracy_shifted_min"].tolist() == [0.0, 0.2]
     assert columns["accuracy_shifted_se"].tolist() == pytest.approx(wilson_se([5, 4], 10).tolist())
