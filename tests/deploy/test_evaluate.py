@@ -96,6 +96,34 @@ def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, A
     assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
 
 
+def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    axis = "neuron: {choice: [cuba_lif, resonator]}, share: {choice: [0.5, 1.0]}, hidden: [12]"
+    text = tiny_study.REAL.replace("hidden: [12]", axis).replace("repeats: 2", "repeats: 1")
+    chips = "hardware: [loihi1_silicon, loihi2_scenario]"
+    (tmp_path / "real.yaml").write_text(text.replace("hardware: [loihi1_silicon]", chips))
+    study = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
+    points = study.points()
+    priced = points.groupby(["model.neuron", "hardware"])["energy_uj_high"].apply(lambda x: x.notna().all())
+    assert priced.to_dict() == {
+        ("cuba_lif", "loihi1_silicon"): True,
+        ("cuba_lif", "loihi2_scenario"): True,
+        ("resonator", "loihi1_silicon"): False,
+        ("resonator", "loihi2_scenario"): True,
+    }
+    of = points[(points["model.neuron"] == "resonator") & (points["model.share"] == 0.5)]
+    row = of[(of["phi"] == 2) & (of["theta"] == 0.6)].iloc[0].to_dict()
+    export(study, row, tmp_path / "bundle")
+    readme = (tmp_path / "bundle" / "README.md").read_text()
+    assert "resonating and current-based leaky integrate-and-fire neurons" in readme
+    assert "`k/cosine` in 1/4096" in readme
+    validation = load(usual_root() / study.runs(int(row["trial"]))[0]["data"]).validation
+    arrays = recordings(study)
+    arrays |= {name: arrays[name][validation] for name in ("spikes", "label")}
+    np.savez(tmp_path / "new.npz", **arrays)
+    assert evaluate(tmp_path / "bundle", tmp_path / "new.npz").accuracy == pytest.approx(row["accuracy"])
+
+
 def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> None:
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
