@@ -229,12 +229,29 @@ class Layer:
         dse.neurons). Of CUBA-LIF: decay_current and decay_voltage, (neuron,) int32 12-bit decays in
         [0, 4096], and the integer mantissa `threshold`: a neuron fires where v > threshold / 64.
     neuron: name of the kind of neurons; the outputs may be of another kind than hidden layers.
+    shared: (neuron, input) int32 number of each weight, from 0: those of one number are copies of one weight;
+        -1: no weight, 0. None: each weight is alone.
     """
 
     weight: Floats
     recurrent: Floats | None
     parameters: Mapping[str, Array]
     neuron: str = "cuba_lif"
+    shared: Ints | None = None
+
+    @property
+    def n_weights(self) -> int:
+        """Number of nonzero weights, recurrent ones included; copies of a shared weight count once."""
+        own = 0 if self.recurrent is None else int(np.count_nonzero(self.recurrent))
+        if self.shared is None:
+            return int(np.count_nonzero(self.weight)) + own
+        return int(np.unique(self.shared[self.weight != 0]).size) + own
+
+    @property
+    def n_weights_dense(self) -> int:
+        """Number of weights, those that are 0 included; copies of a shared weight count once."""
+        own = 0 if self.recurrent is None else self.recurrent.size
+        return own + (self.weight.size if self.shared is None else int(self.shared.max(initial=-1)) + 1)
 
 
 @dataclass(frozen=True)
@@ -257,17 +274,24 @@ class Network:
         """Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.
 
         Training leaves no weight at exactly 0. Pruned weights, and those that round to 0, are stored as 0.
+        Copies of a shared weight count once.
         """
-        return sum(self.stored)
+        return sum(x.n_weights for x in self.layers)
 
     @property
     def n_weights_dense(self) -> int:
-        """Number of weights, those that are 0 included."""
-        return sum(x.weight.size + (0 if x.recurrent is None else x.recurrent.size) for x in self.layers)
+        """Number of weights, those that are 0 included; copies of a shared weight count once."""
+        return sum(x.n_weights_dense for x in self.layers)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no synapse is missing: every spike reaches all neurons of the next layer."""
+        matrices = [m for x in self.layers for m in (x.weight, x.recurrent) if m is not None]
+        return all(np.count_nonzero(m) == m.size for m in matrices)
 
     @property
     def stored(self) -> tuple[int, ...]:
-        """Nonzero weights into each layer, recurrent weights included."""
+        """Nonzero weights into each layer, recurrent weights and every copy of shared ones included."""
         return tuple(
             int(np.count_nonzero(x.weight) + (0 if x.recurrent is None else np.count_nonzero(x.recurrent)))
             for x in self.layers

@@ -241,6 +241,16 @@ def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:
     return hasattr(family, "fit_cohort")
 
 
+def placed(family: CohortFamily, positions: Ints) -> CohortFamily:
+    """Return a family as it trains on channels at (n_channels, 3) x, y and plane.
+
+    That is the family itself, unless its network depends on where its channels lie: such a family has a
+    method `placed`, whose result has the sizes of `CohortFamily`.
+    """
+    on_channels: CohortFamily = family.placed(positions) if hasattr(family, "placed") else family
+    return on_channels
+
+
 F = TypeVar("F")
 
 
@@ -272,7 +282,7 @@ class CohortFamily(Family, Protocol):
         """Return what designs must have in common to train in one cohort."""
 
     def n_weights(self, n_channels: int, n_classes: int) -> int:
-        """Return the number of weights W_t before pruning."""
+        """Return the number of weights W_t before pruning; weights that synapses share count once."""
 
     def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
         """Return the memory that a design holds while its cohort trains, without what the cohort shares."""

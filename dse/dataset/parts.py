@@ -274,12 +274,12 @@ def _of_events(
 
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
-        _of_pools(pooling), pooling.bin_us / 1000, lengths, None, rows,
+        pool_positions(pooling), pooling.bin_us / 1000, lengths, None, rows,
         source.notes, low,
     )  # fmt: skip
 
 
-def _of_pools(pooling: Pooling) -> Array:
+def pool_positions(pooling: Pooling) -> Array:
     """Return column, row and polarity of every channel of the pooled frame, (n_channels, 3) int32."""
     plane, row, column = np.indices((pooling.poles, pooling.height, pooling.width), dtype=np.int32)
     return np.stack([column.ravel(), row.ravel(), plane.ravel()], axis=1)

@@ -26,6 +26,7 @@ from dse.engine.goal import SPIKE_RATE, Goal, n_correct
 from dse.engine.layers import Weights, check_inputs
 from dse.engine.losses import Loss
 from dse.engine.member import Masters, Member, Report, Turn
+from dse.engine.shared import copies_of
 from dse.neurons import Population
 from dse.neurons.fixed_point import WEIGHT_SCALE
 from dse.neurons.surrogate import OFFSET, Exponential
@@ -264,19 +265,46 @@ def _quantised(weight: Tensor) -> Tensor:
 
 @dataclass
 class _Matrix:
-    """Master weights, Adam's moments, what a rate of 1 moves a weight by, and which weights are left."""
+    """Master weights, Adam's moments, what a rate of 1 moves a weight by, and which weights are left.
+
+    copies: of shared weights, as dse.engine.shared.Copies: (element,) number, (n_weights,) first.
+    """
 
     weights: Tensor
     unit: Tensor
     first: Tensor
     second: Tensor
     kept: Tensor | None = None
+    copies: tuple[Tensor, Tensor] | None = None
 
     @classmethod
-    def of(cls, weights: Floats, unit: Floats, device: torch.device) -> _Matrix:
+    def of(cls, weights: Floats, unit: Floats, device: torch.device, shared: Ints | None = None) -> _Matrix:
         start = torch.tensor(weights, dtype=torch.float32, device=device)
         zeros = torch.zeros_like(start)
-        return cls(start, torch.tensor(unit, dtype=torch.float32, device=device), zeros, zeros.clone())
+        units = torch.tensor(unit, dtype=torch.float32, device=device)
+        matrix = cls(start, units, zeros, zeros.clone())
+        if shared is not None:
+            copies = copies_of(shared)
+            matrix.copies = (
+                torch.as_tensor(copies.number, device=device),
+                torch.as_tensor(copies.first, device=device),
+            )
+        return matrix
+
+    def summed(self, gradient: Tensor) -> Tensor:
+        """Return the gradient with the sum over its copies at every copy of a shared weight."""
+        if self.copies is None:
+            return gradient
+        number, first = self.copies
+        totals = torch.zeros(len(first) + 1, dtype=torch.float64, device=gradient.device)
+        totals.index_add_(0, number, gradient.double().flatten())
+        totals[-1] = 0
+        return totals[number].to(gradient.dtype).reshape(gradient.shape)
+
+    def squared_norm(self, gradient: Tensor) -> float:
+        """Return the squared norm of a gradient over all weights, shared ones once."""
+        each = gradient if self.copies is None else gradient.flatten()[self.copies[1]]
+        return float((each.double() ** 2).sum())
 
     def prune(self, kept: Array) -> None:
         mask = torch.as_tensor(kept, device=self.weights.device)
@@ -301,7 +329,7 @@ class _Network:
             on_torch(x.population, calculus) for x, calculus in zip(member.layers, self._calculi, strict=True)
         ]
         self._sizes = [x.feed_forward.shape[1] for x in member.layers]
-        self._matrices = [_Matrix.of(x.feed_forward, x.unit, device) for x in member.layers]
+        self._matrices = [_Matrix.of(x.feed_forward, x.unit, device, x.shared) for x in member.layers]
         self._rings = [
             None
             if x.recurrent is None
@@ -339,11 +367,12 @@ class _Network:
             for total, part in zip(totals, parts, strict=True):
                 if part is not None:
                     total += part
+        totals = [matrix.summed(gradient) for matrix, gradient in zip(trained, totals, strict=True)]
         for matrix, gradient in zip(trained, totals, strict=True):
             matrix.weights = matrix.weights.detach()
             if matrix.kept is not None:
                 gradient *= matrix.kept
-        norm = math.sqrt(sum(float((g.double() ** 2).sum()) for g in totals))
+        norm = math.sqrt(sum(m.squared_norm(g) for m, g in zip(trained, totals, strict=True)))
         clip = 1.0
         if self._clip_norm is not None and norm > 0:
             clip = min(1.0, self._clip_norm / norm)

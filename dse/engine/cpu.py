@@ -17,8 +17,9 @@ from dse.engine.layers import GRID, KernelLayer, layer_of, padded_ring, precisio
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
+from dse.engine.shared import Copies, copies_of
 from dse.neurons.fixed_point import WEIGHT_SCALE
-from dse.records import Arithmetic, Array
+from dse.records import Arithmetic, Array, Ints
 
 _NOTHING = np.zeros(0, np.float32)
 _LOWEST, _HIGHEST = -256 / WEIGHT_SCALE * GRID, 254 / WEIGHT_SCALE * GRID
@@ -31,6 +32,7 @@ class _Matrix:
     table: int8 in integer arithmetic, else the master weights themselves.
     unit: (column,) what a learning rate of 1 moves a weight by.
     kept: like the gradient, 0 where a weight was removed, else 1; None: none was.
+    copies: of shared weights among the elements; None: none is shared.
     """
 
     n_rows: int
@@ -41,6 +43,7 @@ class _Matrix:
     table: Array
     unit: Array
     kept: Array | None = None
+    copies: Copies | None = None
 
     @property
     def grid(self) -> float:
@@ -59,13 +62,22 @@ class _Matrix:
         if self.kept is not None:
             np.multiply(self.gradient, self.kept, out=self.gradient)
 
+    def sum_copies(self) -> None:
+        """Give every copy of a shared weight the gradient of all of them."""
+        if self.copies is not None:
+            self.copies.sum_gradient(self.gradient)
+
     def squared_norm(self, factor: float) -> float:
         """Return the squared norm of the gradient times a factor, where it passes the rounding."""
-        return float(kernels.squared_norm(self.gradient, factor, self.weights, self.grid, _LOWEST, _HIGHEST))
+        gradient, weights = self.gradient, self.weights
+        if self.copies is not None:
+            gradient, weights = (_once(x, self.copies) for x in (gradient, weights))
+        return float(kernels.squared_norm(gradient, factor, weights, self.grid, _LOWEST, _HIGHEST))
 
     def update(self, factor: float, learning_rate: float, steps: int) -> float:
         """Take Adam's step `steps`, from 1; return the squared norm of the gradient times its factor."""
-        return float(
+        once = None if self.copies is None else self.squared_norm(factor)
+        squared = float(
             kernels.adam(
                 self.weights,
                 self.gradient,
@@ -86,9 +98,17 @@ class _Matrix:
                 _HIGHEST,
             )
         )
+        return squared if once is None else once
 
 
-def _matrix(weights: Array, unit: Array, arithmetic: Arithmetic) -> _Matrix:
+def _once(values: Array, copies: Copies) -> Array:
+    """Return the values of shared weights, one copy each, filled up with 0 to whole vectors."""
+    out = aligned(padded(copies.n_weights), values.dtype)
+    out[: copies.n_weights] = values[copies.first]
+    return out
+
+
+def _matrix(weights: Array, unit: Array, arithmetic: Arithmetic, shared: Ints | None = None) -> _Matrix:
     n_rows, n_columns = weights.shape
     masters = packed(weights, np.float32)
     units = aligned(padded(n_columns), np.float32)
@@ -97,7 +117,10 @@ def _matrix(weights: Array, unit: Array, arithmetic: Arithmetic) -> _Matrix:
     if arithmetic == "integer":
         table = packed(np.clip(np.rint(weights * np.float32(GRID)), _LOWEST, _HIGHEST), np.int8)
     first, second = (aligned(masters.size, np.float32) for _ in range(2))
-    return _Matrix(n_rows, masters, aligned(masters.size, precision(arithmetic)), first, second, table, units)
+    # Columns that pad hold 0, which is no weight where numbers count from 1.
+    copies = None if shared is None else copies_of(packed(shared + 1, np.int32) - 1)
+    gradient = aligned(masters.size, precision(arithmetic))
+    return _Matrix(n_rows, masters, gradient, first, second, table, units, None, copies)
 
 
 class _Network:
@@ -109,7 +132,7 @@ class _Network:
         self.clip_norm = member.clip_norm
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
-        self.matrices = [_matrix(x.feed_forward, x.unit, kind) for x in member.layers]
+        self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared) for x in member.layers]
         self.rings = [_ring(x, kind) for x in member.layers]
         # Layers read the matrices' tables, which change in place.
         self.layers = [
@@ -146,6 +169,7 @@ class _Network:
             *((ring, 1.0) for ring in self.rings if ring is not None),
         ]
         for matrix, _ in parts:
+            matrix.sum_copies()
             matrix.keep_removed()
         clip = 1.0
         if self.clip_norm is not None:

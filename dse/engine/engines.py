@@ -24,6 +24,7 @@ def start(
 
     Raises:
         MissingExtra: the neurons have no kernel, and torch is not installed.
+        ValueError: weights are shared, and the device is a GPU whose kernels would train the neurons.
     """
     neurons = {type(layer.population) for member in members for layer in member.layers}
     if not all(has_kernel(kind) for kind in neurons):
@@ -34,5 +35,7 @@ def start(
     if device == "cuda":
         from dse.engine import gpu
 
+        if any(layer.shared is not None for member in members for layer in member.layers):
+            raise ValueError("execution.device must be cpu for networks that share weights, got cuda")
         return gpu.start(members, n_samples, n_steps)
     return cpu.start(members, n_samples, n_steps, threads)

@@ -28,6 +28,8 @@ class TrainedLayer:
     population: its neurons.
     surrogate: ds/dv.
     unit, recurrent_unit: (neuron,) float32, what a learning rate of 1 moves a weight into each neuron by.
+    shared: (input, neuron) number of each weight (dse.engine.shared), whose copies are equal and move alike;
+        None: each weight is alone.
     """
 
     feed_forward: Floats
@@ -36,6 +38,7 @@ class TrainedLayer:
     surrogate: Exponential
     unit: Floats
     recurrent_unit: Floats | None = None
+    shared: Ints | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ class Report:
     loss: with what hidden spikes add to it, summed over the batch.
     correct: samples whose most active output (lowest number on ties) is the label, in every head.
     fired: per layer, mean spikes per neuron and step.
-    gradient_norm: Euclidean norm over all weights before clipping; NaN or infinite where a gradient is.
+    gradient_norm: Euclidean norm over all weights, shared ones once, before clipping; NaN or infinite where a
+        gradient is.
     """
 
     loss: float

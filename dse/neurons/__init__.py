@@ -31,6 +31,7 @@ from dse.neurons.calculus import Calculus
 from dse.records import Arithmetic, Array, Floats
 
 S = TypeVar("S", bound=tuple[Array, ...])
+P = TypeVar("P", bound="Population[Any]")
 
 
 class Step(NamedTuple, Generic[S]):
@@ -159,6 +160,18 @@ def name_of_population(population: Population[Any], neuron: Neuron) -> str:
 def parameters_of(population: Population[Any]) -> dict[str, Array]:
     """Return the parameters of a population by name, as arrays: what is stored."""
     return {f.name: np.asarray(getattr(population, f.name)) for f in dataclasses.fields(population)}  # type: ignore[arg-type]
+
+
+def tiled(population: P, copies: int) -> P:
+    """Return the neurons of a population as many times, one copy after the other."""
+    if copies == 1:
+        return population
+    arrays = {
+        f.name: np.tile(value, copies)
+        for f in dataclasses.fields(population)  # type: ignore[arg-type]
+        if np.ndim(value := getattr(population, f.name))
+    }
+    return dataclasses.replace(population, **arrays)  # type: ignore[type-var]
 
 
 def population_of(name: str, parameters: Mapping[str, Array]) -> Population[Any]:

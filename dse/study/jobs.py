@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dse import dataset, seeds, store
-from dse.config.contracts import Family, FitRequest, Generators, trains_in_cohorts
+from dse.config.contracts import Family, FitRequest, Generators, placed, trains_in_cohorts
 from dse.config.resolved import LeftOut, Sections
 from dse.dataset.cache import mark_used
 from dse.dataset.files import read_meta
@@ -162,6 +162,7 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     model, training = run.sections.model, run.sections.training
     if not trains_in_cohorts(model):
         return Demand((run.trial, run.repeat), 0, PROCESS_BYTES, 1.0)
+    sizes = placed(model, data.positions)
     n_used = data.train.size + data.validation.size + data.test.size
     n_events = len(data.spikes.channel) / max(1, n_used * data.spikes.n_steps) * data.n_steps
     n_outputs = sum(head_sizes(data))
@@ -171,9 +172,9 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     answers = (data.validation.size + data.test.size) * steps * (_ANSWER_BYTES + 2 * n_outputs)
     return Demand(
         (run.data, run.repeat, type(model), model.shares(training)),
-        model.memory_bytes(*shape, training),
-        PROCESS_BYTES + model.workspace_bytes(*shape, training, threads) + round(batch) + answers,
-        model.cost(*shape, n_events, data.train.size, training) * (1 + len(run.folds)),
+        sizes.memory_bytes(*shape, training),
+        PROCESS_BYTES + sizes.workspace_bytes(*shape, training, threads) + round(batch) + answers,
+        sizes.cost(*shape, n_events, data.train.size, training) * (1 + len(run.folds)),
     )
 
 

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 
 from dse.config import SearchSpace
-from dse.config.contracts import trains_in_cohorts
+from dse.config.contracts import placed, trains_in_cohorts
 from dse.dataset import cache
 from dse.recordings.files import locate
 from dse.registry import Plugin
@@ -75,7 +75,7 @@ def _loaded(plugin: Plugin) -> str:
 
 def _from_data(space: SearchSpace) -> dict[str, object]:
     """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
-    from dse.dataset.parts import pooling_of
+    from dse.dataset.parts import pool_positions, pooling_of
     from dse.recordings import RecordingError
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
@@ -105,14 +105,16 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
         sections = space.resolve(design)
         settings, encoder, model = sections.preprocessing, sections.encoder, sections.model
         if isinstance(recordings, Signals | Rasters):
-            n_channels = recordings.n_channels
+            of_file = sections.data.channel_positions(space.source.parent)
+            assert of_file is not None  # only events have addresses instead
+            positions = of_file
         elif settings is not None and (settings.crop != "pins" or recordings.simulated):
-            n_channels = pooling_of(recordings, settings).n_channels
+            positions = pool_positions(pooling_of(recordings, settings))
         else:  # the crop depends on the events, which a preview does not read
             return row
         if encoder is not None:
             try:
-                n_channels = encoder.n_channels(n_channels)
+                positions = encoder.positions(positions)
             except ValueError:  # the encoder learns its channels, and a preview fits nothing
                 return row
         if not trains_in_cohorts(model):  # other families have weights only after training
@@ -121,5 +123,6 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
         joint_codes, names = target(recordings.columns, columns)
         parts_of = heads(recordings.columns, columns, joint_codes) if sections.task.joint else ()
         n_outputs = sum(len(head.classes) for head in parts_of) or len(names)
-        weights.add(model.n_weights(n_channels, n_outputs))
+        sizes = placed(model, positions)
+        weights.add(sizes.n_weights(len(positions), n_outputs))
     return row | {"n_weights_low": min(weights), "n_weights_high": max(weights)}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dse import store
-from dse.config.contracts import CohortFamily, Family, FitRequest, trains_in_cohorts
+from dse.config.contracts import CohortFamily, Family, FitRequest, placed, trains_in_cohorts
 from dse.config.settings import Training
 from dse.measure.heads import head_sizes
 from dse.records import Answers, Dataset, Ints, Network, Outcome, Response
@@ -85,7 +85,8 @@ def _check_counts(name: str, family: Family, outcome: Outcome, data: Dataset) ->
     if not isinstance(network, Network):
         expect(answers.synapses is not None, f"{name} must count the synapses that a spike reaches")
     elif trains_in_cohorts(family):
-        predicted = family.n_weights(data.spikes.n_channels, sum(head_sizes(data)))
+        sizes = placed(family, data.positions)
+        predicted = sizes.n_weights(data.spikes.n_channels, sum(head_sizes(data)))
         expect(
             predicted == network.n_weights_dense,
             f"{name}.n_weights must be that of the network, {network.n_weights_dense}, got {predicted}",
@@ -140,12 +141,13 @@ def _check_causal(name: str, family: Family, outcome: Outcome, data: Dataset) ->
 def _check_cohort(name: str, family: CohortFamily, alone: Outcome, data: Dataset, training: Training) -> None:
     n_channels, n_classes, n_steps = data.spikes.n_channels, sum(head_sizes(data)), data.n_steps
     expect(hash(family.shares(training)) is not None, f"{name}.shares must be hashable")
+    sizes = placed(family, data.positions)
     expect(
-        family.memory_bytes(n_channels, n_classes, n_steps, training) > 0
-        and family.workspace_bytes(n_channels, n_classes, n_steps, training) >= 0,
+        sizes.memory_bytes(n_channels, n_classes, n_steps, training) > 0
+        and sizes.workspace_bytes(n_channels, n_classes, n_steps, training) >= 0,
         f"{name} must say how much memory a design takes",
     )
-    seconds = family.cost(n_channels, n_classes, n_steps, 100.0, len(data.train), training)
+    seconds = sizes.cost(n_channels, n_classes, n_steps, 100.0, len(data.train), training)
     expect(seconds > 0, f"{name}.cost must be > 0 seconds, got {seconds}")
     own, other = small.generators(1), small.generators(2)
     slower = dataclasses.replace(training, learning_rate=training.learning_rate / 2)

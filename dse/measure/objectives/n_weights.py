@@ -15,8 +15,9 @@ from dse.registry import Column, register
 class NWeights:
     """Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.
 
-    Only pruning leaves weights at exactly 0: W_t of a network that was not pruned is the source's.
-    `n_weights_dense` is what a family that prunes reports of its training.
+    Copies of a shared weight count once. Only pruning leaves weights at exactly 0: W_t of a network that was
+    not pruned is the source's. `n_weights_dense` is what a family that prunes reports of its training,
+    `n_synapses` what one that shares weights does.
 
     Source: Brayshaw et al., texture and velocity, W_t = sum over layers of i_l i_(l+1) (REFERENCES.md).
     """
@@ -27,7 +28,8 @@ class NWeights:
             "n_weights",
             "",
             "min",
-            "Number W_t of nonzero weights, with recurrent weights and those of delayed inputs.",
+            "Number W_t of nonzero weights, with recurrent weights and those of delayed inputs; shared ones "
+            "count once.",
             of_design=True,
         ),
         Column(
@@ -35,6 +37,13 @@ class NWeights:
             "",
             "min",
             "Number of weights, pruned weights included.",
+            of_design=True,
+        ),
+        Column(
+            "n_synapses",
+            "",
+            "min",
+            "Number of synapses, of which several share a weight; chips hold and price each.",
             of_design=True,
         ),
     )

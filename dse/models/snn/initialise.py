@@ -12,11 +12,12 @@ import numpy as np
 from dse.engine import layers
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
+from dse.engine.shared import copies_of, expanded
 from dse.models.snn.settings import Stack
-from dse.neurons import LayerSpec, Population
+from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.fixed_point import quantise
-from dse.records import Arithmetic, Floats
+from dse.records import Arithmetic, Floats, Ints
 
 _GAIN_RANGE = 16.0
 _IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
@@ -33,18 +34,17 @@ def populations_of(
         step_ms: duration of an input step.
         rng: draws what differs between neurons.
     """
-    return [
-        model.neuron.population(
-            LayerSpec(
-                n_neurons=n,
-                is_output=depth == len(model.hidden),
-                steps_per_sample=model.steps_per_sample,
-                step_ms=step_ms / model.steps_per_sample,
-            ),
-            rng,
+    populations = []
+    for depth, n in enumerate((*model.hidden, n_outputs)):
+        copies = 1 if depth else model.copies
+        spec = LayerSpec(
+            n_neurons=n // copies,
+            is_output=depth == len(model.hidden),
+            steps_per_sample=model.steps_per_sample,
+            step_ms=step_ms / model.steps_per_sample,
         )
-        for depth, n in enumerate((*model.hidden, n_outputs))
-    ]
+        populations.append(tiled(model.neuron.population(spec, rng), copies))
+    return populations
 
 
 def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> Floats:
@@ -101,6 +101,14 @@ def _reach_rate(rate: Callable[[float], float], target: float, start: float) -> 
     return gain, reached
 
 
+def _arriving(rows: Rows, shared: Ints | None) -> float:
+    """Return how many spikes reach a neuron, in the mean over neurons."""
+    if shared is None:
+        return rows.index.size
+    reached = np.count_nonzero(shared >= 0, axis=1) / shared.shape[1]
+    return float(reached[rows.index].sum())
+
+
 @dataclass(frozen=True)
 class Start:
     """Master weights, (input, neuron), and per layer the target spike rate and the one reached."""
@@ -137,11 +145,16 @@ def initialise(
     feed_forward: list[Floats] = []
     recurrent: list[Floats | None] = []
     rates = []
+    sharing = model.sharing(n_outputs)
     for depth, (n, population) in enumerate(zip((*model.hidden, n_outputs), populations, strict=True)):
         cells = max(1, rows.n_samples * rows.n_steps)
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
-        spread = math.sqrt(3 / max(1.0, rows.index.size / cells))
-        drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
+        shared = sharing[depth]
+        spread = math.sqrt(3 / max(1.0, _arriving(rows, shared) / cells))
+        if shared is None:
+            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
+        else:
+            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * unit
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate

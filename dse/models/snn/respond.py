@@ -60,7 +60,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
         np.concatenate([a.updates for a in answers]),
         dataset.spikes.step_ms / network.steps_per_sample,
         round(max(a.peak for a in answers) * STATE_SCALE),
-        None if network.n_weights == network.n_weights_dense else synapses(network, fired),
+        None if network.is_full else synapses(network, fired),
     )
     return response, fired
 

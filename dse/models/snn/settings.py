@@ -12,7 +12,7 @@ from dse.engine.losses import Loss
 from dse.models.training import Training
 from dse.neurons import Neuron
 from dse.neurons.surrogate import Exponential, exponential
-from dse.records import Arithmetic, Floats
+from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
 
 
@@ -21,6 +21,8 @@ class Stack:
     """Settings of a stack of layers; its neurons have settings of their own."""
 
     draws_crops: ClassVar[bool] = True
+    hidden_layers: ClassVar[tuple[int, int]] = (1, 3)
+    """Least and largest number of `hidden`."""
 
     hidden: tuple[int, ...] = param((100,), low=1, doc="neurons of each hidden layer, 1 to 3 layers")
     true_rate: float = param(0.8, low=0, high=1, doc="target spike rate of the label's output neuron")
@@ -82,8 +84,9 @@ class Stack:
 
     def __post_init__(self) -> None:
         """Check what one key alone cannot say."""
-        if not 1 <= len(self.hidden) <= 3:
-            raise ValueError(f"hidden must have 1 to 3 layers, got {len(self.hidden)}")
+        least, most = self.hidden_layers
+        if not least <= len(self.hidden) <= most:
+            raise ValueError(f"hidden must have {least} to {most} layers, got {len(self.hidden)}")
         if self.arithmetic not in self.neuron.arithmetics:
             raise ValueError(
                 f"arithmetic must be {' or '.join(self.neuron.arithmetics)} for neuron "
@@ -100,6 +103,19 @@ class Stack:
     def has_kernel(self) -> bool:
         """Whether kernels train it; if not, automatic differentiation of its neurons' definition does."""
         return has_kernel(self.neuron.Populations)
+
+    @property
+    def copies(self) -> int:
+        """How many times the neurons of the first layer are repeated, with equal parameters."""
+        return 1
+
+    def placed(self, positions: Ints) -> Stack:
+        """Return the stack that trains on channels at (n_channels, 3) x, y and plane: the same for all."""
+        return self
+
+    def sharing(self, n_outputs: int) -> list[Ints | None]:
+        """Return the numbers of each layer's shared weights (`dse.engine.shared`), or None."""
+        return [None] * (len(self.hidden) + 1)
 
     def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of every weight matrix, recurrent ones included."""

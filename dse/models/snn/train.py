@@ -14,6 +14,7 @@ import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, without
+from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune
 from dse.models.snn.augment import Augmentation
@@ -62,6 +63,7 @@ def train(
             "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "
             "input_dropout and augmentation, and in whether their neurons have a kernel"
         )
+    designs = [design._replace(model=design.model.placed(dataset.positions)) for design in designs]
     model, training = designs[0].model, designs[0].training
     n_steps = dataset.n_steps * model.steps_per_sample
     delays = tuple(d * model.steps_per_sample for d in model.input_delays)
@@ -157,6 +159,7 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
                 recurrent=None if r is None else np.ascontiguousarray(r.T),
                 parameters=parameters_of(layer.population),
                 neuron=name_of_population(layer.population, model.neuron),
+                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
             )
             for w, r, layer in zip(weights[:n], weights[n:], layers, strict=True)
             if w is not None
@@ -170,7 +173,9 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    masters = [w for w in weights if w is not None] if model.arithmetic == "integer" else []
+    sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
+    pairs = zip(weights, sharing, strict=True) if model.arithmetic == "integer" else ()
+    masters = [distinct(w, shared) for w, shared in pairs if w is not None]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
@@ -192,6 +197,8 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
         "epochs_trained": len(trainee.history["loss"]),
         "n_weights_dense": network.n_weights_dense,
     }
+    if any(layer.shared is not None for layer in layers):
+        health["n_synapses"] = sum(network.stored)
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)
 

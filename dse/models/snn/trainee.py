@@ -10,11 +10,12 @@ import numpy as np
 
 from dse.engine.events import Rows
 from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
+from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
 from dse.neurons.fixed_point import WEIGHT_SCALE, quantise_passes
-from dse.records import Array, Floats
+from dse.records import Array, Floats, Ints
 
 SATURATED = 0.95
 """Share of the steps in which a neuron fires that counts as always."""
@@ -79,11 +80,18 @@ class Trainee:
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=_units(weights, training.step_unit),
+                unit=_units(weights, training.step_unit, shared, 1 if depth else model.copies),
                 recurrent_unit=None if ring is None else _units(ring, training.step_unit),
+                shared=shared,
             )
-            for depth, (population, weights, ring) in enumerate(
-                zip(populations, began.feed_forward, began.recurrent, strict=True)
+            for depth, (population, weights, ring, shared) in enumerate(
+                zip(
+                    populations,
+                    began.feed_forward,
+                    began.recurrent,
+                    model.sharing(sum(heads)),
+                    strict=True,
+                )
             )
         ]
         member = Member(
@@ -162,9 +170,11 @@ class Trainee:
         """Return why training cannot go on from these weights, or nothing."""
         layers = self.member.layers
         at_start = [*(x.feed_forward for x in layers), *(x.recurrent for x in layers)]
-        for number, (w, before) in enumerate(zip(weights, at_start, strict=True)):
-            if w is None or before is None:
+        sharing = [*(x.shared for x in layers), *(None for _ in layers)]
+        for number, (every, every_before, shared) in enumerate(zip(weights, at_start, sharing, strict=True)):
+            if every is None or every_before is None:
                 continue
+            w, before = distinct(every, shared), distinct(every_before, shared)
             growth = _rms(w) / max(_rms(before), 2 / WEIGHT_SCALE)
             if not math.isfinite(growth):
                 return f"a weight is not finite after epoch {epoch + 1}"
@@ -177,10 +187,23 @@ class Trainee:
         return ""
 
 
-def _units(weights: Floats, unit: str) -> Floats:
-    """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight."""
+def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
+    """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight.
+
+    Args:
+        weights: (input, neuron).
+        unit: `training.step_unit`.
+        shared: numbers of the weights, of which each then counts once.
+        copies: how many times the neurons are repeated.
+    """
+    n = weights.shape[1]
     if unit == "weight":
-        return np.ones(weights.shape[1], np.float32)
+        return np.ones(n, np.float32)
+    if shared is not None:
+        first = copies_of(shared).first
+        kind = first % n % (n // copies)
+        squares = np.bincount(kind, weights.ravel()[first].astype(np.float64) ** 2)
+        return np.tile(np.sqrt(squares / np.bincount(kind)), copies).astype(np.float32)
     return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
 
 
