@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from dse import registry
+from dse.records import Ints
 from dse.registry import param
 
 SPACE = """\
@@ -77,6 +80,10 @@ class Loud:
     def n_channels(self, n_in: int) -> int:
         """Return the number of channels."""
         return 3 * n_in
+
+    def positions(self, inputs: Ints) -> Ints:
+        """Return x, y and plane of the channels: three planes of each."""
+        return np.concatenate([inputs + np.array([0, 0, plane]) for plane in range(3)])
 
 
 MODELS = {"wide_of_a_test": Wide, "near_of_a_test": Near, "strict_of_a_test": Strict}
