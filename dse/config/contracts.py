@@ -196,7 +196,8 @@ class Family(Protocol):
 
     A family with a class variable `takes_events` that is true also takes spikes with times of their own
     (`Spikes.t_us`). One with a class variable `draws_crops` that is true trains on crops between `start_low`
-    and `start_high`; any other trains on the evaluated windows, and may be given crops as further samples.
+    and `start_high`; any other trains on the evaluated windows, and may be given crops as further samples. A
+    family with a class variable `cpu_only` that is true cannot train on another device.
 
     A family whose answer is a `Response` spikes; any other gives `Answers` after several input lengths, with
     the numbers that it stores and the operations that it does, counted by a rule that it states.

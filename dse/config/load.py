@@ -90,6 +90,8 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
     execution = goals.execution(data.get("execution"), report, check_device=check_data)
+    for message in [] if execution is None else _device_faults(execution.device, sections.get("model")):
+        report(("execution", "device"), message)
     if faults or decision is None or search is None or execution is None:
         return None
     return SearchSpace(
@@ -181,6 +183,17 @@ def _event_faults(sections: Mapping[str, Part]) -> list[str]:
         "spike per channel and bin, got true"
         for part in (model.entries or {model.kind: model}).values()
         if not getattr(part.cls, "takes_events", False)
+    ]
+
+
+def _device_faults(device: str, model: Part | None) -> list[str]:
+    """Return a sentence for each model that trains on the CPU alone, where the device is another."""
+    if device == "cpu" or model is None:
+        return []
+    return [
+        f"execution.device must be cpu for model {part.kind}, got {device}"
+        for part in (model.entries or {model.kind: model}).values()
+        if getattr(part.cls, "cpu_only", False)
     ]
 
 

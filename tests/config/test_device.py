@@ -43,6 +43,13 @@ def test_no_package(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -
         load_space(path, check_data=True)
 
 
+def test_a_family_that_trains_on_the_cpu_alone(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("jobs: 1", "device: cuda"), ("kind: snn, ", "kind: columns, "))
+    with pytest.raises(ConfigError) as caught:
+        load_space(path)
+    assert "20: execution.device must be cpu for model columns, got cuda" in str(caught.value)
+
+
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_a_sampler_that_needs_a_package(
     command: str, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch

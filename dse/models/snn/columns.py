@@ -37,6 +37,7 @@ _SHARED_BYTES = 24
 class Columns(SNN):
     """One small spiking column per taxel, all with the same weights; W_t counts a shared weight once."""
 
+    cpu_only: ClassVar[bool] = True
     hidden_layers: ClassVar[tuple[int, int]] = (0, 2)
     recurrent: ClassVar[bool] = False  # type: ignore[misc]
     pruned: ClassVar[float] = 0.0  # type: ignore[misc]
