@@ -28,8 +28,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import dse
-from benchmarks.recorded_touch import CASES
+from benchmarks.recorded_touch import CASES, SETS
 from dse import dataset, seeds
 from dse.engine.events import gather
 from dse.engine.network import gradients
@@ -157,7 +156,7 @@ def main() -> None:
         "data", "engine", "step ms", "CPU s", "times float64", "gradient error", "of the cut", "accuracy"
     )
     for name in options.spaces:
-        space = dse.load_space(name, next(case.overrides for case in CASES if case.space == name))
+        space = next(case for case in CASES if SETS[case.recordings].space == name).space(1)
         sections = space.resolve({})
         data, _ = dataset.build(sections, space.source.parent)
         base, training = sections.model, sections.training

@@ -1,10 +1,11 @@
 """Accuracy on recorded touch, last epoch, mean of seeds, beside scikit-learn baselines on the same split.
 
-    DSE_DATA=... python -m benchmarks.recorded_touch [--seeds 3] [--jobs 2] [--only fabrics]
+    DSE_DATA=... python -m benchmarks.recorded_touch [--seeds 3] [--jobs 2] [--only "6 speeds"] [--csv FILE]
 
-Designs of shipped search spaces (below) are trained with several seeds; baselines are a standardised
-logistic regression and 5 nearest neighbours on simple features of the same windows; the analog spectrum
-shows what the raw signal holds. CPU seconds are per run.
+Designs of shipped search spaces (below) are trained with several seeds, in integer arithmetic; baselines are
+a standardised logistic regression and 5 nearest neighbours on simple features of the same windows; the analog
+spectrum shows what the raw signal holds. `shifted`: on moved windows (mean, worst); `unseen`: on groups of a
+label column that training left out. Energy is that of the chip below. CPU seconds are per training.
 """
 
 from __future__ import annotations
@@ -12,11 +13,14 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import yaml
 from rich.console import Console
 from rich.table import Table
 from sklearn.linear_model import LogisticRegression
@@ -31,103 +35,200 @@ from dse import dataset, store
 from dse.engine.events import dense, gather
 from dse.recordings.cutting import cut
 
+CHIP = "mcu_m4"
+"""A chip that runs every design below."""
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """A shipped search space and the part of it that all designs of a set share.
+
+    model: keys of the spiking network. encoder, training: their keys; empty: as in the space.
+    evaluation: what else a design is tested on; empty: nothing.
+    """
+
+    space: str
+    model: Mapping[str, Any]
+    encoder: Mapping[str, Any]
+    training: Mapping[str, Any]
+    evaluation: Mapping[str, Any]
+
+
+def _deltas(*thresholds: int) -> dict[str, Any]:
+    return {"kind": "send_on_delta", "thresholds": list(thresholds)}
+
+
+_SLOW = {
+    "current_decay": [0.1, 1.0],
+    "output_current_decay": 0.12,
+    "output_voltage_decay": 0.03,
+    "output_tau_grad": 0.3,
+    "threshold": 5.0,
+}
+_FAST = {
+    "current_decay": [0.3, 1.0],
+    "voltage_decay": [0.12, 0.96],
+    "output_current_decay": 0.12,
+    "output_voltage_decay": 0.05,
+    "output_tau_grad": 0.3,
+    "threshold": 5.0,
+    "initial_rate": 0.2,
+}
+_MOVED = [-40, -16, 16, 32, 40]
+
+SETS = {
+    "6 speeds": Recordings(
+        "fabric_speed",
+        {"hidden": 150, "true_rate": 0.2, "input_delays": [0, 2, 5, 10, 20, 40], **_FAST},
+        _deltas(1, 2, 4, 8, 16),
+        {},
+        {"shifts": _MOVED, "leave_out": [{"column": "force", "folds": 3}, {"column": "fabric", "folds": 3}]},
+    ),
+    "7 fabrics": Recordings(
+        "fabric_texture",
+        {"hidden": 150, "true_rate": 0.5, "input_delays": [0, 2, 5], **_FAST},
+        _deltas(1, 2, 4, 8, 16),
+        {},
+        {"shifts": _MOVED, "leave_out": [{"column": "force", "folds": 3}]},
+    ),
+    "26 ridged textures": Recordings(
+        "families_sankar",
+        {
+            "hidden": 150,
+            "true_rate": 0.1,
+            "input_delays": [0, 10, 30, 60, 100],
+            **_SLOW,
+            "voltage_decay": [0.003, 0.5],
+            "initial_rate": 0.05,
+        },
+        _deltas(1, 2, 3, 5, 8, 12, 20, 40, 80, 160),
+        {"epochs": 150, "lr_every": 25, "learning_rate": 0.1, "average_epochs": 20},
+        {"shifts": [-18, -9, 9, 18]},
+    ),
+    "7 Braille letters": Recordings(
+        "braille",
+        {
+            "hidden": 80,
+            "true_rate": 0.2,
+            "input_delays": [0, 2, 4, 8, 16, 32, 64],
+            **_FAST,
+            "output_voltage_decay": 0.03,
+        },
+        {},
+        {},
+        {},
+    ),
+    "36 objects": Recordings(
+        "families_evtouch",
+        {
+            "hidden": 300,
+            "true_rate": 0.8,
+            "input_delays": [0, 25, 50, 75, 100, 125, 150, 175, 200, 225],
+            **_SLOW,
+            "voltage_decay": [0.01, 0.96],
+            "initial_rate": 0.15,
+        },
+        {},
+        {"learning_rate": 0.1},
+        {},
+    ),
+}
+
 
 @dataclass(frozen=True)
 class Case:
-    """A design of a shipped search space, as overrides: dotted key -> YAML text."""
+    """A design: the recordings, what it is, and the keys in which it differs from what its set shares."""
 
-    name: str
-    space: str
-    overrides: dict[str, str]
+    recordings: str
+    design: str
+    model: Mapping[str, Any]
+    encoder: Mapping[str, Any] | None = None
+    training: Mapping[str, Any] | None = None
+
+    def space(self, seeds: int) -> dse.config.SearchSpace:
+        """Return the search space of this one design."""
+        base = SETS[self.recordings]
+        overrides: dict[str, Any] = {"model": {"kind": "snn", **base.model, **self.model}}
+        overrides |= {f"training.{key}": x for key, x in {**base.training, **(self.training or {})}.items()}
+        if encoder := self.encoder or base.encoder:
+            overrides["encoder"] = encoder
+        if base.evaluation:
+            overrides["evaluation"] = base.evaluation
+        overrides |= {"search.repeats": seeds, "hardware": [CHIP], "objectives": ["accuracy:max"]}
+        texts = {key: yaml.safe_dump(x, default_flow_style=True) for key, x in overrides.items()}
+        return dse.load_space(base.space, texts)
 
 
-_FABRIC = "{kind: send_on_delta, thresholds: [1, 2, 4, 8, 16]}"
-_FINE = "{kind: send_on_delta, thresholds: [1, 2, 3, 5, 8, 12, 20, 40, 80, 160]}"
-_SLOW = (
-    "current_decay: [0.1, 1.0], output_current_decay: 0.12, output_voltage_decay: 0.03, output_tau_grad: 0.3,"
-    " threshold: 5.0"
-)
-_FAST = (
-    "current_decay: [0.3, 1.0], voltage_decay: [0.12, 0.96], output_current_decay: 0.12, output_tau_grad: 0.3"
-)
+_CROSS_ENTROPY = {"loss": "count_cross_entropy"}
+_RESONATOR = {"neuron": "resonator", **_CROSS_ENTROPY}
+_NEURONS_AND_LOSSES = {
+    "CUBA-LIF, spike rate": {},
+    "CUBA-LIF, cross-entropy": _CROSS_ENTROPY,
+    "resonators, spike rate": {"neuron": "resonator"},
+    "resonators, cross-entropy": _RESONATOR,
+    "half resonators, cross-entropy": {**_RESONATOR, "share": 0.5},
+}
+_SMALL_SPEED = {"hidden": 150, "input_delays": [0, 2, 5, 10, 20, 40]}
 
 CASES = (
+    *(Case(name, design, keys) for name in SETS for design, keys in _NEURONS_AND_LOSSES.items()),
+    Case("6 speeds", "small, CUBA-LIF, spike rate", _SMALL_SPEED, _deltas(2, 8)),
+    Case("6 speeds", "small, resonators, cross-entropy", {**_SMALL_SPEED, **_RESONATOR}, _deltas(2, 8)),
     Case(
-        "7 fabrics",
-        "fabric_texture",
-        {"model.hidden": "150", "model.pruned": "0.0", "model.input_delays": "[0, 2, 5]", "encoder": _FABRIC},
-    ),
-    Case(
-        "7 fabrics, pruned",
-        "fabric_texture",
-        {
-            "model.hidden": "150",
-            "model.pruned": "0.73",
-            "model.input_delays": "[0, 2, 5]",
-            "encoder": _FABRIC,
-        },
+        "6 speeds",
+        "small, resonators, event dropout",
+        {**_SMALL_SPEED, **_RESONATOR},
+        _deltas(2, 8),
+        {"event_dropout": 0.2},
     ),
     Case(
         "6 speeds",
-        "fabric_speed",
-        {
-            "model.hidden": "150",
-            "model.true_rate": "0.2",
-            "model.input_delays": "[0, 2, 5, 10, 20, 40]",
-            "encoder": _FABRIC,
-        },
+        "small, resonators, blend",
+        {**_SMALL_SPEED, **_RESONATOR},
+        _deltas(2, 8),
+        {"blend": 0.5},
     ),
     Case(
-        "26 ridged textures",
-        "families_sankar",
-        {
-            "encoder": _FINE,
-            "model": "{kind: snn, hidden: 150, true_rate: 0.1, input_delays: [0, 10, 30, 60, 100],"
-            f" voltage_decay: [0.003, 0.5], initial_rate: 0.05, {_SLOW}}}",
-            "training.epochs": "150",
-            "training.lr_every": "25",
-            "training.learning_rate": "0.1",
-            "training.average_epochs": "20",
-        },
+        "6 speeds",
+        "small, resonators, spike penalty",
+        {**_SMALL_SPEED, **_RESONATOR, "hidden_spike_penalty": 1e-5},
+        _deltas(2, 8),
+    ),
+    Case("7 fabrics", "pruned, CUBA-LIF, spike rate", {"pruned": 0.73, "prune_epoch": 0.35}),
+    Case(
+        "7 fabrics", "pruned, resonators, cross-entropy", {"pruned": 0.73, "prune_epoch": 0.35, **_RESONATOR}
+    ),
+    Case("7 fabrics", "resonators, event dropout", _RESONATOR, training={"event_dropout": 0.2}),
+    Case("7 fabrics", "resonators, blend", _RESONATOR, training={"blend": 0.5}),
+    Case(
+        "7 Braille letters",
+        "few spikes, CUBA-LIF, spike rate",
+        {"hidden": 100, "initial_rate": 0.08, "threshold": 3.0},
     ),
     Case(
         "7 Braille letters",
-        "braille",
-        {
-            "model.hidden": "80",
-            "model.true_rate": "0.2",
-            "model.input_delays": "[0, 2, 4, 8, 16, 32, 64]",
-            "model.threshold": "5.0",
-        },
+        "half resonators, event dropout",
+        {**_RESONATOR, "share": 0.5},
+        training={"event_dropout": 0.2},
     ),
     Case(
-        "7 Braille letters, few spikes",
-        "families_braille",
-        {
-            "model": "{kind: snn, hidden: 100, true_rate: 0.2, initial_rate: 0.08, threshold: 3.0,"
-            f" input_delays: [0, 2, 4, 8, 16, 32, 64], output_voltage_decay: 0.03, {_FAST}}}",
-        },
+        "7 Braille letters",
+        "small, half resonators",
+        {**_RESONATOR, "share": 0.5, "hidden": 40, "input_delays": [0, 8, 32]},
     ),
     Case(
         "36 objects",
-        "families_evtouch",
+        "pruned, CUBA-LIF, spike rate",
         {
-            "model": "{kind: snn, hidden: 300, true_rate: 0.8, initial_rate: 0.15,"
-            " voltage_decay: [0.01, 0.96],"
-            f" input_delays: [0, 25, 50, 75, 100, 125, 150, 175, 200, 225], {_SLOW}}}",
-            "training.learning_rate": "0.1",
+            "hidden": 150,
+            "input_delays": [0],
+            "pruned": 0.42,
+            "prune_epoch": 0.35,
+            "true_rate": 0.6,
+            "initial_rate": 0.05,
+            "voltage_decay": [0.01, 0.3],
         },
-    ),
-    Case(
-        "36 objects, pruned",
-        "families_evtouch",
-        {
-            "model": "{kind: snn, hidden: 150, pruned: 0.42, prune_epoch: 0.35, true_rate: 0.6,"
-            f" initial_rate: 0.05, voltage_decay: [0.01, 0.3], {_SLOW}}}",
-            "training.epochs": "160",
-            "training.lr_every": "27",
-            "training.learning_rate": "0.05",
-        },
+        training={"epochs": 160, "lr_every": 27, "learning_rate": 0.05},
     ),
 )
 
@@ -163,51 +264,72 @@ def spectra(space: dse.config.SearchSpace, n_steps: int) -> np.ndarray | None:
     return np.asarray(magnitude[:, 1:17].reshape(len(windows), -1))
 
 
+def trained(case: Case, seeds: int, jobs: int) -> dict[str, Any]:
+    """Train a case; return its row, whose numbers are means over seeds."""
+    space = case.space(seeds)
+    with tempfile.TemporaryDirectory() as folder:
+        study = dse.run(space, Path(folder), jobs=jobs)
+        runs = study.runs(0)
+        hidden = [hidden_spikes(study.folder, run["repeat"]) for run in runs]
+        trial = study.trials.iloc[0]
+    moved = ("accuracy_shifted", "accuracy_shifted_min")
+    unseen = [
+        name for name in trial.index if name.startswith("accuracy_unseen_") and not name.endswith("_se")
+    ]
+    return {
+        "data": case.recordings,
+        "classifier": case.design,
+        "weights": round(trial["n_weights"]),
+        "hidden_spikes": round(np.mean(hidden)),
+        "energy_uj": trial["energy_uj"],
+        **{name: trial[name] for name in ("accuracy", "accuracy_se", *moved, *unseen) if name in trial},
+        "each": " ".join(f"{run['columns']['accuracy']:.3f}" for run in runs),
+        "train_s": trial["train_s"],
+    }
+
+
+def baselines(name: str) -> list[dict[str, Any]]:
+    """Return the rows of the baselines of a set."""
+    space = Case(name, "", {}).space(1)
+    data, _ = dataset.build(space.resolve({}), space.source.parent)
+    inputs = {"spike totals": features(data, 1), "spikes in 16 bins": features(data, 16)}
+    if (analog := spectra(space, data.n_steps)) is not None:
+        inputs["analog spectrum"] = analog
+    rows = []
+    for what, x in inputs.items():
+        for label, model in classifiers().items():
+            began = time.process_time()
+            model.fit(x[data.train], data.target[data.train])
+            score = model.score(x[data.validation], data.target[data.validation])
+            took = time.process_time() - began
+            rows.append(
+                {"data": name, "classifier": f"{label} on {what}", "accuracy": score, "train_s": took}
+            )
+    return rows
+
+
 def main() -> None:
     """Train, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", help="cases whose name holds this text")
-    asked = parser.parse_args()
-    table = Table(
-        *("data", "classifier", "weights", "hidden spikes", "accuracy", "each seed", "s per run"),
-        title="Recorded touch",
-    )
-    done: set[str] = set()
-    for case in (case for case in CASES if asked.only is None or asked.only in case.name):
-        space = dse.load_space(case.space, case.overrides | {"search.repeats": str(asked.seeds)})
-        data, _ = dataset.build(space.resolve({}), space.source.parent)
-        key = dataset.dataset_key(space.resolve({}), space.source.parent)
-        inputs = {"spike totals": features(data, 1), "spikes in 16 bins": features(data, 16)}
-        if (analog := spectra(space, data.n_steps)) is not None:
-            inputs["analog spectrum"] = analog
-        for what, x in inputs.items() if key not in done else ():
-            for label, model in classifiers().items():
-                began = time.process_time()
-                model.fit(x[data.train], data.target[data.train])
-                score = model.score(x[data.validation], data.target[data.validation])
-                took = time.process_time() - began
-                table.add_row(case.name, f"{label} on {what}", "", "", f"{score:.3f}", "", f"{took:.1f}")
-        done.add(key)
-        with tempfile.TemporaryDirectory() as folder:
-            study = dse.run(space, Path(folder), jobs=asked.jobs)
-            records = study.runs(0)
-            runs = [record["columns"] for record in records]
-            hidden = [hidden_spikes(study.folder, record["repeat"]) for record in records]
-        each = [run["accuracy"] for run in runs]
-        error = np.std(each, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else 0.0
-        table.add_row(
-            case.name,
-            "CUBA-LIF, integer",
-            f"{np.mean([run['n_weights'] for run in runs]):.0f}",
-            f"{np.mean(hidden):.0f}",
-            f"{np.mean(each):.3f} ± {error:.3f}",
-            " ".join(f"{a:.3f}" for a in each),
-            f"{np.mean([run['train_s'] for run in runs]):.0f}",
-        )
-        table.add_section()
-    Console(width=130).print(table)
+    parser.add_argument("--only", default="", help="cases whose 'set: design' holds this text")
+    parser.add_argument("--csv", type=Path, help="also write the rows to this file")
+    arguments = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    cases = [case for case in CASES if arguments.only in f"{case.recordings}: {case.design}"]
+    for case in cases:
+        if all(row["data"] != case.recordings for row in rows):
+            rows += baselines(case.recordings)
+        rows.append(trained(case, arguments.seeds, arguments.jobs))
+        print(rows[-1], flush=True)
+        if arguments.csv is not None:
+            pd.DataFrame(rows).to_csv(arguments.csv, index=False)
+    frame = pd.DataFrame(rows)
+    table = Table(*(name.removeprefix("accuracy_") for name in frame.columns), title="Recorded touch")
+    for row in frame.itertuples(index=False):
+        table.add_row(*("" if pd.isna(x) else f"{x:.3g}" if isinstance(x, float) else str(x) for x in row))
+    Console(width=200).print(table)
 
 
 def hidden_spikes(folder: Path, repeat: int) -> float:
