@@ -348,12 +348,12 @@ def test_dashboard_writes_where_it_is_told(results: Path, tmp_path: Path, capsys
 def test_describe_covers_every_section(capsys: Captured) -> None:
     assert main(["describe"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
-        *(*SECTIONS, "search.samplers", "recordings.formats", "figures"),
+        *(*SECTIONS, "search.samplers", "recordings.formats", "neurons", "losses", "figures"),
         *("page", "page.front"),
         *("scene", "scene.sensor", "scene.textures", "scene.motions"),
         *("scene.camera", "scene.variation", "scene.method"),
     ]
-    for section in (*SECTIONS, "search.samplers", "recordings.formats", "figures"):
+    for section in (*SECTIONS, "search.samplers", "recordings.formats", "neurons", "losses", "figures"):
         assert main(["describe", section, "--json"]) == 0
         rows = document(capsys.readouterr().out)["rows"]
         assert rows, section

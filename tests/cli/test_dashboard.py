@@ -209,7 +209,7 @@ def test_a_page_definition_is_read_before_anything_else(
     assert lines[: len(lines) - 2] == [
         "--port: applies to a served page and cannot be combined with --html"
     ] * (1 if more else 0)
-    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: compare, ")
+    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: audit, compare, ")
     assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
 
 
