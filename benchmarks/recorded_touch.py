@@ -281,10 +281,13 @@ def trained(case: Case, seeds: int, jobs: int) -> dict[str, Any]:
         "classifier": case.design,
         "weights": round(trial["n_weights"]),
         "hidden_spikes": round(np.mean(hidden)),
-        "energy_uj": trial["energy_uj"],
-        **{name: trial[name] for name in ("accuracy", "accuracy_se", *moved, *unseen) if name in trial},
+        **{
+            name: float(trial[name])
+            for name in ("energy_uj", "accuracy", "accuracy_se", *moved, *unseen)
+            if name in trial
+        },
         "each": " ".join(f"{run['columns']['accuracy']:.3f}" for run in runs),
-        "train_s": trial["train_s"],
+        "train_s": float(trial["train_s"]),
     }
 
 
