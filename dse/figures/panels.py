@@ -52,7 +52,7 @@ def class_panels(
     )
     # Axes that share a scale are not scaled to their data.
     figure.update_yaxes(range=[0, 1.05 * top or 1.0], nticks=5)
-    figure.update_xaxes(nticks=5)
+    figure.update_xaxes(nticks=4, tickangle=0)
     places = [(k // n_columns + 1, k % n_columns + 1) for k in range(len(names))]
     for row, column in places[-n_columns:]:  # the last row may be shorter
         figure.update_xaxes(showticklabels=True, row=row, col=column)
