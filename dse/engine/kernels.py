@@ -2,8 +2,8 @@
 
 Every function works on flat arrays in the blocks of dse.engine.layout and on one block or one sample of them;
 the equations are those of dse.neurons.cuba_lif and, where there is a `cross`, dse.neurons.resonator, sixteen
-neurons at a time. Sums run over events in their
-order and never across neurons, so that a neuron's numbers do not depend on what is computed beside it.
+neurons at a time. Sums run over events in their order and never across neurons, so that a neuron's numbers do
+not depend on what is computed beside it.
 """
 
 from __future__ import annotations

@@ -161,17 +161,11 @@ class _Moved:
 
     def add(self, answers: Response | Answers, truth: Ints, target: _Target, how: _How) -> None:
         """Add what a run answers at one shift; truth: (n,) classes."""
+        read_outs, grid = _accuracies_of_answers(answers, truth, target, how)
         self.n = len(truth)
-        if isinstance(answers, Answers):
-            label = answers.label if target.joint_of is None else target.joint_of[answers.label]
-            self.read_outs.append(_accuracies(label, truth))
-            return
-        output = answers.output[..., target.outputs]
-        lengths = _lengths(output.shape[1], answers.step_ms, how.read_out_every_ms)
-        self.read_outs.append(_accuracies(_labels_after(output, lengths), truth))
-        if len(how.phi) and len(how.theta):
-            decisions = decision.surface(output, truth, how.phi, how.theta, answers.step_ms)
-            self.grids.append(decisions.accuracy)
+        self.read_outs.append(read_outs)
+        if grid is not None:
+            self.grids.append(grid)
 
     def beside(self, answered: _Answered) -> _Answered:
         """Return what a run answers to the evaluated windows, with the accuracies on the moved ones."""
@@ -281,11 +275,33 @@ def accuracies(
     if dataset.heads:
         of_targets[""] = Accuracies(accuracy(_joint_label(answers, dataset), truth))
     for name, target in _targets(dataset).items():
-        moved = _Moved()
-        moved.add(answers, truth if target.joint_of is None else target.joint_of[truth], target, how)
-        [read_outs], grids = moved.read_outs, moved.grids
-        of_targets[name] = Accuracies(float(read_outs[-1]), read_outs, grids[0] if grids else None)
+        true = truth if target.joint_of is None else target.joint_of[truth]
+        read_outs, grid = _accuracies_of_answers(answers, true, target, how)
+        of_targets[name] = Accuracies(float(read_outs[-1]), read_outs, grid)
     return of_targets
+
+
+def _accuracies_of_answers(
+    answers: Response | Answers, truth: Ints, target: _Target, how: _How
+) -> tuple[Floats, Floats | None]:
+    """Return the accuracies after k input lengths, (k,), and at every (phi, theta); None without a grid.
+
+    Args:
+        answers: to n samples.
+        truth: (n,) their classes of the target.
+        target: which outputs or classes answer.
+        how: read-outs and grid.
+    """
+    if isinstance(answers, Answers):
+        label = answers.label if target.joint_of is None else target.joint_of[answers.label]
+        return _accuracies(label, truth), None
+    output = answers.output[..., target.outputs]
+    read_outs = _accuracies(
+        _labels_after(output, _lengths(output.shape[1], answers.step_ms, how.read_out_every_ms)), truth
+    )
+    if not (len(how.phi) and len(how.theta)):
+        return read_outs, None
+    return read_outs, decision.surface(output, truth, how.phi, how.theta, answers.step_ms).accuracy
 
 
 def _targets(dataset: Dataset) -> dict[str, _Target]:
