@@ -6,6 +6,7 @@ import dataclasses
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -316,8 +317,22 @@ def build(
         return load(prepared), warnings(prepared)  # what is mapped stays when its file is gone
 
 
-def build_for(design: Sections, base: Path, classes: Sequence[str]) -> tuple[Dataset, list[str]]:
-    """Return a data set of new recordings, all of them in `test`, and notes of what was repaired.
+class New(NamedTuple):
+    """New recordings, prepared for a classifier.
+
+    dataset: all of them in `test`. notes: what was repaired.
+    recordings: as read, cut into windows if the settings say so.
+    first: (n,) step of each recording at which its stored steps begin.
+    """
+
+    dataset: Dataset
+    notes: list[str]
+    recordings: Recordings
+    first: Ints
+
+
+def build_for(design: Sections, base: Path, classes: Sequence[str]) -> New:
+    """Return a data set of new recordings, all of them in `test`.
 
     They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
 
@@ -336,11 +351,14 @@ def build_for(design: Sections, base: Path, classes: Sequence[str]) -> tuple[Dat
     if set(target_columns(task_target)) <= set(recordings.columns):
         codes = _codes_of(recordings, task_target, tuple(classes), "the new recordings")
     every = np.ones(n, dtype=bool)
-    stored = _stored_temporarily(placed(recordings, design, every, positions=positions))
+    part = placed(recordings, design, every, positions=positions)
+    stored = _stored_temporarily(part)
     if design.encoder is not None and recordings.front_end != "encoder":
         stored = _stored_temporarily(encoding.encoded(stored, design.encoder, every))
     none = np.zeros(0, dtype=np.int64)
-    return joined(stored, tuple(classes), codes, none, none, np.arange(n)), stored.notes
+    dataset = joined(stored, tuple(classes), codes, none, none, np.arange(n))
+    assert part.first is not None  # placed has it
+    return New(dataset, stored.notes, recordings, part.first)
 
 
 def _stored_temporarily(part: Part) -> Stored:

@@ -69,7 +69,7 @@ class Part:
     positions: (n_channels, 3) int32 x, y and plane of every channel.
     rows: called with a number of threads; yields the spikes of every recording, in order.
     notes: called after that; what had to be repaired.
-    first: (n,) of events, the first bin that is stored; None of other recordings, which are read as a whole.
+    first: (n,) first step of each recording that is stored; None where it was stored before.
     """
 
     start: Ints
@@ -183,7 +183,7 @@ def _of_rasters(rasters: Rasters, window: Window, used: Bools, positions: Ints) 
     start, low, high, n_steps = place(window, lengths, used, onset)
     return Part(
         start, low, high, n_steps, spikes.n_steps, positions, spikes.step_ms, lengths, None,
-        lambda threads: rows_of(spikes),
+        lambda threads: rows_of(spikes), first=np.zeros_like(low),
     )  # fmt: skip
 
 
@@ -213,7 +213,7 @@ def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools,
         places = encoder.positions(positions)
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
-        places, signals.step_ms, signals.lengths, levels, rows,
+        places, signals.step_ms, signals.lengths, levels, rows, first=low,
     )  # fmt: skip
 
 

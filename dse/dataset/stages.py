@@ -46,7 +46,7 @@ def stages(design: Sections, base: Path, sample: int) -> Stages:
     events = dataclasses.replace(events, t_us=events.t_us - begun_us)
     n_bins = whole.n_bins(int(events.t_us[-1]) + 1 if len(events.t_us) else 0)
     counts, channels = preprocessing.pool([events], whole, 0, 0, n_bins)
-    assert part.first is not None  # placed has it for events
+    assert part.first is not None  # placed has it
     begin_us = pools.start_us + int(part.first[sample] + part.start[sample]) * pools.bin_us
     return Stages(
         name=_name(recordings.columns, sample),

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-import glob
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from dse import dataset, registry
-from dse.config.contracts import Source
-from dse.deploy.bundle import Bundle, BundleError, read
+from dse.deploy.bundle import Bundle, read
+from dse.deploy.reference import answered, decided, prepared
 from dse.hardware.counter import MeasuredPower, measured_power
-from dse.measure import decision
 from dse.measure.confusion import confusion
-from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives.accuracy import wilson_se
-from dse.measure.run import read_out
-from dse.recordings import RecordingError, npz
-from dse.recordings.event_files import EventFiles
-from dse.recordings.events import EventFile
-from dse.recordings.scene import COLUMNS, SceneTrials
-from dse.records import Answers, Bools, Dataset, Floats, Ints, Response
+from dse.records import Answers, Bools, Floats, Ints, Response
 
 
 @dataclass(frozen=True)
@@ -105,33 +95,16 @@ def evaluate(
         RecordingError: the recordings do not fit.
     """
     classifier = read(bundle)
-    path = Path(data_file).absolute()
-    source = _source_at(path, classifier.sections.data)
-    kind = registry.name_of("recordings", source)
-    if repair:
-        if not isinstance(source, EventFiles):
-            text = f"only event files can be repaired, got data of kind '{kind}'"
-            raise RecordingError(f"{path.name}: {text}")
-        source = dataclasses.replace(source, repair=True)
-    kinds = {**classifier.sections.kinds, "data": kind}
-    sections = dataclasses.replace(classifier.sections, data=source, kinds=kinds)
-    data, notes = dataset.build_for(sections, path.parent, classifier.classes)
-    if data.spikes.n_channels != classifier.fitted.n_channels:
-        raise BundleError(
-            f"{data_file}: must have {classifier.fitted.n_channels} input channels after preprocessing, "
-            f"got {data.spikes.n_channels}"
-        )
-    data = dataclasses.replace(data, heads=classifier.heads)
+    new = prepared(classifier, data_file, repair=repair)
+    data, notes = new.dataset, new.notes
+    del new  # the recordings themselves are not needed any more
 
     def respond() -> Response | Answers:
-        return classifier.sections.model.respond(classifier.fitted, data, data.test)
+        return answered(classifier, data, data_file)
 
-    try:
-        response = respond()
-    except ValueError as error:  # recordings of another length, for one
-        raise BundleError(f"{data_file}: {error}") from None
+    response = respond()
     power = None if rest_s is None else measured_power(respond, rest_s)
-    label, time_ms, decided = _decide(classifier, data, response)
+    label, time_ms, reached = decided(classifier, data, response)
     target, classes = np.asarray(data.target[data.test]), classifier.classes
     for head in classifier.heads:
         if head.name == classifier.head:
@@ -142,7 +115,7 @@ def evaluate(
         classes=classes,
         label=label,
         time_ms=time_ms,
-        decided=decided,
+        decided=reached,
         target=target,
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
@@ -157,66 +130,7 @@ def _on_plugins(bundle: Bundle) -> list[str]:
     return [f"the bundle ran code of its plugins: {names}"] if names else []
 
 
-def _decide(bundle: Bundle, data: Dataset, response: Response | Answers) -> tuple[Ints, Floats, Bools]:
-    """Return the label, the time of the answer in ms, and whether theta was reached, by the decision rule.
-
-    A label of -1 is a combination of the heads' answers that no training recording had.
-    """
-    if isinstance(response, Answers):
-        column = (
-            -1 if bundle.read_out_ms is None else int(np.abs(response.time_ms - bundle.read_out_ms).argmin())
-        )
-        label = response.label[:, column]
-        for head in bundle.heads:
-            if head.name == bundle.head:
-                label = head.of_class[label]
-        return label, np.full(len(label), response.time_ms[column]), np.ones(len(label), bool)
-    n, n_steps = response.output.shape[:2]
-    parts = dict(zip((x.name for x in bundle.heads), head_slices(data), strict=False))  # without heads: one
-    output = response.output[..., parts.get(bundle.head, slice(None))]
-    if bundle.phi is not None and bundle.theta is not None:
-        label, step, decided = decision.decide(output, bundle.phi, bundle.theta)
-        return label, (step + 1) * response.step_ms, decided
-    if bundle.read_out_ms is not None:
-        n_steps = min(n_steps, max(1, round(bundle.read_out_ms / response.step_ms)))
-    if parts and not bundle.head:
-        counts = output[:, :n_steps].sum(axis=1, dtype=np.int64)
-        label = joint_label(head_answers(data, counts), bundle.heads)
-    else:
-        label = read_out(output[:, :n_steps])
-    return label, np.full(n, n_steps * response.step_ms), np.ones(n, bool)
-
-
 def _confusion(label: Ints, target: Ints, n_classes: int) -> Ints:
     """Return the counts of answers that are a class."""
     named = label >= 0
     return confusion(label[named], target[named], n_classes)
-
-
-def _source_at(path: Path, data: Source) -> Source:
-    """Return section `data` for new recordings at a path; a network of a scene may get those of a sensor.
-
-    Raises:
-        RecordingError: the file cannot be read.
-    """
-    if isinstance(data, SceneTrials):
-        if path.suffix in (".yaml", ".yml"):
-            return dataclasses.replace(data, scene=str(path))
-        if path.suffix == ".npz" and "offsets" in npz.headers(path):
-            # As `dse simulate` writes them: several recordings, the frame beside them.
-            frame = npz.load(path, ("width", "height"))
-            return EventFile(
-                file=str(path),
-                width=int(frame["width"]),
-                height=int(frame["height"]),
-                x="x",
-                y="y",
-                polarity="polarity",
-                columns={name: name for name in COLUMNS},
-            )
-        data = EventFiles(folder=str(path.parent))
-    if isinstance(data, EventFiles):
-        if path.is_dir():
-            return dataclasses.replace(data, folder=str(path))
-        return dataclasses.replace(data, folder=str(path.parent), pattern=glob.escape(path.name))
-    return dataclasses.replace(data, file=str(path))  # type: ignore[type-var]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Array, Bools, Spikes
+from dse.records import Array, Bools, Ints, Spikes
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,12 @@ class Rows:
     def per_step(self) -> Array:
         """Return the number of spikes per sample and step, (sample, step) int32."""
         return np.diff(self.offsets).reshape(self.n_samples, self.n_steps).astype(np.int32)
+
+    def listed(self, first: int = 0) -> Ints:
+        """Return sample, step and input of every spike, (n_spikes, 3) int32; samples count from `first`."""
+        row = np.repeat(np.arange(self.offsets.size - 1), np.diff(self.offsets))
+        sample, step = np.divmod(row, self.n_steps)
+        return np.stack([sample + first, step, self.index], axis=1).astype(np.int32)
 
 
 @compiled()

@@ -125,6 +125,15 @@ class Answer:
     peak: float
 
 
+def layer_spikes(rows: Rows, layers: Sequence[Prepared]) -> tuple[Rows, ...]:
+    """Return the spikes of every layer over a batch, in the step in which they fire."""
+    spikes = []
+    for layer in layers:
+        spikes.append(layer.forward(rows).fired)
+        rows = delayed(spikes[-1])
+    return tuple(spikes)
+
+
 def answer(rows: Rows, layers: Sequence[Prepared]) -> Answer:
     """Run a stack over a batch, and count its spikes and updates."""
     spikes, updates, fired = [rows.per_step()], [], []

@@ -20,7 +20,7 @@ def build(design: Design, base: Path, threads: int = 1) -> tuple[Dataset, list[s
 
 
 def build_for(design: Design, base: Path, classes: tuple[str, ...]) -> tuple[Dataset, list[str]]:
-    return dataset.build_for(sections(design), base, classes)
+    return dataset.build_for(sections(design), base, classes)[:2]
 
 
 def prepare(design: Design, base: Path, root: Path, threads: int = 1) -> Path:

@@ -421,7 +421,7 @@ def test_a_scene_trained_network_answers_on_events(on_scene: Path, tmp_path: Pat
 def test_what_was_repaired_is_said(real: Study, exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     build_for = dataset.build_for
     monkeypatch.setattr(
-        "dse.deploy.evaluate.dataset.build_for",
-        lambda *given: (build_for(*given)[0], ["recording 3 was cut"]),
+        "dse.deploy.reference.dataset.build_for",
+        lambda *given: build_for(*given)._replace(notes=["recording 3 was cut"]),
     )
     assert evaluate(exported, real.folder.parents[1] / "tiny.npz").notes == ("recording 3 was cut",)

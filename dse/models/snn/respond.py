@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dse.engine.events import gather
-from dse.engine.forward import prepare
-from dse.engine.network import Answer, answer
+from dse.engine.events import Rows, gather
+from dse.engine.forward import Prepared, prepare
+from dse.engine.network import Answer, answer, layer_spikes
 from dse.models.snn.initialise import deployed
 from dse.neurons import population_of
 from dse.neurons.fixed_point import STATE_SCALE
-from dse.records import Array, Dataset, Network, Response
+from dse.records import Array, Dataset, Ints, Network, Response
 
 _BATCH = 128
 
@@ -30,7 +30,42 @@ def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
 
 def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
     """Respond, and count each layer's spikes per neuron, input copies first."""
-    layers = [
+    layers = _layers(network)
+    answers: list[Answer] = []
+    per_input = np.zeros(network.sizes[0], np.int64)
+    for rows in _batches(network, dataset, samples):
+        answers.append(answer(rows, layers))
+        per_input += np.bincount(rows.index, minlength=per_input.size)
+    counts = [per_input, *(np.sum([a.fired[k] for a in answers], axis=0) for k in range(len(layers)))]
+    response = Response(
+        np.concatenate([a.output for a in answers]),
+        np.concatenate([a.spikes for a in answers]),
+        np.concatenate([a.updates for a in answers]),
+        dataset.spikes.step_ms / network.steps_per_sample,
+        round(max(a.peak for a in answers) * STATE_SCALE),
+        None if network.is_full else synapses(network, counts),
+    )
+    return response, counts
+
+
+def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list[Ints]:
+    """Return every spike of each layer after the input, (n_spikes, 3) int32: sample, network step, neuron.
+
+    Sample i is the i-th of `samples`. The step is that in which the neuron fires: the next layer, or who
+    decides, receives the spike one step later.
+    """
+    layers = _layers(network)
+    parts: list[list[Ints]] = [[np.zeros((0, 3), np.int32)] for _ in layers]
+    first = 0
+    for rows in _batches(network, dataset, samples):
+        for spikes, part in zip(layer_spikes(rows, layers), parts, strict=True):
+            part.append(spikes.listed(first))
+        first += rows.n_samples
+    return [np.concatenate(part) for part in parts]
+
+
+def _layers(network: Network) -> list[Prepared]:
+    return [
         prepare(weights, network.arithmetic)
         for weights in deployed(
             [x.weight.T for x in network.layers],
@@ -39,11 +74,12 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
             network.arithmetic,
         )
     ]
-    answers: list[Answer] = []
-    per_input = np.zeros(network.sizes[0], np.int64)
+
+
+def _batches(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
     for first in range(0, max(1, samples.size), _BATCH):
         part = samples[first : first + _BATCH]
-        rows = gather(
+        yield gather(
             dataset.spikes,
             part,
             dataset.start[part],
@@ -51,29 +87,17 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
             network.delays,
             network.steps_per_sample,
         )
-        answers.append(answer(rows, layers))
-        per_input += np.bincount(rows.index, minlength=per_input.size)
-    fired = [per_input, *(np.sum([a.fired[k] for a in answers], axis=0) for k in range(len(layers)))]
-    response = Response(
-        np.concatenate([a.output for a in answers]),
-        np.concatenate([a.spikes for a in answers]),
-        np.concatenate([a.updates for a in answers]),
-        dataset.spikes.step_ms / network.steps_per_sample,
-        round(max(a.peak for a in answers) * STATE_SCALE),
-        None if network.is_full else synapses(network, fired),
-    )
-    return response, fired
 
 
-def synapses(network: Network, fired: Sequence[Array]) -> tuple[float, ...]:
+def synapses(network: Network, counts: Sequence[Array]) -> tuple[float, ...]:
     """Return how many weights other than 0 a spike of each layer reaches, in the mean over the spikes.
 
     Args:
         network: a trained network.
-        fired: per layer, input copies first, (neuron,) spikes. A layer without any has the mean over neurons.
+        counts: per layer, input copies first, (neuron,) spikes; without any, the mean is over neurons.
     """
     means = []
-    for reached, spikes in zip(fan_outs(network), fired, strict=True):
+    for reached, spikes in zip(fan_outs(network), counts, strict=True):
         total = spikes.sum()
         means.append(float(reached @ spikes / total if total else reached.mean()))
     return tuple(means)

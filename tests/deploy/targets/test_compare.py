@@ -1,0 +1,107 @@
+"""Verdicts of runs, by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.deploy.reference import Reference
+from dse.deploy.targets import Run, compare
+from dse.deploy.verdict import Verdict
+
+NONE = np.zeros((0, 3), np.int32)
+
+
+def spikes(*rows: Any) -> Any:
+    return np.array(rows, np.int32).reshape(-1, 3)
+
+
+HIDDEN = spikes((0, 0, 1), (0, 2, 0), (2, 1, 1))
+OUTPUT = spikes((0, 1, 1), (0, 2, 1), (2, 3, 0))
+
+
+@pytest.fixture
+def reference() -> Reference:
+    """Three recordings of four steps, of which the second is silent."""
+    return Reference(
+        inputs=None,
+        first_step=np.zeros(3, np.int64),
+        dataset=None,  # type: ignore[arg-type]
+        spikes_in=NONE,
+        fired=(HIDDEN, OUTPUT),
+        label=np.array([1, 0, 0]),
+        time_ms=np.array([10.0, 20.0, 20.0]),
+        decided=np.array([True, False, False]),
+        n_steps=4,
+        step_ms=5.0,
+    )
+
+
+@pytest.fixture
+def run(reference: Reference) -> Run:
+    return Run(reference.label, reference.time_ms, reference.decided, reference.fired)
+
+
+def test_equal_decisions_and_spikes_are_faithful(reference: Reference, run: Run) -> None:
+    shuffled = replace(run, fired=[layer[::-1].astype(np.int64) for layer in run.fired])
+    for each in (run, shuffled):
+        verdict = compare(reference, each, {"ram_bytes": 12})
+        assert verdict == Verdict("faithful", n_recordings=3, figures={"ram_bytes": 12})
+
+
+@pytest.mark.parametrize(
+    ("changes", "n_differ"),
+    [
+        ({"label": np.array([1, 1, 0])}, 1),
+        ({"time_ms": np.array([15.0, 20.0, 15.0])}, 2),
+        ({"decided": np.array([True, True, False])}, 1),
+    ],
+)
+def test_any_decision_that_differs_is_approximate(
+    reference: Reference, run: Run, changes: dict[str, Any], n_differ: int
+) -> None:
+    verdict = compare(reference, replace(run, **changes))
+    assert (verdict.kind, verdict.spikes_differ, verdict.largest_difference) == ("approximate", 0, 0)
+    assert verdict.decisions_differ == n_differ / 3
+    assert verdict.reason == f"{n_differ} of 3 recordings decide and 0 spike otherwise"
+
+
+@pytest.mark.parametrize(
+    ("fired", "n_differ", "largest"),
+    [
+        ((HIDDEN[:2], OUTPUT), 1, 0),  # a hidden spike is missing
+        ((spikes((1, 0, 0), *HIDDEN), OUTPUT), 1, 0),  # one in the silent recording
+        ((spikes((0, 1, 1), *HIDDEN[1:]), OUTPUT), 1, 0),  # one a step late
+        ((np.concatenate([HIDDEN, HIDDEN[:1]]), OUTPUT), 1, 0),  # one twice
+        ((HIDDEN, NONE), 2, 2),  # the output spike of the last step is counted by nobody
+        ((HIDDEN, spikes(*OUTPUT, (1, 0, 3), (1, 1, 3), (1, 2, 3))), 1, 3),
+        ((NONE, NONE), 2, 2),
+    ],
+)
+def test_any_spike_that_differs_is_approximate(
+    reference: Reference, run: Run, fired: Any, n_differ: int, largest: int
+) -> None:
+    verdict = compare(reference, replace(run, fired=fired))
+    assert (verdict.kind, verdict.decisions_differ) == ("approximate", 0)
+    assert verdict.spikes_differ == n_differ / 3
+    assert verdict.largest_difference == largest
+
+
+def test_classifiers_without_layers_are_compared_by_their_decisions(reference: Reference, run: Run) -> None:
+    assert compare(replace(reference, fired=()), replace(run, fired=())).kind == "faithful"
+
+
+def test_a_run_of_another_size_is_refused(reference: Reference, run: Run) -> None:
+    with pytest.raises(ValueError, match="label must have 3 recordings, got 2"):
+        compare(reference, replace(run, label=run.label[:2]))
+    with pytest.raises(ValueError, match="fired must have 2 layers, got 0"):
+        compare(reference, replace(run, fired=()))
+
+
+def test_no_recordings_verify_nothing(reference: Reference) -> None:
+    none = {name: getattr(reference, name)[:0] for name in ("label", "time_ms", "decided")}
+    verdict = compare(replace(reference, **none, fired=(NONE, NONE)), Run(**none, fired=(NONE, NONE)))
+    assert verdict == Verdict("not verified", "there are no recordings")
