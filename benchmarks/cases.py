@@ -27,12 +27,14 @@ class Variant:
     share: of the hidden neurons that resonate.
     reset: whether spikes reset the potential of resonators.
     delayed: whether layers hand their spikes on one step later.
+    max_delay: longest delay of a hidden neuron's synapses, which are drawn and learnt; 0: they have none.
     """
 
     arithmetic: Arithmetic
     share: float = 0.0
     reset: bool = False
     delayed: bool = True
+    max_delay: int = 0
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Speed against error of the package's own numerics: seven parts, one table.
+"""Speed against error of the package's own numerics: eight parts, one table.
 
     python -m benchmarks.numerics [--only NAME ...] [--rounds 3]
 
@@ -15,6 +15,9 @@ resonator   one layer likewise: integer states with factors of fewer bits, 12-bi
             Early, late: membrane of integer against ideal states, same factors, over the first and last 1000
             of 20 000 steps. 24 bits: largest state over 2^23, of these inputs, and where all inputs have the
             largest weight and fire while the resonator swings up: it overflows above 1
+delay       one layer likewise, with a delay per synapse: all 0, all the longest, drawn from 0 to the longest,
+            and all beyond windows of as many steps, where every spike is lost; integer against ideal states.
+            Undelayed: the same weights without delays. Input: that of the definition less that of the kernel
 elm         output weights of an H of given condition number, with ridge r s_1^2, against the solution of the
             same ridge in decimals of 120 digits; outputs on rows that were not seen; and how far those are
             from what the noisy targets meant. Normal equations: as they are read, in float64
@@ -52,6 +55,7 @@ from benchmarks import hots
 from dse import dataset, seeds
 from dse.config.settings import Preprocessing
 from dse.encoders.receptors import Receptors, parameters
+from dse.engine.definition import DefinedLayer
 from dse.engine.events import Rows, dense, gather
 from dse.engine.layers import Weights, prepare, weights
 from dse.measure import decision
@@ -390,6 +394,44 @@ def at_resonance(period: float, population: resonator.Population, n_inputs: int 
     return forward.peak * fixed_point.STATE_SCALE / 2**23
 
 
+def delay_rows(
+    rounds: int,
+    longest: int = 62,
+    n_hidden: int = 64,
+    n_samples: int = 8,
+    n_steps: int = 1000,
+) -> Iterator[Row]:
+    """Yield the error of integer states of layers whose synapses have delays."""
+    rows = drawn_rows(n_samples, n_steps, 50, 0.03, np.random.default_rng(0))
+    short = drawn_rows(n_samples, longest, 50, 0.03, np.random.default_rng(0))
+    of = started(rows, 0.3, 0.03, n_hidden)
+    shape = of.feed_forward.shape
+    drawn = np.random.default_rng(2).integers(0, longest + 1, shape)
+    settings = [("undelayed", rows, None), ("all 0", rows, np.zeros(shape))]
+    settings += [(f"0 to {longest}", rows, drawn), (f"all {longest}", rows, np.full(shape, longest))]
+    settings += [(f"all beyond windows of {longest} steps", short, np.full(shape, longest))]
+    for name, seen, delay in settings:
+        layer = weights(of.feed_forward, None, of.population, delay)
+        ready = prepare(layer, "integer")
+        found = ready.forward(seen, keep_voltage=True)
+        expected = prepare(layer, "ideal").forward(seen, keep_voltage=True)
+        cost_s, _ = least_s(partial(ready.forward, seen), rounds)
+        # Neurons that forget at once and never fire show the input of each step.
+        at_once = cuba_lif.Population(np.int32(4096), np.int32(4096), 2**20)
+        bare = weights(of.feed_forward, None, at_once, delay)
+        by_kernel = prepare(bare, "integer").forward(seen, keep_voltage=True).voltage
+        by_definition = DefinedLayer(bare, "integer").forward(seen, keep_voltage=True).voltage
+        like = match(trains(found.fired), trains(expected.fired))
+        errors = {
+            "membrane": relative(found.voltage, expected.voltage) if found.fired.index.size else 0.0,
+            "matched": like.matched,
+            "time (steps)": like.time,
+            "input": float(np.abs(by_definition - by_kernel).max()),
+            "spikes": float(found.fired.index.size),
+        }
+        yield Row(name, cost_s / found.voltage.size, errors)
+
+
 def conditioned(
     n_rows: int, n_hidden: int, condition: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
@@ -692,6 +734,7 @@ PARTS: Mapping[str, Part] = {
     "izhikevich": Part("Izhikevich: step and method per gain", "us / neuron s", 1e6, izhikevich_rows),
     "decay": Part("LIF and CUBA-LIF: decays and states", "ns / neuron step", 1e9, decay_rows),
     "resonator": Part("Resonators: factors and states", "ns / neuron step", 1e9, resonator_rows),
+    "delay": Part("Delays per synapse", "ns / neuron step", 1e9, delay_rows),
     "elm": Part("ELM: precision and ridge per condition number", "us / solution", 1e6, elm_rows),
     "decision": Part("Decision: grids of phi and theta", "ms / net", 1e3, decision_rows),
     "hots": Part("HOTS: truncated decay, binned time", "ns / event", 1e9, hots_rows),

@@ -56,7 +56,16 @@ def layers_of(case: Case, variant: Variant) -> list[Weights]:
     """Return a case's layers as they run."""
     of = case.weights_of(variant)
     last = len(of) - 1
-    return [weights(w, None, population(w.shape[1], variant, is_output=k == last)) for k, w in enumerate(of)]
+    drawn = np.random.default_rng(3).uniform(0, variant.max_delay, of[0].shape)
+    return [
+        weights(
+            w,
+            None,
+            population(w.shape[1], variant, is_output=k == last),
+            np.rint(drawn) if variant.max_delay and k == 0 else None,
+        )
+        for k, w in enumerate(of)
+    ]
 
 
 class Ours:
@@ -74,12 +83,14 @@ class Ours:
                 layer.population,
                 SURROGATE,
                 np.ones(layer.n_neurons, np.float32),
+                delay=layer.delay.astype(np.float32) if layer.delay.size else None,
+                longest_delay=variant.max_delay,
             )
             for layer in self._layers
         )
         member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic)
         self._cohort = cpu.start([member] * copies, case.batch, case.n_steps)
-        self._turns = {k: Turn(LEARNING_RATE, (None,) * len(layers)) for k in range(copies)}
+        self._turns = {k: Turn(LEARNING_RATE, (None,) * len(layers), LEARNING_RATE) for k in range(copies)}
 
     def step(self) -> Any:
         """Train every copy on the batch."""

@@ -35,6 +35,9 @@ OURS = {
     "dse, resonators, integer": (Variant("integer", 1.0), 1),
     "dse, half resonators, integer": (Variant("integer", 0.5), 1),
     f"dse, resonators, integer, cohort of {COPIES}": (Variant("integer", 1.0), COPIES),
+    "dse, delays to 30, float32": (Variant("float32", max_delay=30), 1),
+    "dse, delays to 30, integer": (Variant("integer", max_delay=30), 1),
+    "dse, delays to 62, integer": (Variant("integer", max_delay=62), 1),
 }
 """Row -> what it trains, and how many copies at a time."""
 

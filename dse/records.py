@@ -231,6 +231,7 @@ class Layer:
     neuron: name of the kind of neurons; the outputs may be of another kind than hidden layers.
     shared: (neuron, input) int32 number of each weight, from 0: those of one number are copies of one weight;
         -1: no weight, 0. None: each weight is alone.
+    delay: (neuron, input) int8 delays of the feed-forward synapses, 0 to 62 network steps; None: none has.
     """
 
     weight: Floats
@@ -238,6 +239,7 @@ class Layer:
     parameters: Mapping[str, Array]
     neuron: str = "cuba_lif"
     shared: Ints | None = None
+    delay: Array | None = None
 
     @property
     def n_weights(self) -> int:
@@ -295,6 +297,13 @@ class Network:
         return tuple(
             int(np.count_nonzero(x.weight) + (0 if x.recurrent is None else np.count_nonzero(x.recurrent)))
             for x in self.layers
+        )
+
+    @property
+    def delay_bits(self) -> int:
+        """Bits that hold the longest delay of a synapse; 0 where synapses have none."""
+        return max(
+            int(x.delay.max(initial=1)).bit_length() if x.delay is not None else 0 for x in self.layers
         )
 
     @property
@@ -427,8 +436,8 @@ class Workload:
 
     @property
     def number_bits(self) -> int:
-        """Bits per stored number."""
-        return self.weight_bits
+        """Bits per stored number: of a weight, and of its delay."""
+        return self.weight_bits + self.delay_bits
 
     @property
     def input_ms(self) -> Floats:

@@ -151,6 +151,7 @@ def remarks(section: str, name: str | None) -> list[str]:
     kind, cls = next((kind, cls) for kind, cls in kinds().items() if type(profile) is cls)
     texts = [f"{profile.name}: {profile.doc}", f"kind {kind}: {_doc(cls)}"]
     texts += ["its neurons run programs: resonators too"] * profile.programmable
+    texts += ["no synapse can have a delay of its own"] * (not profile.delays_synapses)
     return texts + ["costs are given as intervals only"] * profile.interval_only
 
 

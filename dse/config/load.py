@@ -9,6 +9,7 @@ from pathlib import Path
 from dse import registry
 from dse.config import goals, parts
 from dse.config.contracts import Source
+from dse.config.delays import delay_faults
 from dse.config.evaluation import evaluation_faults
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space, names_a_file
@@ -92,6 +93,9 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     execution = goals.execution(data.get("execution"), report, check_device=check_data)
     for message in [] if execution is None else _device_faults(execution.device, sections.get("model")):
         report(("execution", "device"), message)
+    if execution is not None:
+        for path, text in delay_faults(sections, hardware, execution.device, source.parent):
+            report(path, text)
     if faults or decision is None or search is None or execution is None:
         return None
     return SearchSpace(

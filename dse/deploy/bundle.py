@@ -246,5 +246,6 @@ def _described(bundle: Bundle) -> tuple[str, str]:
         "`weights.npz` holds per layer k (0 is nearest the input)"
         f"{', as far as its neurons have them' if len(kinds) > 1 else ''}: "
         f"{', '.join([matrices, *dict.fromkeys(parameters)])}. "
-        f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago.",
+        f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago."
+        + (" `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""),
     )

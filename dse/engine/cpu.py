@@ -12,8 +12,9 @@ import numpy as np
 from dse.engine import kernels
 from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.batch import Batch, batch_of, chunk_samples
+from dse.engine.delays import Delays
 from dse.engine.events import Rows
-from dse.engine.layers import GRID, KernelLayer, layer_of, padded_ring, precision
+from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
@@ -134,11 +135,14 @@ class _Network:
         kind = member.arithmetic
         self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared) for x in member.layers]
         self.rings = [_ring(x, kind) for x in member.layers]
-        # Layers read the matrices' tables, which change in place.
-        self.layers = [
-            _layer(x, m, r, kind) for x, m, r in zip(member.layers, self.matrices, self.rings, strict=True)
+        self.delays = [
+            None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind))
+            for x in member.layers
         ]
-        self.steps = 0
+        # Layers read the matrices' tables, which change in place.
+        parts = zip(member.layers, self.matrices, self.rings, self.delays, strict=True)
+        self.layers = [_layer(x, m, r, late, kind) for x, m, r, late in parts]
+        self.steps = self.delay_steps = 0
 
     def step(
         self,
@@ -162,6 +166,7 @@ class _Network:
             spaces,
             [m.gradient for m in self.matrices],
             [_NOTHING if r is None else r.gradient for r in self.rings],
+            [_NOTHING if d is None or not turn.delay_learning_rate else d.gradient for d in self.delays],
             threads,
         )
         parts = [
@@ -176,6 +181,11 @@ class _Network:
             norm = math.sqrt(sum(m.squared_norm(f) for m, f in parts))
             clip = min(1.0, self.clip_norm / norm) if norm > 0 else 1.0
         squared = sum(m.update(clip * f, turn.learning_rate, self.steps) for m, f in parts)
+        if turn.delay_learning_rate:
+            self.delay_steps += 1
+            for late in self.delays:
+                if late is not None:
+                    late.update(turn.delay_learning_rate, self.delay_steps)
         cells = batch.rows.n_samples * batch.rows.n_steps
         return Report(
             done.loss,
@@ -200,6 +210,10 @@ class _Network:
                 None if r is None else unpacked(r.weights, r.n_rows, n)[:n]
                 for r, n in zip(self.rings, self.sizes, strict=True)
             ),
+            tuple(
+                None if d is None else unpacked(d.table, d.n_rows, n)
+                for d, n in zip(self.delays, self.sizes, strict=True)
+            ),
         )
 
 
@@ -210,7 +224,13 @@ def _ring(layer: TrainedLayer, arithmetic: Arithmetic) -> _Matrix | None:
     return _matrix(padded_ring(layer.recurrent), unit, arithmetic)
 
 
-def _layer(layer: TrainedLayer, matrix: _Matrix, ring: _Matrix | None, arithmetic: Arithmetic) -> KernelLayer:
+def _layer(
+    layer: TrainedLayer,
+    matrix: _Matrix,
+    ring: _Matrix | None,
+    delays: Delays | None,
+    arithmetic: Arithmetic,
+) -> KernelLayer:
     return layer_of(
         matrix.table,
         matrix.table[:0] if ring is None else ring.table,
@@ -219,6 +239,7 @@ def _layer(layer: TrainedLayer, matrix: _Matrix, ring: _Matrix | None, arithmeti
         layer.population,
         arithmetic,
         layer.surrogate,
+        NO_DELAY if delays is None else delays.table,
     )
 
 
@@ -269,12 +290,21 @@ def _workspace(networks: Sequence[_Network], n_rows: int, thread: int) -> Worksp
         matrix = network.rings[depth]
         return 0 if matrix is None else matrix.gradient.size
 
+    def late(network: _Network, depth: int) -> int:
+        delays = network.delays[depth]
+        return 0 if delays is None else delays.gradient.size
+
     weights = largest(lambda network, depth: network.matrices[depth].gradient.size)
     if thread == 0:
         weights[0] = 0  # written in place
     kind = networks[0].matrices[0].gradient.dtype
     return Workspace(
-        n_rows, largest(lambda network, depth: network.sizes[depth]), weights, largest(ring), kind
+        n_rows,
+        largest(lambda network, depth: network.sizes[depth]),
+        weights,
+        largest(ring),
+        largest(late),
+        kind,
     )
 
 

@@ -61,7 +61,7 @@ class DefinedLayer:
         calculus = NumpyCalculus(self.arithmetic)
         real = np.dtype(np.float32 if self.arithmetic == "float32" else np.float64)
         population = in_type(self.weights.population, real)
-        drive = weighted(rows, samples, self.weights.feed_forward.astype(real))
+        drive = delayed_sum(rows, samples, self.weights.feed_forward.astype(real), self.weights.delay)
         n, t, h = drive.shape
         ring = self.weights.recurrent.astype(real)
         state = population.initial_state((n, h), calculus)
@@ -103,6 +103,20 @@ def weighted(rows: Rows, samples: slice, feed_forward: Floats) -> Floats:
     matrix = csr_array((ones, index, offsets - offsets[0]), shape=(high - low, rows.n_inputs))
     summed: Floats = matrix @ feed_forward
     return summed.reshape(samples.stop - samples.start, rows.n_steps, -1)
+
+
+def delayed_sum(rows: Rows, samples: slice, feed_forward: Floats, delay: Array) -> Floats:
+    """Return the weighted input spikes of some samples as they arrive, (sample, step, neuron).
+
+    The definition of dse.engine.delays; what would arrive after the window is lost.
+    """
+    if not delay.size:
+        return weighted(rows, samples, feed_forward)
+    total = np.zeros((samples.stop - samples.start, rows.n_steps, feed_forward.shape[1]), feed_forward.dtype)
+    for steps in np.unique(delay).tolist():
+        part = weighted(rows, samples, np.where(delay == steps, feed_forward, 0))
+        total[:, steps:] += part[:, : max(0, rows.n_steps - steps)]
+    return total
 
 
 def rows_sum(spikes: Floats, matrix: Floats) -> Floats:

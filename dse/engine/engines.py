@@ -25,9 +25,17 @@ def start(
     Raises:
         MissingExtra: the neurons have no kernel, and torch is not installed.
         ValueError: weights are shared, and the device is a GPU whose kernels would train the neurons.
+        ValueError: synapses have delays, which only the kernels of the CPU train.
     """
     neurons = {type(layer.population) for member in members for layer in member.layers}
-    if not all(has_kernel(kind) for kind in neurons):
+    runs_kernels = all(has_kernel(kind) for kind in neurons)
+    delayed = any(layer.delay is not None for member in members for layer in member.layers)
+    if delayed and not (runs_kernels and device == "cpu"):
+        raise ValueError(
+            "delays of synapses need device cpu and neurons with a kernel, got "
+            + (f"device {device}" if runs_kernels else "neurons without one")
+        )
+    if not runs_kernels:
         require_torch("training neurons without a kernel")
         from dse.engine import autograd
 

@@ -8,12 +8,12 @@ Integer states are held in float64, where they are exact up to 2**40 (products w
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dse.engine import kernels
+from dse.engine import delays, kernels
 from dse.engine.batch import chunk_samples
 from dse.engine.events import Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
@@ -28,6 +28,7 @@ GRID = WEIGHT_SCALE / 2
 
 _NONE = np.zeros((0, 0), np.float32)
 _NO_UPDATES = np.zeros(0, np.int32)
+NO_DELAY = np.zeros((0, 0), np.int8)
 _NO_SURROGATE = (0.0, 0.0, 0.0, -math.inf)
 
 
@@ -38,23 +39,31 @@ class Weights:
     feed_forward: (input, neuron) float32.
     recurrent: (neuron, neuron) float32, row = presynaptic; (0, 0) where there is none.
     population: the neurons.
+    delay: (input, neuron) int8 delays of the feed-forward synapses, 0 to 62 steps; (0, 0): none has any.
     """
 
     feed_forward: Floats
     recurrent: Floats
     population: Population[Any]
+    delay: Array = field(default_factory=lambda: NO_DELAY)
 
     @property
     def n_neurons(self) -> int:
         return int(self.feed_forward.shape[1])
 
 
-def weights(feed_forward: Floats, recurrent: Floats | None, population: Population[Any]) -> Weights:
+def weights(
+    feed_forward: Floats,
+    recurrent: Floats | None,
+    population: Population[Any],
+    delay: Array | None = None,
+) -> Weights:
     """Return engine weights from (input, neuron) matrices and the layer's neurons."""
     return Weights(
         np.ascontiguousarray(feed_forward, np.float32),
         _NONE if recurrent is None else np.ascontiguousarray(recurrent, np.float32),
         population,
+        NO_DELAY if delay is None else np.ascontiguousarray(delay, np.int8),
     )
 
 
@@ -84,6 +93,8 @@ class KernelLayer(NamedTuple):
     cross, back_cross: (4 * n_columns,) dse.neurons.resonator.Cross likewise; empty: CUBA-LIF neurons alone.
     threshold, scale: of the states: units, and units per weight unit.
     surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
+    n_neurons: without those that pad.
+    delay: int8 delays of the synapses in blocks; empty: none has any.
     """
 
     table: Array
@@ -102,6 +113,8 @@ class KernelLayer(NamedTuple):
     scale: float
     integer: bool
     surrogate: tuple[float, float, float, float]
+    n_neurons: int
+    delay: Array
 
 
 def padded_ring(recurrent: Array) -> Array:
@@ -123,6 +136,7 @@ def layer_of(
     population: Population[Any],
     arithmetic: Arithmetic,
     surrogate: Exponential | None = None,
+    delay: Array = NO_DELAY,
 ) -> KernelLayer:
     """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32.
 
@@ -165,6 +179,8 @@ def layer_of(
         float(scale),
         arithmetic == "integer",
         _NO_SURROGATE if surrogate is None else surrogate.exponents(neurons.to_threshold),
+        n_neurons,
+        delay.ravel(),
     )
 
 
@@ -186,7 +202,28 @@ def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
         layer.population,
         arithmetic,
         surrogate,
+        packed(layer.delay, np.int8) if layer.delay.size else NO_DELAY,
     )
+
+
+@compiled()
+def _sum_delayed(
+    layer: KernelLayer, offsets: Array, index: Array, first_row: int, n_samples: int, n_steps: int, z: Array
+) -> None:
+    """Write the weighted input of some samples of a layer whose synapses have delays."""
+    trains = np.zeros((2, n_samples, delays.words_of(n_steps), layer.n_inputs), np.uint64)
+    delays.trains_of(offsets, index, first_row, n_samples, n_steps, 0, trains)
+    column = 0
+    while column < layer.n_columns:
+        width = width_at(column, layer.n_columns)
+        n_filled = min(width, layer.n_neurons - column)
+        block = delays.summands(layer.table, z, n_filled, layer.n_inputs)
+        late = np.empty((n_filled, layer.n_inputs), np.int8)
+        delays.turn_matrix(layer.table, layer.n_inputs, layer.n_neurons, column, width, block)
+        delays.turn_matrix(layer.delay, layer.n_inputs, layer.n_neurons, column, width, late)
+        place = n_samples * n_steps * column
+        delays.add_up(trains, n_steps, block, late, layer.table_unit, z, width, place)
+        column += width
 
 
 @compiled()
@@ -205,26 +242,29 @@ def run(
 ) -> int:
     """Run some samples through a layer; return the number of its spikes (arguments as in kernels.scan)."""
     n_rows, n_groups = n_samples * n_steps, layer.n_columns // LANES
-    recurrent = layer.ring.size > 0
+    recurrent, delayed = layer.ring.size > 0, layer.delay.size > 0
     n_fired, column = 0, 0
+    if delayed:
+        _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
     while column < layer.n_columns:
         width = width_at(column, layer.n_columns)
         for n in range(n_samples):
             row = n * n_steps
             place = n_rows * column + row * width
-            kernels.gather(
-                offsets,
-                index,
-                first_row + row,
-                n_steps,
-                layer.table,
-                layer.n_inputs * column,
-                width,
-                layer.table_unit,
-                z,
-                place,
-                False,
-            )
+            if not delayed:
+                kernels.gather(
+                    offsets,
+                    index,
+                    first_row + row,
+                    n_steps,
+                    layer.table,
+                    layer.n_inputs * column,
+                    width,
+                    layer.table_unit,
+                    z,
+                    place,
+                    False,
+                )
             if not recurrent:
                 n_fired += kernels.scan(
                     z,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine import kernels
+from dse.engine import delays, kernels
 from dse.engine.batch import Batch
 from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
@@ -171,6 +171,7 @@ class Workspace:
         n_columns: Sequence[int],
         n_weights: Sequence[int],
         n_ring: Sequence[int],
+        n_delays: Sequence[int],
         kind: Any,
     ) -> None:
         """Allocate.
@@ -180,6 +181,7 @@ class Workspace:
             n_columns: neurons of each layer.
             n_weights: elements of each layer's gradient in blocks, 0 where it is written in place.
             n_ring: the same of recurrent weights.
+            n_delays: the same of delays that are learnt.
             kind: precision of the gradients.
         """
         groups = [padded(n) // LANES for n in n_columns]
@@ -193,6 +195,7 @@ class Workspace:
         self.own_index = np.empty(n_rows * LANES * widest, np.int32)
         self.gradients = [aligned(n, kind) for n in n_weights]
         self.ring_gradients = [aligned(n, kind) for n in n_ring]
+        self.delay_gradients = [aligned(n, kind) for n in n_delays]
 
 
 @dataclass(frozen=True)
@@ -208,12 +211,14 @@ class Pass:
 class _Lesson:
     """What all chunks of a batch have in common for one network (arguments of `learn`).
 
-    running: the layers, their weight units times the factor of their inputs' gains.
+    running: the layers, their weight units times the factor of their inputs' gains; units: without it.
     back: per layer, the weights by which the layer below hears of it; the first has none.
     ring_back: the same of recurrent weights.
+    learns_delays: per layer, whether the gradient by its delays is needed.
     """
 
     running: Sequence[KernelLayer]
+    units: Sequence[float]
     n_neurons: Sequence[int]
     batch: Batch
     labels: Array
@@ -222,6 +227,7 @@ class _Lesson:
     shift: int
     back: Sequence[Array]
     ring_back: Sequence[Array]
+    learns_delays: Sequence[bool]
 
 
 def learn(
@@ -235,6 +241,7 @@ def learn(
     spaces: Sequence[Workspace],
     gradients: Sequence[Array],
     ring_gradients: Sequence[Array],
+    delay_gradients: Sequence[Array] = (),
     threads: Executor | None = None,
 ) -> Pass:
     """Add the gradients of a batch's loss by every weight, before the gains' common factors.
@@ -252,6 +259,7 @@ def learn(
         spaces: buffers, one per chunk that may run at a time; all but the first hold first-layer gradients.
         gradients: per layer, in blocks; added to.
         ring_gradients: the same of recurrent weights; empty where there are none.
+        delay_gradients: the same of delays, times the gains' common factors; empty where none are learnt.
         threads: runs chunks side by side where there are several spaces.
     """
     kind = spaces[0].slope[0].dtype
@@ -259,6 +267,7 @@ def learn(
     nothing = np.zeros(0, kind)
     lesson = _Lesson(
         [x._replace(table_unit=x.table_unit * f) for x, f in zip(layers, factors, strict=True)],
+        [x.table_unit for x in layers],
         n_neurons,
         batch,
         labels,
@@ -267,6 +276,7 @@ def learn(
         shift,
         [nothing, *(_turned(x.table, x.table_unit, x.n_inputs, x.n_columns, kind) for x in layers[1:])],
         [_turned(x.ring, x.ring_unit, x.n_columns, x.n_columns, kind) for x in layers],
+        [gradient.size > 0 for gradient in delay_gradients] or [False] * len(layers),
     )
     loss, correct, n_fired = 0.0, 0, np.zeros(len(layers), np.int64)
     n_chunks = len(batch.starts) - 1
@@ -282,6 +292,7 @@ def learn(
             space = spaces[number]
             _add(gradients[0 if number else 1 :], space.gradients[0 if number else 1 :])
             _add(ring_gradients, space.ring_gradients)
+            _add(delay_gradients, space.delay_gradients)
     return Pass(loss, correct, n_fired)
 
 
@@ -378,12 +389,17 @@ def _backward(
         sizes = layer.n_inputs, layer.n_columns
         by_column = np.zeros((n, layer.n_columns), kind)
         by_column[:, : lesson.n_neurons[d]] = factors
-        penalised = bool(lesson.goal.hidden_spike_penalty) and d < last
+        # Delays of the layer above have put all that a spike does to the loss into the surrogates.
+        follows = d < last and lesson.running[d + 1].delay.size > 0
+        penalised = bool(lesson.goal.hidden_spike_penalty) and d < last and not follows
         penalty = aligned(layer.n_columns if penalised else 0, kind)
         penalty[: lesson.n_neurons[d]] = lesson.goal.hidden_spike_penalty
-        ring_back, shift = lesson.ring_back[d], lesson.shift
+        ring_back, shift = lesson.ring_back[d], 0 if follows else lesson.shift
         _back(layer, n, n_steps, by_column, later, n_later, back, ring_back, shift, penalty, by_input)
-        if d == 0:
+        if layer.delay.size:
+            _through_delays(lesson, chunk, d, n, gains[d], space, first_gradient)
+            factors, later, n_later, back = 1.0, later[:0], 0, back[:0]
+        elif d == 0:
             offsets, index = batch.offsets[chunk], batch.index
             _gather_gradient(
                 offsets, index, layer.n_inputs, layer.n_columns, by_input, n_rows, first_gradient
@@ -399,6 +415,55 @@ def _backward(
             n_groups = layer.n_columns // LANES
             kernels.decode(space.fired[d], n, n_steps, n_groups, 1, _NO_GAIN, offsets, index)
             _scatter_gradient(offsets, index, layer.n_columns, layer.n_columns, by_input, n_rows, gradient)
+
+
+def _through_delays(
+    lesson: _Lesson,
+    chunk: int,
+    depth: int,
+    n: int,
+    gain: Array | None,
+    space: Workspace,
+    first_gradient: Array,
+) -> None:
+    """Sum dL/dz of a layer with delays into its gradients, and take it back to the layer below."""
+    layer, rows = lesson.running[depth], lesson.batch.rows
+    n_steps, kind = rows.n_steps, space.slope[depth].dtype
+    words = -(-n_steps // delays.WORD)
+    offsets, index, first_row = rows.offsets, rows.index, int(lesson.batch.starts[chunk]) * n_steps
+    if depth:
+        offsets, index, first_row = space.offsets[depth - 1], space.index[depth - 1], 0
+    trains = np.zeros((2, layer.n_inputs, n, words), np.uint64)
+    delays.trains_of(offsets, index, first_row, n, n_steps, 1, trains)
+    by_neuron = np.zeros((layer.n_columns, n, words * delays.WORD), kind)
+    delays.turn(space.slope[depth], n, n_steps, by_neuron)
+    delays.add_gradients(
+        trains,
+        by_neuron,
+        n_steps,
+        layer.table,
+        layer.delay,
+        layer.n_neurons,
+        layer.table_unit,
+        space.gradients[depth] if depth else first_gradient,
+        space.delay_gradients[depth] if lesson.learns_delays[depth] else np.zeros(0, kind),
+    )
+    if depth:
+        beyond = np.zeros((layer.n_columns, n, (words + 1) * delays.WORD), kind)
+        beyond[..., : words * delays.WORD] = by_neuron
+        delays.follow_back(
+            beyond,
+            n_steps,
+            layer.table,
+            layer.delay,
+            layer.n_neurons,
+            lesson.units[depth],
+            np.ones((n, layer.n_inputs), np.float32) if gain is None else gain,
+            lesson.goal.hidden_spike_penalty,
+            space.slope[depth - 1],
+            layer.n_inputs,
+            lesson.shift,
+        )
 
 
 def common_factor(gain: Array | None) -> float:

@@ -30,6 +30,9 @@ class TrainedLayer:
     unit, recurrent_unit: (neuron,) float32, what a learning rate of 1 moves a weight into each neuron by.
     shared: (input, neuron) number of each weight (dse.engine.shared), whose copies are equal and move alike;
         None: each weight is alone.
+    delay: (input, neuron) float32 master delays of the feed-forward synapses, network steps; they run
+        rounded. None: no synapse has one.
+    longest_delay: training keeps delays between 0 and this.
     """
 
     feed_forward: Floats
@@ -39,6 +42,8 @@ class TrainedLayer:
     unit: Floats
     recurrent_unit: Floats | None = None
     shared: Ints | None = None
+    delay: Floats | None = None
+    longest_delay: int = 0
 
 
 @dataclass(frozen=True)
@@ -77,10 +82,12 @@ class Turn:
     gains: per layer, (sample, input) float32 factors of its inputs' spikes, or None. Within a layer they
         are 0 or one common value (dropout). Those of the first layer are (sample, 1): its rows lack what is
         silenced.
+    delay_learning_rate: Adam's step size of delays, network steps; 0: they stay as they are.
     """
 
     learning_rate: float
     gains: tuple[Floats | None, ...]
+    delay_learning_rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +109,14 @@ class Report:
 
 @dataclass(frozen=True)
 class Masters:
-    """Master weights, float32, input side first: feed_forward (input, neuron), recurrent or None."""
+    """Master weights, float32, input side first: feed_forward (input, neuron), recurrent or None.
+
+    delay: (input, neuron) int8 delays as they run, or None; empty where no engine gave any.
+    """
 
     feed_forward: tuple[Array, ...]
     recurrent: tuple[Array | None, ...]
+    delay: tuple[Array | None, ...] = ()
 
 
 class Engine(Protocol):

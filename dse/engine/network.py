@@ -26,6 +26,7 @@ class Gradients:
     feed_forward: (input, neuron) each; recurrent: (neuron, neuron), or (0, 0) where there is none.
     fired: (layer,) mean spikes per neuron and step.
     correct: samples whose most active output (lowest number on ties) is the label, in every head.
+    delay: (input, neuron) each, or (0, 0) where synapses have none.
     """
 
     loss: float
@@ -33,6 +34,7 @@ class Gradients:
     recurrent: tuple[Array, ...]
     fired: tuple[float, ...]
     correct: int
+    delay: tuple[Array, ...] = ()
 
 
 def gradients(
@@ -77,7 +79,8 @@ def gradients(
     rings = [aligned(x.ring.size, kind) for x in ready]
     n_rows = chunk_samples(rows.n_samples, rows.n_steps) * rows.n_steps
     deeper = [0, *(g.size for g in feed_forward[1:])]
-    space = Workspace(n_rows, sizes, deeper, [r.size for r in rings], kind)
+    delays = [aligned(g.size if x.delay.size else 0, kind) for g, x in zip(feed_forward, ready, strict=True)]
+    space = Workspace(n_rows, sizes, deeper, [r.size for r in rings], [d.size for d in delays], kind)
     done = learn(
         ready,
         sizes,
@@ -89,6 +92,7 @@ def gradients(
         [space],
         feed_forward,
         rings,
+        delays,
     )
     factors = [common_factor(gain) for gain in gains]
     cells = rows.n_samples * rows.n_steps
@@ -104,6 +108,10 @@ def gradients(
         ),
         tuple(float(f) / max(1, cells * n) for f, n in zip(done.n_fired, sizes, strict=True)),
         done.correct,
+        tuple(
+            unpacked(g, x.n_inputs, n) if g.size else g.reshape(0, 0)
+            for g, x, n in zip(delays, ready, sizes, strict=True)
+        ),
     )
 
 

@@ -89,6 +89,7 @@ class Profile(ABC):
     text: the file that it was read from, for a study to keep.
     programmable: whether its neurons run programs, so that it runs resonators too.
     any_neuron: whether all profiles of this kind run any neurons: processors and conventions.
+    delays_synapses: whether profiles of this kind may give synapses delays of their own.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Profile(ABC):
     programmable: bool = dataclasses.field(default=False, kw_only=True)
 
     any_neuron: ClassVar[bool] = False
+    delays_synapses: ClassVar[bool] = True
 
     @classmethod
     def numbers(cls) -> Mapping[str, Figure]:

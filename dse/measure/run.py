@@ -695,6 +695,7 @@ def _load(
             weight_bits=weight_bits,
             synapses=response.synapses,
             stored=network.stored,
+            delay_bits=network.delay_bits,
         )
         neurons = [neuron_of(layer.neuron) for layer in network.layers]
         pairs = zip(neurons, network.layers, strict=True)

@@ -283,6 +283,77 @@ def bits(typing_context: Any, mask: Any) -> Any:
 
 
 @_intrinsic
+def mask_of(typing_context: Any, number: Any, lanes: Any) -> Any:
+    """Return the lowest bits of a uint64 as a mask of at most 64 lanes, bit 0 in lane 0."""
+    mask = Vector(types.boolean, lanes.n)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        whole = values[0] if lanes.n == 64 else builder.trunc(values[0], ir.IntType(lanes.n))
+        return builder.bitcast(whole, mask.llvm)
+
+    return mask(types.uint64, lanes), generate
+
+
+@_intrinsic
+def summed(typing_context: Any, x: Any) -> Any:
+    """Return the sum of all lanes: its upper half is added to its lower half until one lane is left."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        vector, n, order = values[0], x.lanes, ir.IntType(32)
+        while n > 1:
+            n //= 2
+            halves = [
+                builder.shuffle_vector(
+                    vector,
+                    ir.Constant(vector.type, ir.Undefined),
+                    ir.Constant(ir.VectorType(order, n), list(range(first, first + n))),
+                )
+                for first in (0, n)
+            ]
+            vector = (builder.fadd if x.is_float else builder.add)(*halves)
+        return builder.extract_element(vector, ir.Constant(order, 0))
+
+    return x.element(x), generate
+
+
+@_intrinsic
+def transpose(
+    typing_context: Any, source: Any, at: Any, stride: Any, target: Any, place: Any, step: Any
+) -> Any:
+    """Write 16 x 16 elements of an array to one of the same type, rows as columns.
+
+    Row r is read at `at + r * stride`, column c written at `place + c * step`; nothing checks the ends.
+    """
+    n = 16
+    vector = Vector(source.dtype, n)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        read, write = (
+            [builder.add(values[first], builder.mul(values[by], values[by].type(k))) for k in range(n)]
+            for first, by in ((1, 2), (4, 5))
+        )
+        rows = []
+        for offset in read:
+            loaded = builder.load(_place(context, builder, source, values[0], offset, vector))
+            loaded.align = vector.n_bytes
+            rows.append(loaded)
+        order = ir.VectorType(ir.IntType(32), n)
+        mixed = [x for k in range(n // 2) for x in (k, n + k)]
+        low, high = (ir.Constant(order, [x + by for x in mixed]) for by in (0, n // 2))
+        # Four perfect shuffles of the rows k and k + 8 turn 16 rows into 16 columns.
+        for _ in range(4):
+            pairs = [(rows[k], rows[k + n // 2]) for k in range(n // 2)]
+            rows = [builder.shuffle_vector(a, b, half) for a, b in pairs for half in (low, high)]
+        for offset, column in zip(write, rows, strict=True):
+            to = _place(context, builder, target, values[3], offset, vector)
+            builder.store(column, to).align = vector.n_bytes
+        return context.get_dummy_value()
+
+    intp = types.intp
+    return types.void(source, intp, intp, target, intp, intp), generate
+
+
+@_intrinsic
 def power_of_two(typing_context: Any, n: Any) -> Any:
     """Return 2**n for whole numbers n within the normal range of their type."""
     bias, mantissa_bits, integer = (127, 23, 32) if n.element == types.float32 else (1023, 52, 64)

@@ -110,6 +110,14 @@ def test_coarser_factors_err_more_and_integer_states_do_not_drift() -> None:
     assert peaks[0] < 1 < peaks[1]
 
 
+def test_delays_change_no_sum_and_lose_what_comes_too_late() -> None:
+    rows = by_setting(numerics.delay_rows(1, n_hidden=8, n_samples=2, n_steps=200))
+    assert rows["all 0"].errors == rows["undelayed"].errors
+    assert all(row.errors["input"] == 0 for row in rows.values())
+    assert rows["all 62"].errors["spikes"] < rows["undelayed"].errors["spikes"]
+    assert rows["all beyond windows of 62 steps"].errors["spikes"] == 0
+
+
 def test_factors_of_few_bits_never_grow() -> None:
     for bits in (2, 3, 4, 12):
         for period, quality in ((2.2, 1.5), (4.0, 100.0), (40.0, 20.0)):
@@ -209,7 +217,8 @@ def test_the_table_has_a_row_of_heads_per_part_and_one_per_setting() -> None:
     found = numerics.table(["rates"], 1)
     assert found.row_count == n + 1
     assert next(iter(found.columns[1].cells)) == "[bold]ns / event"
-    assert set(numerics.PARTS) == {"izhikevich", "decay", "resonator", "elm", "decision", "hots", "rates"}
+    parts = ("izhikevich", "decay", "resonator", "delay", "elm", "decision", "hots", "rates")
+    assert tuple(numerics.PARTS) == parts
 
 
 def test_recordings_take_part_where_there_are_some(

@@ -40,6 +40,8 @@ from dse.registry import register
 class Clocked(Profile):
     """One clocked core with hidden and output neurons: SynSense Xylo's kind."""
 
+    delays_synapses = False
+
     input_channel_cycles: Number = figure("1", "cycles per input and step")
     input_synapse_cycles: Number = figure("1", "cycles per input spike and neuron with input weights")
     neuron_cycles: Number = figure("1", "cycles per hidden neuron and step")

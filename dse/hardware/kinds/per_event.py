@@ -62,6 +62,8 @@ class EventConvention(Profile):
 class PerEvent(Profile):
     """Cores with published energies per event and little else."""
 
+    delays_synapses = False
+
     synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches")
     neuron_update_pj: Number = figure("pJ", "per neuron and step")
     spike_pj: Number = figure("pJ", "per spike of a neuron")

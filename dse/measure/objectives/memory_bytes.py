@@ -23,8 +23,8 @@ class MemoryBytes:
             "memory_bytes",
             "bytes",
             "min",
-            "Memory of the weights: W_t times the bits per weight / 8; indices and neuron states are not "
-            "counted.",
+            "Memory of the weights: W_t times the bits per weight (and per delay of a synapse where synapses "
+            "have one) / 8; indices and neuron states are not counted.",
             of_design=True,
         ),
     )

@@ -42,6 +42,9 @@ class Columns(SNN):
     recurrent: ClassVar[bool] = False  # type: ignore[misc]
     pruned: ClassVar[float] = 0.0  # type: ignore[misc]
     prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
+    max_delay: ClassVar[int] = 0  # type: ignore[misc]
+    delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
+    delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
 
     features: int = param(16, low=1, doc="neurons of a column; there is a column for each taxel")
     neighbours: int = param(8, low=0, doc="taxels that a column receives beside its own, nearest first")

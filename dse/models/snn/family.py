@@ -16,6 +16,7 @@ from dse.registry import register
 # Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
 # core of a 2023 server CPU (benchmarks/train_step.py). Only their ratios matter.
 _SUM_NS, _SCAN_NS, _UPDATE_NS, _CALL_NS = 0.04, 1.3, 1.2, 3e5
+_DELAY_NS = 0.12  # per synapse with a delay and step
 # Of automatic differentiation: per neuron and step, and per step of a layer and batch.
 _TORCH_CELL_NS, _TORCH_STEP_NS = 150.0, 4e5
 # Tensors of a layer's size that it keeps of every step, and what torch itself takes.
@@ -70,7 +71,16 @@ class SNN(Stack):
         real = 8 if self.arithmetic == "ideal" else 4
         # Master weights, two moments, initial weights, gradient, int8 weights; the mean of the last epochs.
         per_weight = 4 * 4 + real + 1 + 8 + (real + 1 if self.pruned else 0)  # which are kept, twice
-        return sum(a * padded(b) * per_weight for a, b in self.matrices(n_channels, n_classes))
+        # Delays are rounded by a byte, and have the gradient in the workspace as well.
+        per_delay = 4 * 3 + real + 1 + 4
+        return sum(a * padded(b) * per_weight for a, b in self.matrices(n_channels, n_classes)) + sum(
+            a * padded(b) * per_delay for a, b in self._delayed(n_channels, n_classes)
+        )
+
+    def _delayed(self, n_channels: int, n_classes: int) -> list[tuple[int, int]]:
+        """Return (inputs, neurons) of the matrices whose synapses have delays."""
+        matrices = self.matrices(n_channels, n_classes)[: len(self.hidden) + 1]
+        return [matrix for depth, matrix in enumerate(matrices) if self.has_delays(depth)]
 
     def workspace_bytes(
         self, n_channels: int, n_classes: int, n_steps: int, training: Training, threads: int = 1
@@ -92,7 +102,17 @@ class SNN(Stack):
         chunk = sum(rows * (n * (real + 4) + n // 8 + 8) for n in columns) + rows * 4 * max(columns)
         weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
         deeper = weights - self.matrices(n_channels, n_classes)[0][0] * padded(self.hidden[0])
-        own = threads * (chunk + real * deeper) + (threads - 1) * real * (weights - deeper)
+        # Of layers with delays: dL/dz by neuron, twice, trains of bits, and the gradient by the delays.
+        late = max(
+            (
+                2 * real * rows * padded(b)
+                + 4 * a * (rows // 8 + 8 * training.batch_size)
+                + real * a * padded(b)
+                for a, b in self._delayed(n_channels, n_classes)
+            ),
+            default=0,
+        )
+        own = threads * (chunk + late + real * deeper) + (threads - 1) * real * (weights - deeper)
         return own + 48 * weights
 
     def cost(
@@ -121,5 +141,6 @@ class SNN(Stack):
             return 1e-9 * training.epochs * per_epoch
         weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
         per_sample = _SUM_NS * summed + _SCAN_NS * steps * sum(columns)
+        per_sample += _DELAY_NS * steps * sum(a * b for a, b in self._delayed(n_channels, n_classes))
         per_batch = _UPDATE_NS * weights + _CALL_NS
         return 1e-9 * training.epochs * (n_train * per_sample + batches * per_batch)

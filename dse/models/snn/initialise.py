@@ -17,7 +17,7 @@ from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.fixed_point import quantise
-from dse.records import Arithmetic, Floats, Ints
+from dse.records import Arithmetic, Array, Floats, Ints
 
 _GAIN_RANGE = 16.0
 _IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
@@ -68,12 +68,17 @@ def deployed(
     recurrent: Sequence[Floats | None],
     populations: Sequence[Population[Any]],
     arithmetic: Arithmetic,
+    delays: Sequence[Array | None] | None = None,
 ) -> list[layers.Weights]:
-    """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic."""
+    """Return float master weights, (input, neuron), as they run: rounded to 8 bits in integer arithmetic.
+
+    `delays` are those of the synapses, (input, neuron), None where a layer has none; None: no layer has.
+    """
     rounding = quantise if arithmetic == "integer" else np.asarray
+    late = [None] * len(feed_forward) if delays is None else delays
     return [
-        layers.weights(rounding(w), None if r is None else rounding(r), population)
-        for w, r, population in zip(feed_forward, recurrent, populations, strict=True)
+        layers.weights(rounding(w), None if r is None else rounding(r), population, d)
+        for w, r, population, d in zip(feed_forward, recurrent, populations, late, strict=True)
     ]
 
 
@@ -111,11 +116,15 @@ def _arriving(rows: Rows, shared: Ints | None) -> float:
 
 @dataclass(frozen=True)
 class Start:
-    """Master weights, (input, neuron), and per layer the target spike rate and the one reached."""
+    """Master weights, (input, neuron), and per layer the target spike rate and the one reached.
+
+    delays: master delays, (input, neuron) float32; None where synapses have none.
+    """
 
     feed_forward: list[Floats]
     recurrent: list[Floats | None]
     rates: list[tuple[float, float]]
+    delays: list[Floats | None]
 
 
 def initialise(
@@ -125,6 +134,7 @@ def initialise(
     n_outputs: int,
     rng: np.random.Generator,
     n_heads: int = 1,
+    of_delays: np.random.Generator | None = None,
 ) -> Start:
     """Draw weights and scale each layer, as deployed, until it fires at a given rate on a probe batch.
 
@@ -141,9 +151,11 @@ def initialise(
         n_outputs: output neurons.
         rng: draws the weights.
         n_heads: of the output, each with one neuron that is to fire.
+        of_delays: draws delays, uniform in [0, model.max_delay]; None: no synapse has one.
     """
     feed_forward: list[Floats] = []
     recurrent: list[Floats | None] = []
+    delays: list[Floats | None] = []
     rates = []
     sharing = model.sharing(n_outputs)
     for depth, (n, population) in enumerate(zip((*model.hidden, n_outputs), populations, strict=True)):
@@ -167,6 +179,10 @@ def initialise(
             drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
             ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)
 
+        late = None
+        if of_delays is not None and model.has_delays(depth):
+            late = of_delays.uniform(0, model.max_delay, drawn.shape).astype(np.float32)
+
         def forward(
             gain: float,
             rows: Rows = rows,
@@ -174,9 +190,11 @@ def initialise(
             fixed: Floats | float = fixed,
             ring: Floats | None = ring,
             population: Population[Any] = population,
+            delay: Floats | None = late,
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
-            (weights,) = deployed([matrix], [ring], [population], model.arithmetic)
+            rounded = None if delay is None else np.rint(delay)
+            (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
             return prepare(weights, model.arithmetic).forward(rows)
 
         def rate(gain: float, forward: Callable[[float], Forward] = forward) -> float:
@@ -186,6 +204,7 @@ def initialise(
         gain, reached = _reach_rate(rate, target, spread)
         feed_forward.append((gain * drawn + fixed).astype(np.float32))
         recurrent.append(ring)
+        delays.append(late)
         rates.append((target, reached))
         rows = delayed(forward(gain).fired)
-    return Start(feed_forward, recurrent, rates)
+    return Start(feed_forward, recurrent, rates, delays)

@@ -72,6 +72,7 @@ def _layers(network: Network) -> list[Prepared]:
             [None if x.recurrent is None else x.recurrent.T for x in network.layers],
             [population_of(x.neuron, x.parameters) for x in network.layers],
             network.arithmetic,
+            [None if x.delay is None else x.delay.T for x in network.layers],
         )
     ]
 

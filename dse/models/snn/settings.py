@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
+from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
 from dse.models.training import Training
@@ -54,6 +55,25 @@ class Stack:
         unit="input steps",
         doc="delays of the inputs; each gets its own copy of the input channels",
     )
+    max_delay: int = param(
+        0,
+        low=0,
+        high=MOST,
+        unit="network steps",
+        doc="longest delay of a synapse: each has one of its own, which is learnt; 0: synapses have none",
+    )
+    delayed_layers: str = param(
+        "first",
+        choices=("first", "all"),
+        doc="layers whose synapses have delays, recurrent ones never: the first, or the outputs too",
+    )
+    delay_learning_rate: float = param(
+        0.1,
+        low=0,
+        unit="network steps",
+        doc="step size of Adam for delays, on the schedule of the learning rate; 0: delays stay as drawn. "
+        "They rest in the last `average_epochs` epochs",
+    )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
     recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
     initial_rate: float = param(
@@ -96,6 +116,18 @@ class Stack:
             raise ValueError(
                 f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
             )
+        if self.max_delay and self.input_delays != (0,):
+            raise ValueError(
+                "input_delays must be [0] where synapses have delays of their own (max_delay), got "
+                f"{list(self.input_delays)}"
+            )
+        if self.max_delay and not self.has_kernel:
+            raise ValueError(
+                f"max_delay must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
+                f"got {self.max_delay}"
+            )
+        if self.max_delay and self.recurrent and self.delayed_layers == "all":
+            raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 
@@ -116,6 +148,10 @@ class Stack:
     def sharing(self, n_outputs: int) -> list[Ints | None]:
         """Return the numbers of each layer's shared weights (`dse.engine.shared`), or None."""
         return [None] * (len(self.hidden) + 1)
+
+    def has_delays(self, depth: int) -> bool:
+        """Return whether synapses into a layer, from 0, have delays."""
+        return self.max_delay > 0 and (depth == 0 or self.delayed_layers == "all")
 
     def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of every weight matrix, recurrent ones included."""

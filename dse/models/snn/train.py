@@ -160,8 +160,11 @@ def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Out
                 parameters=parameters_of(layer.population),
                 neuron=name_of_population(layer.population, model.neuron),
                 shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
+                delay=None if late is None else np.ascontiguousarray(late.T),
             )
-            for w, r, layer in zip(weights[:n], weights[n:], layers, strict=True)
+            for w, r, layer, late in zip(
+                weights[:n], weights[n:], layers, trainee.delays or (None,) * n, strict=True
+            )
             if w is not None
         ),
         n_channels=dataset.spikes.n_channels,

@@ -36,6 +36,7 @@ class Trainee:
     loss, correct, fired, largest_norm: of the epoch so far; `fired` is per layer, times the samples.
     stopped: why it ended before the last epoch; diverged: why it has no result. Empty: neither.
     kept: weights that pruning left; None: no weight was pruned.
+    delays: per layer, the delays of the last epoch, (input, neuron), or None; empty: none is learnt.
     """
 
     number: int
@@ -57,6 +58,7 @@ class Trainee:
     diverged: str = ""
     learning_rate: float = 0.0
     kept: Masters | None = None
+    delays: tuple[Array | None, ...] = ()
 
     @classmethod
     def start(
@@ -73,7 +75,10 @@ class Trainee:
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
-        began = initialise(probe, model, populations, sum(heads), rngs("initialisation"), len(heads))
+        of_delays = rngs("delays") if model.max_delay else None
+        began = initialise(
+            probe, model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
+        )
         layers = [
             TrainedLayer(
                 feed_forward=weights,
@@ -83,13 +88,16 @@ class Trainee:
                 unit=_units(weights, training.step_unit, shared, 1 if depth else model.copies),
                 recurrent_unit=None if ring is None else _units(ring, training.step_unit),
                 shared=shared,
+                delay=late,
+                longest_delay=model.max_delay,
             )
-            for depth, (population, weights, ring, shared) in enumerate(
+            for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
                     populations,
                     began.feed_forward,
                     began.recurrent,
                     model.sharing(sum(heads)),
+                    began.delays,
                     strict=True,
                 )
             )
@@ -126,7 +134,13 @@ class Trainee:
         for size in self.model.hidden:
             kept = self.silenced.random((n_samples, size)) >= share if share else None
             gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))
-        return Turn(self.learning_rate, tuple(gains))
+        return Turn(self.learning_rate, tuple(gains), self._delay_rate(epoch))
+
+    def _delay_rate(self, epoch: float) -> float:
+        """Return the learning rate of delays: none while the weights are averaged, which belong to them."""
+        if not self.model.max_delay or epoch >= self.training.epochs - self.training.average_epochs:
+            return 0.0
+        return self.model.delay_learning_rate * self.training.rate(epoch) / self.training.learning_rate
 
     def absorb(self, report: Report, n_samples: int, epoch: int) -> None:
         """Add a batch's report to the epoch."""
@@ -144,6 +158,7 @@ class Trainee:
     def end_epoch(self, masters: Masters, epoch: int, n_samples: int) -> None:
         """Close an epoch: note its curves, add to the mean of the last epochs, look for dead ends."""
         weights = [*masters.feed_forward, *masters.recurrent]
+        self.delays = masters.delay
         self.diverged = self._lost(weights, epoch)
         first = self.training.epochs - self.training.average_epochs
         self.history["loss"].append(self.loss / n_samples)

@@ -1,0 +1,39 @@
+"""Networks with a delay per synapse: which chips hold them, and what that costs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dse.hardware.cost import cost
+from dse.hardware.profile import load, names
+from dse.records import Workload
+
+PLAIN = Workload(
+    (24, 50, 7), (False, False), np.array(100.0), np.array([46.0, 100, 10]), np.array([400.0, 70]), 1.0
+)
+LATE = replace(PLAIN, delay_bits=6)
+
+
+@pytest.mark.parametrize("name", ["loihi1_silicon", "loihi1_davies", "loihi2_scenario"])
+def test_loihi_holds_six_bits_of_them(name: str) -> None:
+    assert cost(load(name), LATE).fits
+    assert cost(load(name), LATE).energy_uj.high == cost(load(name), PLAIN).energy_uj.high
+    assert not cost(load(name), replace(PLAIN, delay_bits=7)).fits
+
+
+@pytest.mark.parametrize("name", [n for n in names() if not type(load(n)).delays_synapses])
+def test_chips_without_them_say_so(name: str) -> None:
+    held = cost(load(name), LATE)
+    assert not held.fits
+    assert any("6 bits of delay per synapse" in str(misfit) for misfit in held.misfits)
+
+
+def test_memory_is_counted() -> None:
+    assert (PLAIN.number_bits, LATE.number_bits) == (8, 14)
+    plain, late = (cost(load("asic45_memory"), x) for x in (PLAIN, LATE))
+    assert late.energy_uj.high > plain.energy_uj.high
+    misfits = cost(load("mcu_m4"), replace(LATE, sizes=(24, 3000, 7))).misfits  # 66 states of 32 bits each
+    assert any("delays of 5 bits instead of 6" in str(misfit) for misfit in misfits)
