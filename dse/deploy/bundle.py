@@ -9,9 +9,9 @@ README.md     the same for people
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -33,6 +33,25 @@ class BundleError(ValueError):
 
 
 @dataclass(frozen=True)
+class Input:
+    """The recordings that a classifier takes, before encoder and preprocessing.
+
+    kind: samples, which an encoder turns into spikes; spikes; or events, which are preprocessed.
+    n_channels: numbers in a step of samples or spikes; 0 of events.
+    width, height: frame of events; 0 of others.
+    n_steps: length of the window in input steps.
+    step_ms: duration of an input step.
+    """
+
+    kind: Literal["samples", "spikes", "events"]
+    n_channels: int
+    width: int
+    height: int
+    n_steps: int
+    step_ms: float
+
+
+@dataclass(frozen=True)
 class Bundle:
     """A classifier that can be deployed.
 
@@ -43,6 +62,7 @@ class Bundle:
     read_out_ms: that time; None for the end of the window.
     heads: of a joint target; head: the one that answers, '' for all of them together.
     plugins: the plugins with its components: names of modules, or paths of files.
+    input: what recordings it takes; None where the export could not tell.
     record: the design point, column -> value.
     evidence: the origin of the numbers.
     """
@@ -58,6 +78,7 @@ class Bundle:
     heads: tuple[Head, ...] = ()
     head: str = ""
     plugins: tuple[str, ...] = ()
+    input: Input | None = None
 
 
 def write(bundle: Bundle, folder: Path) -> None:
@@ -86,6 +107,7 @@ def write(bundle: Bundle, folder: Path) -> None:
                 "head": bundle.head,
             },
             "heads": store.heads_document(bundle.heads),
+            "input": None if bundle.input is None else asdict(bundle.input),
             "record": bundle.record,
             "evidence": bundle.evidence,
             "plugins": plugins,
@@ -136,6 +158,7 @@ def read(folder: str | Path) -> Bundle:
             heads=store.heads_of(document["heads"]),
             head=document["decision"]["head"],
             plugins=plugins,
+            input=None if document.get("input") is None else Input(**document["input"]),
         )
     except (StoreError, ConfigError, registry.PluginError) as error:
         raise BundleError(str(error)) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,11 +11,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from dse import registry, store
+from dse import dataset, registry, store
 from dse.config import ConfigError, Sections
-from dse.deploy.bundle import Bundle, BundleError, write
+from dse.config.contracts import Source
+from dse.dataset.cache import usual_root
+from dse.deploy.bundle import Bundle, BundleError, Input, write
 from dse.models.snn.quantise import BITS, exponents, rounded
 from dse.neurons import neuron_of
+from dse.recordings import RecordingError
 from dse.records import Array, Network, Parameters
 from dse.study import precision
 from dse.study.record import RunRecord, load_records
@@ -109,6 +113,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         heads=chosen.heads,
         head=setting.head,
         plugins=_plugins(sections, fitted),
+        input=_input(sections, fitted, study.folder, chosen.data),
     )
     write(bundle, Path(folder))
     return bundle
@@ -124,6 +129,46 @@ def _sections_of(study: Study, record: RunRecord) -> Sections:
         return Sections.from_plain(record.sections, f"{study.folder}: trial {record.trial}")
     except ConfigError as error:
         raise BundleError(str(error)) from None
+
+
+def _input(sections: Sections, fitted: Network | Parameters, study: Path, data: str) -> Input | None:
+    """Return what recordings a design takes; None if that is not known any more.
+
+    Args:
+        sections: of the design.
+        fitted: its classifier.
+        study: folder of the study.
+        data: key of the data set; in the cache it tells what the sections leave open.
+    """
+    encoder, preprocessing, n = sections.encoder, sections.preprocessing, fitted.n_channels
+    prepared = dataset.find(usual_root(), data)
+    n_steps = sections.window.n_steps or getattr(prepared, "n_steps", None)
+    if preprocessing is not None:
+        frame = _frame(sections.data, study)
+        if n_steps is None or frame is None:
+            return None
+        return Input("events", 0, *frame, n_steps, preprocessing.bin_us / 1000)
+    step_ms = getattr(sections.data, "step_ms", None if prepared is None else prepared.spikes.step_ms)
+    if n_steps is None or step_ms is None:
+        return None
+    if encoder is None:
+        return Input("spikes", n, 0, 0, n_steps, step_ms)
+    n_in = next(n_in for n_in in range(1, n + 1) if encoder.n_channels(n_in) == n)
+    return Input("samples", n_in, 0, 0, n_steps, step_ms)
+
+
+def _frame(data: Source, study: Path) -> tuple[int, int] | None:
+    """Return the width and height of the frame of events; None if the recordings are not found.
+
+    They are looked up beside the study, and beside the folder of results that it lies in.
+    """
+    if isinstance(getattr(data, "width", None), int):
+        return data.width, data.height  # type: ignore[attr-defined]
+    for base in (study, study.absolute().parents[1]):
+        with contextlib.suppress(ConfigError, RecordingError):
+            recordings = data.read(base)
+            return recordings.width, recordings.height  # type: ignore[union-attr]
+    return None
 
 
 def _plugins(sections: Sections, fitted: Network | Parameters) -> tuple[str, ...]:

@@ -96,6 +96,14 @@ def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, A
     assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
 
 
+def test_a_bundle_says_what_recordings_it_takes(
+    real: Study, point: dict[str, Any], exported: Path, on_scene: Path, tmp_path: Path
+) -> None:
+    assert bundle.read(exported).input == bundle.Input("spikes", 4, 0, 0, 16, 5.0)
+    of_scene = bundle.read(on_scene / "bundle").input
+    assert of_scene == bundle.Input("events", 0, 96, 64, 20, 5.0)
+
+
 def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -> None:
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     axis = "neuron: {choice: [cuba_lif, resonator]}, share: {choice: [0.5, 1.0]}, hidden: [12]"
