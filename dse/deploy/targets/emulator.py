@@ -1,0 +1,375 @@
+"""C for Cortex-M processors: cross-compiled, executed in an emulator, its instructions counted.
+
+The emulator, Unicorn, executes instructions and knows no time. Every basic block that it enters is counted,
+so that the number of instructions is exact: those that pass through the pipeline. One of an IT block whose
+condition fails passes as well and counts too. Cycles follow from the instructions by a rule (`Core`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dse.deploy.targets import TargetError
+from dse.records import Ints
+
+FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror")
+"""Options of the compiler, which `instructions` of a profile rest on too."""
+FLASH, RAM, HOST = 0x0800_0000, 0x2000_0000, 0x6000_0000
+"""Where a program lies: code and constants, variables, and what drives it."""
+_FLASH_BYTES = _RAM_BYTES = _HOST_BYTES = 1 << 24
+_STACK_BYTES = 1 << 16
+_UNUSED = 0xA5  # what the stack holds before anything is pushed
+_EXIT = HOST + _HOST_BYTES - 0x1000  # where a called function returns to
+
+LINKER_SCRIPT = f"""\
+/* Where the emulator has the program. HOST holds what drives the program, which is not part of it. */
+MEMORY {{
+    FLASH : ORIGIN = {FLASH:#x}, LENGTH = {_FLASH_BYTES:#x}
+    RAM : ORIGIN = {RAM:#x}, LENGTH = {_RAM_BYTES - _STACK_BYTES:#x}
+    HOST : ORIGIN = {HOST:#x}, LENGTH = {_HOST_BYTES - 0x1000:#x}
+}}
+SECTIONS {{
+    .host : {{ *(.host .host.*) }} > HOST
+    .text : {{ *(.text .text.*) *(.rodata .rodata.*) }} > FLASH
+    .data : {{ *(.data .data.*) }} > RAM
+    .bss : {{ *(.bss .bss.*) *(COMMON) }} > RAM
+    /DISCARD/ : {{ *(.ARM.exidx*) }}
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Core:
+    """A processor core.
+
+    name: of the compiler and, in capitals, of the emulator.
+    label: what it is called.
+    emulated: name of the emulator's model; of a core that it lacks, one with the same instructions.
+    load, store: cycles of a load or a store beyond that of every instruction.
+    pipelined: whether a load or store directly after a load hides the load's cycle.
+    branch: cycles of a taken branch beyond that of every instruction.
+    pace: cycles of this core per cycle of the rule.
+    """
+
+    name: str
+    label: str
+    emulated: str
+    load: int = 1
+    store: int = 0
+    pipelined: bool = True
+    branch: int = 2
+    pace: float = 1.0
+
+
+CORES = {
+    core.name: core
+    for core in (
+        # Arm, Cortex-M0+ technical reference manual, Table 3.1, without wait states.
+        Core("cortex_m0plus", "Cortex-M0+", "CORTEX_M0", store=1, pipelined=False, branch=1),
+        # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.
+        Core("cortex_m4", "Cortex-M4", "CORTEX_M4"),
+        # No tables are published: by the ratio of CoreMark per MHz, 3.40 of a Cortex-M4 to 5.01 and 4.02.
+        Core("cortex_m7", "Cortex-M7", "CORTEX_M7", pace=3.40 / 5.01),
+        Core("cortex_m33", "Cortex-M33", "CORTEX_M33", pace=3.40 / 4.02),
+    )
+}
+
+
+def missing() -> str:
+    """Return why no program can be compiled and executed here, one sentence; '' if it can."""
+    for name, what in (("ziglang", "cross-compiler"), ("unicorn", "emulator")):
+        if importlib.util.find_spec(name) is None:
+            return f"{name}, the {what}, is not installed: pip install 'dse[targets]'"
+    return ""
+
+
+def compiled(sources: Sequence[Path], script: Path, core: Core, program: Path) -> Program:
+    """Compile sources for a core and link them.
+
+    Args:
+        sources: C files; headers lie beside them.
+        script: of the linker.
+        core: the processor.
+        program: file to write.
+
+    Raises:
+        TargetError: the compiler is missing or refuses them.
+    """
+    if why := missing():
+        raise TargetError(why)
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", "thumb-freestanding-eabi"]
+    command += [f"-mcpu={core.name}", *FLAGS, "-nostdlib", "-ffreestanding", "-fno-sanitize=all"]
+    command += ["-Wl,--no-gc-sections", "-Wl,-T," + str(script), "-Wl,-e,0"]
+    done = subprocess.run(
+        [*command, *map(str, sources), "-o", str(program)], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
+        raise TargetError(f"{sources[0].parent}: does not compile for {core.label}: {reason}")
+    return Program.read(program.read_bytes())
+
+
+@dataclass(frozen=True)
+class Program:
+    """A linked program.
+
+    sections: name -> address, size and content; None of what starts as 0.
+    symbols: name -> address and size.
+    """
+
+    sections: Mapping[str, tuple[int, int, bytes | None]]
+    symbols: Mapping[str, tuple[int, int]]
+
+    @classmethod
+    def read(cls, elf: bytes) -> Program:
+        """Return the program in a 32-bit ELF file."""
+        table, size, number, names = (
+            struct.unpack_from(kind, elf, at)[0]
+            for kind, at in (("<I", 32), ("<H", 46), ("<H", 48), ("<H", 50))
+        )
+        rows = [struct.unpack_from("<10I", elf, table + i * size) for i in range(number)]
+
+        def text(strings: int, at: int) -> str:
+            start = rows[strings][4] + at
+            return elf[start : elf.index(b"\0", start)].decode()
+
+        sections: dict[str, tuple[int, int, bytes | None]] = {}
+        symbols: dict[str, tuple[int, int]] = {}
+        for row in rows:
+            name, kind, flags, address, offset, length, link = row[:7]
+            if kind == 2:  # symbols
+                for at in range(offset, offset + length, 16):
+                    label, value, extent, info = struct.unpack_from("<IIIB", elf, at)
+                    if info & 15 in (1, 2):  # a variable or a function, whose lowest bit says Thumb
+                        symbols[text(link, label)] = (value & ~1 if info & 15 == 2 else value, extent)
+            elif flags & 2 and length:  # in memory
+                content = None if kind == 8 else elf[offset : offset + length]
+                sections[text(names, name)] = (address, length, content)
+        return cls(sections, symbols)
+
+    def within(self, start: int, length: int) -> int:
+        """Return the bytes of the sections that lie within some memory."""
+        return sum(size for at, size, _ in self.sections.values() if start <= at < start + length)
+
+    @property
+    def flash_bytes(self) -> int:
+        """Code, constants, and the initial values of variables."""
+        initial = sum(
+            size for at, size, content in self.sections.values() if RAM <= at < HOST and content is not None
+        )
+        return self.within(FLASH, _FLASH_BYTES) + initial
+
+    @property
+    def ram_bytes(self) -> int:
+        """Variables, without the stack."""
+        return self.within(RAM, _RAM_BYTES)
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a core executed, of the code in flash.
+
+    instructions: those that passed through the pipeline.
+    loads, stores: words that they moved. hidden: loads whose cycle the next load or store hides.
+    branches: taken ones.
+    """
+
+    instructions: int
+    loads: int
+    stores: int
+    hidden: int
+    branches: int
+
+    def cycles(self, core: Core) -> float:
+        """Return the cycles by the rule of a core, without wait states of the memory."""
+        loads = self.loads - (self.hidden if core.pipelined else 0)
+        beyond = core.load * loads + core.store * self.stores + core.branch * self.branches
+        return core.pace * (self.instructions + beyond)
+
+
+class Machine:
+    """A processor with a program in its memory."""
+
+    def __init__(self, program: Program, core: Core) -> None:
+        import unicorn
+        from unicorn import arm_const
+        from unicorn.unicorn_py3.unicorn import uclib
+
+        self.program = program
+        self._registers = arm_const
+        self._uc: Any = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        self._uc.ctl_set_cpu_model(getattr(arm_const, f"UC_CPU_ARM_{core.emulated}"))
+        for start, length in ((FLASH, _FLASH_BYTES), (RAM, _RAM_BYTES), (HOST, _HOST_BYTES)):
+            self._uc.mem_map(start, length)
+        for at, _, content in program.sections.values():
+            if content is not None:
+                self._uc.mem_write(at, content)
+        self._uc.mem_write(RAM + _RAM_BYTES - _STACK_BYTES, bytes([_UNUSED]) * _STACK_BYTES)
+        code = program.within(FLASH, _FLASH_BYTES)
+        # Two rows of the counter's own: the bytes of code, the end of the block before, and where that block
+        # is counted, at first in the second row; then per half-word of code the entries of the block that
+        # begins there, its bytes, and its exits by a branch.
+        self._blocks = np.zeros((2 + (code + 1) // 2, 3), np.int64)
+        self._blocks[0, 0] = code
+        self.forget()
+        handle = ctypes.c_size_t()
+        failed = uclib.uc_hook_add(
+            self._uc._uch,
+            ctypes.byref(handle),
+            unicorn.UC_HOOK_BLOCK,
+            ctypes.c_void_p(_counter().address),
+            ctypes.c_void_p(self._blocks.ctypes.data),
+            ctypes.c_uint64(1),  # everywhere: an empty range
+            ctypes.c_uint64(0),
+        )
+        if failed:
+            raise TargetError(f"the emulator refuses to count blocks: error {failed}")
+
+    def call(self, function: str, *arguments: int) -> int:
+        """Call a function with up to four whole numbers; return what it returns.
+
+        Raises:
+            TargetError: the program does what a processor does not allow.
+        """
+        import unicorn
+
+        names, uc = self._registers, self._uc
+        uc.reg_write(names.UC_ARM_REG_SP, RAM + _RAM_BYTES)
+        uc.reg_write(names.UC_ARM_REG_LR, _EXIT | 1)
+        for i, value in enumerate(arguments):
+            uc.reg_write(getattr(names, f"UC_ARM_REG_R{i}"), value)
+        try:
+            uc.emu_start(self.program.symbols[function][0] | 1, _EXIT)
+        except unicorn.UcError as error:
+            at = uc.reg_read(names.UC_ARM_REG_PC)
+            raise TargetError(f"{function} fails at {at:#x}: {error}") from None
+        return int(uc.reg_read(names.UC_ARM_REG_R0))
+
+    def write(self, variable: str, content: bytes, at: int = 0) -> None:
+        """Write into a variable, from byte `at` on."""
+        address, size = self.program.symbols[variable]
+        if at + len(content) > size:
+            raise TargetError(f"{variable} has {size} bytes, got {at + len(content)}")
+        self._uc.mem_write(address + at, content)
+
+    def read(self, variable: str, length: int | None = None) -> bytes:
+        """Return a variable's content, or its first bytes."""
+        address, size = self.program.symbols[variable]
+        return bytes(self._uc.mem_read(address, size if length is None else length))
+
+    @property
+    def stack_bytes(self) -> int:
+        """The most stack that any call so far needed."""
+        stack = np.frombuffer(self._uc.mem_read(RAM + _RAM_BYTES - _STACK_BYTES, _STACK_BYTES), np.uint8)
+        used = np.flatnonzero(stack != _UNUSED)
+        return int(_STACK_BYTES - used[0]) if used.size else 0
+
+    def counts(self) -> Counts:
+        """Return what was executed so far."""
+        return self._counted(self._entered)
+
+    def counts_of(self, function: str) -> Counts:
+        """Return what was executed of a function so far, without those that it calls."""
+        address, size = self.program.symbols[function]
+        first = (address - FLASH) // 2
+        entered = self._entered
+        return self._counted(entered[(entered >= first) & (entered < first + (size + 1) // 2)])
+
+    def forget(self) -> None:
+        """Count from here on."""
+        self._blocks[1:] = 0
+        self._blocks[0, 1:] = -1, 3
+
+    @property
+    def _entered(self) -> Ints:
+        return np.flatnonzero(self._blocks[2:, 0])
+
+    def _counted(self, entered: Ints) -> Counts:
+        totals, branches = np.zeros(4, np.int64), 0
+        last = int(self._blocks[0, 2]) // 3 - 2  # it has returned, but no block came after it
+        for at in entered.tolist():
+            times, size, left = self._blocks[2 + at].tolist()
+            totals += times * np.array(_block(bytes(self._uc.mem_read(FLASH + 2 * at, size))), np.int64)
+            branches += left + (at == last)
+        instructions, loads, stores, hidden = totals.tolist()
+        return Counts(instructions, loads, stores, hidden, branches)
+
+
+@functools.cache
+def _counter() -> Any:
+    """Return the compiled function that the emulator calls before every block."""
+    import numba
+
+    types: Any = numba.types
+
+    def count(_: Any, address: int, size: int, blocks: Any) -> None:
+        within = address - FLASH
+        if 0 <= within < blocks[0]:
+            at = 6 + 3 * (within >> 1)
+            blocks[at] += 1
+            blocks[at + 1] = size
+            if blocks[1] != address:  # the block before ended in a branch that was taken
+                blocks[blocks[2] + 2] += 1
+            blocks[1] = address + size
+            blocks[2] = at
+
+    arguments = (types.voidptr, types.int64, types.int32, types.CPointer(types.int64))
+    return numba.cfunc(types.void(*arguments), cache=True)(count)
+
+
+def _block(code: bytes) -> tuple[int, int, int, int]:
+    """Return the instructions of a block, its loads and stores in words, and loads that another one hides.
+
+    Encodings: Arm, ARMv7-M architecture reference manual, A5.
+    """
+    halves = np.frombuffer(code, "<u2").tolist()
+    instructions = loads = stores = hidden = at = 0
+    after_load = False
+    while at < len(halves):
+        first = halves[at]
+        wide = first >> 11 in (0b11101, 0b11110, 0b11111)
+        load, store, single = _moved(first, halves[at + 1]) if wide else _moved_by_half(first)
+        hidden += after_load and single
+        after_load = bool(load) and single
+        instructions, loads, stores = instructions + 1, loads + load, stores + store
+        at += 1 + wide
+    return instructions, loads, stores, hidden
+
+
+def _moved_by_half(code: int) -> tuple[int, int, bool]:
+    """Return the words that a 16-bit instruction loads and stores, and whether it moves a single one."""
+    top = code >> 12
+    if code >> 11 == 0b01001:
+        return 1, 0, True
+    if top == 0b0101:
+        load = code >> 9 & 7 >= 3
+    elif top in (0b0110, 0b0111, 0b1000, 0b1001):
+        load = bool(code >> 11 & 1)
+    elif top == 0b1100 or code & 0xF600 == 0xB400:
+        words = (code & 0xFF).bit_count() + (top == 0b1011 and code >> 8 & 1)
+        return (words, 0, False) if code >> 11 & 1 else (0, words, False)
+    else:
+        return 0, 0, False
+    return int(load), int(not load), True
+
+
+def _moved(first: int, second: int) -> tuple[int, int, bool]:
+    """Return the same of a 32-bit instruction."""
+    load = bool(first >> 4 & 1)
+    if first >> 9 == 0b1110100:
+        words = 2 if first >> 6 & 1 else second.bit_count()
+        return (words, 0, False) if load else (0, words, False)
+    if first >> 9 == 0b1111100:
+        return int(load), int(not load), True
+    return 0, 0, False
