@@ -91,7 +91,7 @@ class TorchCalculus:
         """Return the same numbers without their history."""
         return x.detach()
 
-    def truncated(self, x: Any, unit: int = 1) -> Any:
+    def truncated(self, x: Any, unit: Any = 1) -> Any:
         """Return x / unit, truncated toward zero; the gradient passes straight through."""
         quotient = x / unit
         return quotient + (torch.trunc(quotient) - quotient).detach()

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dse.records import Arithmetic, Array, Floats
+from dse.records import Arithmetic, Array, Floats, Ints
 
 
 class Calculus(Protocol):
@@ -44,7 +44,7 @@ class Calculus(Protocol):
         """Return the same numbers; the backward pass takes them for constants."""
         ...
 
-    def truncated(self, x: Array, unit: int = 1) -> Array:
+    def truncated(self, x: Array, unit: int | Ints = 1) -> Array:
         """Return x / unit, truncated toward zero, in the states' type; its gradient is that of x / unit."""
         ...
 
@@ -77,7 +77,7 @@ class NumpyCalculus:
         """Return x."""
         return x
 
-    def truncated(self, x: Array, unit: int = 1) -> Array:
+    def truncated(self, x: Array, unit: int | Ints = 1) -> Array:
         """Return x / unit, truncated toward zero."""
         if x.dtype.kind == "i":
             return np.asarray(np.sign(x) * (np.abs(x) // unit))

@@ -1,0 +1,126 @@
+"""Neurons of Xylo: hand-computed cases, the record of its simulator, and what bounds the states."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dse.neurons import LayerSpec
+from dse.neurons.calculus import NumpyCalculus
+from dse.neurons.xylo_lif import HIGHEST, LOWEST, Population, XyloLif
+from dse.testing import check_neuron
+
+GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "xylo.json").read_text())
+INTEGER = NumpyCalculus("integer")
+
+
+def one(current_shift: int, voltage_shift: int, threshold: int, weight_shift: int = 0) -> Population:
+    return Population(np.array([current_shift]), np.array([voltage_shift]), threshold, weight_shift)
+
+
+def run(population: Population, z: list[int]) -> list[tuple[int, int, int]]:
+    """Return i, potential before reset and spike after each step; z in 8-bit weight steps."""
+    state, seen = population.initial_state((1,), INTEGER), []
+    for drive in z:
+        state, potential, spikes = population.step(state, np.array([drive / 32]), INTEGER)
+        seen.append((int(state.i[0]), round(float(potential[0]) * population.per_weight), int(spikes[0])))
+    return seen
+
+
+def test_a_spike_decays_before_it_reaches_the_potential() -> None:
+    # i: 100 -> 50 -> 25 -> 25 - 12 = 13; v: 50; 50 - 12 + 25 = 63 fires, 3 is left; 3 - 1 (least) + 13 = 15.
+    assert run(one(1, 2, 60), [100, 0, 0]) == [(50, 50, 0), (25, 63, 1), (13, 15, 0)]
+
+
+def test_shifts_of_negative_states_round_down_and_every_state_ends_at_0() -> None:
+    # -25 >> 1 = -13 leaves -12; -3 >> 1 = -2 leaves -1; -1 >> 1 = -1 leaves 0.
+    assert [i for i, _, _ in run(one(1, 2, 60), [-100, 0, 0, 0, 0, 0, 0])] == [-50, -25, -12, -6, -3, -1, 0]
+    # 15 bits shift any positive state to 0: it loses 1 a step.
+    assert [v for _, v, _ in run(one(1, 15, 60), [2, 0, 0, 0])] == [1, 0, 0, 0]
+
+
+def test_equality_fires_and_what_is_left_of_an_output_fires_again() -> None:
+    assert run(one(1, 15, 60), [120, -60, 0]) == [(60, 60, 1), (0, 0, 0), (0, 0, 0)]
+    # 63 fires and leaves 33, less 1, which fires and leaves 2.
+    assert run(one(1, 15, 30), [126, -63, 0]) == [(63, 63, 1), (0, 32, 1), (0, 1, 0)]
+
+
+def test_states_saturate_at_16_bits() -> None:
+    assert run(one(15, 0, HIGHEST), [127 * 256, 127 * 256])[-1][0] == HIGHEST - 1
+    assert run(one(15, 15, HIGHEST), [-128 * 256] * 3)[-1][:2] == (LOWEST + 1, LOWEST)
+
+
+@pytest.mark.parametrize("case", GOLDEN, ids=range(len(GOLDEN)))
+def test_it_is_the_vendors_simulator(case: dict[str, Any]) -> None:
+    spikes = np.array(case["spikes"])
+    before = np.concatenate([np.zeros((1, spikes.shape[1])), spikes[:-1]])
+    drives = {
+        "": np.array(case["input"]) @ case["weights_in"] + before @ case["weights_rec"],
+        "output_": before @ case["weights_out"],
+    }
+    assert spikes.any() and np.any(case["output_spikes"])
+    for layer, drive in drives.items():
+        population = Population(
+            np.array(case[f"{layer}current_shift"]),
+            np.array(case[f"{layer}voltage_shift"]),
+            case[f"{layer}threshold"],
+            case[f"{layer}weight_shift"],
+        )
+        state = population.initial_state((drive.shape[1],), INTEGER)
+        for t, z in enumerate(drive):
+            state, _, fired = population.step(state, z / 32, INTEGER)
+            assert fired.tolist() == case[f"{layer}spikes"][t]
+            assert state.i.tolist() == [row[t] for row in case[f"{layer}state_i"]]
+            assert state.v.tolist() == [row[t] for row in case[f"{layer}state_v"]]
+
+
+@given(
+    current=st.integers(1, 15),
+    voltage=st.integers(0, 15),
+    threshold=st.floats(2, 1023),
+    z=st.lists(st.integers(-(2**20), 2**20), max_size=30),
+)
+def test_a_hidden_neuron_never_reaches_its_threshold_twice(
+    current: int, voltage: int, threshold: float, z: list[int]
+) -> None:
+    layer = LayerSpec(n_neurons=1, is_output=False, steps_per_sample=1, step_ms=1.0)
+    neuron = XyloLif(threshold=threshold, current_shift=(current,), voltage_shift=(voltage,))
+    population = neuron.population(layer, np.random.default_rng(0))
+    assert 2**14 <= population.threshold < 2**15
+    assert population.to_threshold == pytest.approx(threshold, rel=2**-14)
+    assert all(v < 2 * population.threshold for _, v, _ in run(population, z))
+
+
+def test_outputs_have_room_above_their_threshold() -> None:
+    layer = LayerSpec(n_neurons=2, is_output=True, steps_per_sample=1, step_ms=1.0)
+    population = XyloLif(threshold=4.0).population(layer, np.random.default_rng(0))
+    assert (population.threshold, population.weight_shift) == (2048, 4)
+    assert population.current_shift.tolist() == [3, 3]
+
+
+def test_neurons_differ_between_two_bounds() -> None:
+    layer = LayerSpec(n_neurons=200, is_output=False, steps_per_sample=1, step_ms=1.0)
+    population = XyloLif(voltage_shift=(2, 4)).population(layer, np.random.default_rng(0))
+    assert set(population.voltage_shift.tolist()) == {2, 3, 4}
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"current_shift": (3, 1)}, r"current_shift must have bounds in increasing order, got \[3, 1\]"),
+        ({"voltage_shift": (1, 2, 3)}, "voltage_shift must be one shift or two bounds, got 3 numbers"),
+    ],
+)
+def test_wrong_bounds_are_refused(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        XyloLif(**keys)
+
+
+def test_contract() -> None:
+    check_neuron(XyloLif())
