@@ -17,19 +17,20 @@ COMPILING := tests/engine/test_cpu.py tests/engine/test_kernels.py tests/scene/t
 STUDY := $(VENV)/.study
 TESTS := $(VENV)/.tests
 GPU := $(VENV)/.gpu
+PEERS := $(VENV)/.peers
 
 # Recordings: the folder named by DSE_DATA, else the one beside the clone.
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: quickstart test test-gpu setup lint types kernels format clean
+.PHONY: quickstart test test-gpu peers setup lint types kernels format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
 
 # Types are checked while one process compiles kernels. Test files with studies and pages come first
 # (tests/conftest.py), and wait much: there are more processes than cores.
-test: $(TESTS)
+test: $(TESTS) $(PEERS)
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -38,6 +39,9 @@ test: $(TESTS)
 
 test-gpu: $(GPU)
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
+
+# Norse and snnTorch, which run what target `nir` writes: some 10 MB.
+peers: $(PEERS)
 
 setup: $(TESTS)
 
@@ -71,6 +75,10 @@ $(STUDY): pyproject.toml constraints.txt | $(BIN)/python
 $(TESTS): $(STUDY)
 	$(INSTALL) --no-build-isolation -e ".[test]"
 	@.ci/torch $(INSTALL)
+	@touch $@
+
+$(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt
+	@.ci/peers $(VENV)
 	@touch $@
 
 $(GPU): $(TESTS)

@@ -11,14 +11,14 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
 from dse.deploy.bundle import Bundle, BundleError
-from dse.deploy.reference import Reference
+from dse.deploy.reference import Reference, decided
 from dse.deploy.verdict import Verdict
-from dse.records import Bools, Floats, Ints
+from dse.records import Bools, Floats, Ints, Network, Response
 
 __all__ = ["Run", "Target", "TargetError", "Verdict", "compare"]
 
@@ -66,6 +66,24 @@ class Run:
     time_ms: Floats
     decided: Bools
     fired: Sequence[Ints]
+
+    @classmethod
+    def of_fired(cls, bundle: Bundle, reference: Reference, fired: Sequence[Ints]) -> Self:
+        """Return the run of a target that only spikes: its bundle's rule decides from the last layer.
+
+        Args:
+            bundle: the decision rule.
+            reference: the recordings.
+            fired: as in `Reference`.
+        """
+        n, n_steps, spikes = reference.n_recordings, reference.n_steps, np.asarray(fired[-1], np.int64)
+        assert isinstance(bundle.fitted, Network)
+        output = np.zeros((n, n_steps, bundle.fitted.sizes[-1]), np.uint8)
+        recording, step, neuron = spikes[spikes[:, 1] < n_steps - 1].T
+        output[recording, step + 1, neuron] = 1
+        none = np.zeros((n, n_steps, 0), np.int32)
+        response = Response(output, none, none, reference.step_ms, peak_state=0)
+        return cls(*decided(bundle, reference.dataset, response), fired)
 
 
 def compare(reference: Reference, run: Run, figures: Mapping[str, float] | None = None) -> Verdict:

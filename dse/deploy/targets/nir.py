@@ -1,0 +1,302 @@
+"""NIR: the network as a graph that Norse, snnTorch, Nengo, Spyx, hxtorch and others read.
+
+graph.nir    input -> weights_0 -> layer_0 -> weights_1 -> ... -> output; recurrent_<k>: from layer_<k> back
+golden.h5    made-up input spikes and the spikes of every layer, in NIR's format of data (`nir.read_data`)
+
+A step of NIR's readers is forward Euler: with tau_syn = dt/(1-a), tau_mem = dt/(1-b), w_in = tau_syn/dt,
+r = tau_mem/dt and v_leak = 0 it is
+
+    I = a I + W s,    v = b v + I,    s = 1 and v = 0 where v > v_threshold
+
+which is a CUBA-LIF neuron (dse.neurons.cuba_lif) of a = (4096 - d_u) / 4096 and b = (4096 - d_v) / 4096. Time
+constants are float64 and weights are those that run, so that a, b and W are exact. A decay of 0, whose time
+constant is infinite, is written as 2**-40. dt is 1e-4, which snnTorch takes for granted: it stands for a
+network step of any duration.
+
+What NIR has no word for is in the graph's metadata:
+
+  * Layers hand on their spikes one step later, readers of NIR at once: layer k fires k steps earlier there.
+    Recurrent spikes arrive one step later in both.
+  * Input delays are copies of the inputs: input d * n_channels + c is channel c, delays[d] steps ago. (Norse
+    and snnTorch do not read the node Delay.)
+  * Input spikes arrive on the first of `steps_per_sample` steps.
+  * The decision rule.
+
+Equality ends at rounding. Integer states lose what is below 1/4096 at every leak, toward 0; no reader of NIR
+does that. Where both decays are 0 or 4096 nothing is lost. Elsewhere u strays from the real number by less
+than 1 / d_u, and v by less than (1 + 4096 / d_u) / d_v, in weight units: a neuron whose v comes so near its
+threshold may fire in one of them alone. A threshold is written half a unit (1/8192) higher: integer states
+fire alike, and neither equality nor float rounding matters.
+
+Source: Pedersen et al. 2024 (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.reference import Reference
+from dse.deploy.targets import Run, TargetError, Verdict, compare
+from dse.engine.events import gather
+from dse.models.snn.initialise import deployed
+from dse.models.snn.respond import spikes_of_layers
+from dse.neurons import cuba_lif, population_of
+from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE
+from dse.records import Array, Dataset, Floats, Ints, Network, Spikes
+from dse.registry import register
+
+DT = 1e-4
+"""Duration of a step in the time unit of the graph, as snnTorch assumes it."""
+FRAMEWORKS = ("norse", "snntorch")
+
+_LEAST_DECAY = 2.0**-40
+_GRAPH, _GOLDEN = "graph.nir", "golden.h5"
+_PEER = Path(__file__).resolve().parents[1] / "nir_peer.py"
+_GOLDEN_RATES = (0.0, 0.02, 0.1, 0.3)
+_GOLDEN_STEPS = 64
+
+
+@register("targets", "nir")
+@dataclass(frozen=True)
+class Nir:
+    """The network as a NIR graph, run in Norse and in snnTorch."""
+
+    label: ClassVar[str] = "NIR graph for Norse, snnTorch and others"
+    extra: ClassVar[str] = "h5"
+
+    def refusal(self, bundle: Bundle) -> str:
+        """Return why NIR cannot hold the classifier; '' if it can."""
+        network = bundle.fitted
+        if not isinstance(network, Network):
+            return f"NIR holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
+        if network.delay_bits:
+            return "no reader of NIR delays single synapses, and this network's have delays of their own"
+        for layer in network.layers:
+            population = population_of(layer.neuron, layer.parameters)
+            if not isinstance(population, cuba_lif.Population):
+                if layer.neuron == "resonator":
+                    return "NIR has no node whose two states rotate, as those of resonators do"
+                return f"only CUBA-LIF neurons are written as NIR, and layers of '{layer.neuron}' are not"
+        return ""
+
+    def write(self, bundle: Bundle, folder: Path) -> None:
+        """Write graph.nir and golden.h5 (`dse.deploy.targets.Target`)."""
+        _require_h5py()
+        network = bundle.fitted
+        assert isinstance(network, Network)
+        _write_graph(folder / _GRAPH, network, _metadata(bundle, network))
+        _write_golden(folder / _GOLDEN, network)
+
+    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
+        """Run graph.nir in the frameworks that are installed; the verdict is of the one that strays most."""
+        network = bundle.fitted
+        assert isinstance(network, Network)
+        verdicts, sentences = [], []
+        for framework in FRAMEWORKS:
+            python = interpreter(framework)
+            if python is None:
+                sentences.append(f"{framework} is not installed")
+                continue
+            fired, version, note = _run(framework, python, folder / _GRAPH, network, reference)
+            verdict = compare(reference, Run.of_fired(bundle, reference, fired))
+            verdicts.append(verdict)
+            how = f" ({note})" if note else ""
+            what = verdict.reason or "all decisions and spikes are equal"
+            sentences.append(f"{framework} {version}{how}: {what}")
+        if not verdicts:
+            return Verdict("not verified", " and ".join(sentences))
+        worst = max(verdicts, key=lambda x: (x.kind != "faithful", x.decisions_differ, x.spikes_differ))
+        return dataclasses.replace(worst, reason="" if worst.kind == "faithful" else "; ".join(sentences))
+
+
+def interpreter(framework: str) -> Path | None:
+    """Return the Python that has a framework and nir: this one, or that of `make peers`; None without any."""
+    if find_spec(framework) is not None and find_spec("nir") is not None:
+        return Path(sys.executable)
+    python = Path(sys.prefix) / "peers" / framework / "bin" / "python"
+    return python if python.is_file() else None
+
+
+def time_constant(decay: Ints) -> Floats:
+    """Return the time constants, in the time unit of the graph, of 12-bit decays per step."""
+    return DT / np.maximum(np.asarray(decay, np.float64) / DECAY_SCALE, _LEAST_DECAY)
+
+
+def _neuron(population: cuba_lif.Population, n: int, is_integer: bool) -> dict[str, Array]:
+    """Return the parameters of a node CubaLIF of n neurons, (n,) float64 each."""
+    tau_syn, tau_mem = (
+        np.broadcast_to(time_constant(d), n).copy()
+        for d in (population.decay_current, population.decay_voltage)
+    )
+    margin = 0.5 / STATE_SCALE if is_integer else 0.0
+    return {
+        "tau_syn": tau_syn,
+        "tau_mem": tau_mem,
+        "w_in": tau_syn / DT,
+        "r": tau_mem / DT,
+        "v_leak": np.zeros(n),
+        "v_threshold": np.full(n, population.to_threshold + margin),
+    }
+
+
+def _metadata(bundle: Bundle, network: Network) -> dict[str, object]:
+    return {
+        "dt": DT,
+        "integration": "forward Euler, one step per network step",
+        "reset": "to 0 in the step of the spike; the synaptic current stays",
+        "threshold": "a neuron fires where v > v_threshold",
+        "arithmetic": network.arithmetic,
+        "rounding": "the deployed network truncates each leak toward 0 to multiples of 1/4096"
+        if network.arithmetic == "integer"
+        else "none",
+        "step_ms": "unknown" if bundle.input is None else bundle.input.step_ms / network.steps_per_sample,
+        "handed_on": "here in the same step; in the deployed network one step later: layer k fires k steps "
+        f"later, and the decision reads the output {len(network.layers)} steps later",
+        "n_channels": network.n_channels,
+        "delays": np.array(network.delays),
+        "inputs": "input d * n_channels + c is channel c, delays[d] steps ago",
+        "steps_per_sample": network.steps_per_sample,
+        "classes": json.dumps(bundle.classes),
+        "heads": json.dumps([{"name": x.name, "classes": x.classes} for x in bundle.heads]),
+        "decision": json.dumps(
+            {"phi": bundle.phi, "theta": bundle.theta, "read_out_ms": bundle.read_out_ms, "head": bundle.head}
+        ),
+    }
+
+
+def _write_graph(path: Path, network: Network, metadata: Mapping[str, object]) -> None:
+    """Write the file as `nir.write` does, without `v_reset`: absent it is 0, and nir 1.0.4 refuses it."""
+    import h5py
+
+    weights = deployed(
+        [x.weight.T for x in network.layers],
+        [None if x.recurrent is None else x.recurrent.T for x in network.layers],
+        [population_of(x.neuron, x.parameters) for x in network.layers],
+        network.arithmetic,
+    )
+    with h5py.File(path, "w") as file:
+        _put(file, "version", "1.0.4")
+        graph = file.create_group("node")
+        _put(graph, "type", "NIRGraph")
+        nodes = graph.create_group("nodes")
+
+        def node(name: str, kind: str, **values: object) -> str:
+            group = nodes.create_group(name)
+            for key, value in {"type": kind, **values}.items():
+                _put(group, key, value)
+            return name
+
+        before, edges = node("input", "Input", shape=np.array([network.sizes[0]])), []
+        for k, layer in enumerate(weights):
+            matrix = node(f"weights_{k}", "Linear", weight=np.ascontiguousarray(layer.feed_forward.T))
+            assert isinstance(layer.population, cuba_lif.Population)
+            neurons = _neuron(layer.population, layer.n_neurons, network.arithmetic == "integer")
+            name = node(f"layer_{k}", "CubaLIF", **neurons)
+            edges += [(before, matrix), (matrix, name)]
+            if layer.recurrent.size:
+                ring = node(f"recurrent_{k}", "Linear", weight=np.ascontiguousarray(layer.recurrent.T))
+                edges += [(name, ring), (ring, name)]
+            before = name
+        edges.append((before, node("output", "Output", shape=np.array([network.sizes[-1]]))))
+        graph.create_dataset("edges", data=np.array(edges, object), dtype=h5py.string_dtype())
+        about = graph.create_group("metadata")
+        for key, value in metadata.items():
+            _put(about, key, value)
+
+
+def _put(group: Any, name: str, value: object) -> None:
+    import h5py
+
+    if isinstance(value, str):
+        group.create_dataset(name, data=value, dtype=h5py.string_dtype())
+    elif isinstance(value, np.ndarray) and value.ndim:
+        group.create_dataset(name, data=value, compression="gzip")
+    else:
+        group.create_dataset(name, data=value)
+
+
+def _write_golden(path: Path, network: Network) -> None:
+    """Write made-up input spikes, and what the deployed network fires, at the steps of a reader of NIR."""
+    import h5py
+
+    data = _made_up(network.n_channels)
+    n_steps = data.n_steps * network.steps_per_sample
+    signals = {"input": (_arriving(data, network), network.sizes[0])}
+    for k, fired in enumerate(spikes_of_layers(network, data, data.test)):
+        signals[f"layer_{k}"] = (_moved(fired, -k, n_steps), network.sizes[k + 1])
+    with h5py.File(path, "w") as file:
+        file.attrs["__type__"] = "NIRGraphData"
+        nodes = file.create_group("nodes")
+        for name, (spikes, n) in signals.items():
+            node = nodes.create_group(name)
+            node.attrs["__type__"] = "NIRNodeData"
+            observable = node.create_group("observables").create_group("spikes")
+            observable.attrs["__type__"] = "TimeGriddedData"
+            observable.attrs["dt"] = DT
+            dense = np.zeros((len(data.test), n_steps, n), bool)
+            dense[tuple(spikes.T)] = True
+            observable.create_dataset("data", data=dense, compression="gzip")
+
+
+def _made_up(n_channels: int) -> Dataset:
+    """Return samples of random spikes, one per rate; the first is silent."""
+    rng = np.random.default_rng(0)
+    n, t = len(_GOLDEN_RATES), _GOLDEN_STEPS
+    fired = rng.random((n, t, n_channels)) < np.array(_GOLDEN_RATES)[:, None, None]
+    offsets = np.concatenate([[0], np.cumsum(fired.sum(axis=2).ravel())])
+    spikes = Spikes(offsets, np.nonzero(fired)[2].astype(np.int32), t, n_channels, 1.0)
+    none, first = np.zeros(0, np.int64), np.zeros(n, np.int32)
+    places = np.zeros((n_channels, 3), np.int32)
+    return Dataset(spikes, first, ("",), first, first, first, t, none, none, np.arange(n), places)
+
+
+def _arriving(data: Dataset, network: Network) -> Ints:
+    """Return the spikes of all input copies, (n_spikes, 3) recording, network step, input."""
+    start, delays = data.start[data.test], network.delays
+    return gather(data.spikes, data.test, start, data.n_steps, delays, network.steps_per_sample).listed()
+
+
+def _moved(spikes: Ints, by: int, n_steps: int) -> Ints:
+    """Return spikes so many steps later, those outside of the window left out."""
+    moved: Ints = np.asarray(spikes, np.int64) + np.array([0, by, 0])
+    return moved[(moved[:, 1] >= 0) & (moved[:, 1] < n_steps)]
+
+
+def _run(
+    framework: str, python: Path, graph: Path, network: Network, reference: Reference
+) -> tuple[Sequence[Ints], str, str]:
+    """Return what the layers fire in a framework, at the steps of the deployed network; its version; a note.
+
+    Raises:
+        TargetError: the framework fails.
+    """
+    _require_h5py()
+    with tempfile.TemporaryDirectory() as folder:
+        spikes, fired = Path(folder) / "spikes.npz", Path(folder) / "fired.npz"
+        arriving = _arriving(reference.dataset, network)
+        np.savez(spikes, spikes=arriving, n_recordings=reference.n_recordings, n_steps=reference.n_steps)
+        command = [str(python), "-I", str(_PEER), framework, str(graph), str(spikes), str(fired)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            last = (done.stderr.strip() or "no message").splitlines()[-1]
+            raise TargetError(f"{graph}: {framework} cannot run it: {last}")
+        with np.load(fired) as file:
+            layers = [_moved(file[f"fired_{k}"], k, reference.n_steps) for k in range(len(network.layers))]
+            return layers, str(file["version"]), str(file["note"])
+
+
+def _require_h5py() -> None:
+    if find_spec("h5py") is None:
+        raise TargetError("target nir needs h5py: pip install 'dse[h5]'")

@@ -1,0 +1,91 @@
+"""Bundles of made-up networks, and what their engine does on made-up spikes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.reference import Reference, of_recordings
+from dse.neurons import cuba_lif, parameters_of, resonator
+from dse.records import Arithmetic, Layer, Network
+from tests.spaces import RASTER, sections
+
+
+def population(
+    rng: np.random.Generator, n: int, decays: Sequence[int] | None, resonates: bool
+) -> cuba_lif.Population | resonator.Population:
+    """Return neurons whose decays are drawn from some, or from all."""
+
+    def decay() -> Any:
+        drawn = rng.integers(0, 4097, n) if decays is None else rng.choice(np.array(decays), n)
+        return drawn.astype(np.int32)
+
+    threshold = int(rng.integers(20, 120))
+    if not resonates:
+        return cuba_lif.Population(decay(), decay(), threshold)
+    which = rng.random(n) < 0.7
+    cosine, sine = resonator.factors(rng.uniform(2.2, 30, n), rng.uniform(1, 5, n))
+    turning = [np.where(which, x, 0).astype(np.int32) for x in (cosine, sine)]
+    others = [np.where(which, 0, x).astype(np.int32) for x in (decay(), decay())]
+    return resonator.Population(which, *turning, *others, threshold, bool(rng.integers(2)))
+
+
+def network(
+    rng: np.random.Generator,
+    sizes: Sequence[int] = (4, 7, 3),
+    *,
+    delays: tuple[int, ...] = (0,),
+    steps_per_sample: int = 1,
+    recurrent: bool = False,
+    pruned: float = 0.0,
+    scale: float = 1.0,
+    decays: Sequence[int] | None = None,
+    resonates: bool = False,
+    arithmetic: Arithmetic = "integer",
+) -> Network:
+    """Return a network with random weights; hidden layers may resonate and be recurrent."""
+    layers = []
+    for k, (n_in, n) in enumerate(pairwise((sizes[0] * len(delays), *sizes[1:]))):
+        hidden = k < len(sizes) - 2
+
+        def matrix(rows: int, columns: int) -> Any:
+            drawn = rng.normal(0, scale, (rows, columns)) * (rng.random((rows, columns)) >= pruned)
+            return drawn.astype(np.float32)
+
+        neurons = population(rng, n, decays, resonates and hidden)
+        name = "resonator" if resonates and hidden else "cuba_lif"
+        ring = matrix(n, n) if recurrent and hidden else None
+        layers.append(Layer(matrix(n, n_in), ring, parameters_of(neurons), name))
+    return Network(tuple(layers), sizes[0], delays, steps_per_sample, arithmetic)
+
+
+def bundle(fitted: Network, **changes: Any) -> Bundle:
+    """Return a bundle that reads rasters of `recordings`; it decides early unless `changes` say otherwise."""
+    n_classes = fitted.sizes[-1]
+    plain = {**RASTER, "model": {"kind": "snn", "hidden": [3]}}
+    named = {
+        "classes": tuple(f"class {k}" for k in range(n_classes)),
+        "phi": 2.0,
+        "theta": 0.5,
+        "record": {"trial": 0},
+        "evidence": {"study": "made up"},
+    }
+    return Bundle(fitted=fitted, sections=sections(plain), **{**named, **changes})
+
+
+def spikes(rng: np.random.Generator, n_channels: int, n: int = 12, n_steps: int = 40) -> Any:
+    """Return rasters (n, step, channel): the first is silent, the last full, others more and more busy."""
+    rate = np.linspace(0, 0.6, n)
+    rate[-1] = 1
+    return rng.random((n, n_steps, n_channels)) < rate[:, None, None]
+
+
+def reference(made: Bundle, rasters: Any, folder: Path) -> Reference:
+    """Return what the engine of a bundle does on rasters."""
+    np.savez(folder / "rasters.npz", spikes=rasters)
+    return of_recordings(made, folder / "rasters.npz")

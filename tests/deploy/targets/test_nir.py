@@ -1,0 +1,161 @@
+"""NIR graphs, run in Norse and in snnTorch."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.deploy.targets import TargetError, nir
+from dse.deploy.targets.nir import FRAMEWORKS, Nir, interpreter
+from dse.records import Network, Parameters
+from tests.deploy import bundles
+
+
+@pytest.fixture(params=FRAMEWORKS)
+def framework(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """One framework, the other being absent."""
+    name = str(request.param)
+    if interpreter(name) is None:
+        pytest.skip(f"{name} is not installed: `make peers` installs it")
+    monkeypatch.setattr(nir, "FRAMEWORKS", (name,))
+    return name
+
+
+def verdict(folder: Path, made: Any, rng: np.random.Generator, n_steps: int = 40) -> Any:
+    spikes = bundles.spikes(rng, made.fitted.n_channels, n_steps=n_steps)
+    reference = bundles.reference(made, spikes, folder)
+    (folder / "nir").mkdir()
+    Nir().write(made, folder / "nir")
+    assert len(reference.fired[-1])
+    return Nir().verify(made, folder / "nir", reference)
+
+
+def test_without_rounding_every_spike_is_equal(framework: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    every_feature: dict[str, Any] = {
+        "sizes": (4, 7, 6, 5, 3),
+        "recurrent": True,
+        "delays": (0, 3, 7),
+        "steps_per_sample": 2,
+        "pruned": 0.5,
+        "scale": 3.0,  # weights beyond 8 bits
+    }
+    made = bundles.bundle(bundles.network(rng, decays=[0, 4096], **every_feature))
+    assert verdict(tmp_path, made, rng).kind == "faithful"
+
+
+def test_rounded_states_are_nearly_equal(framework: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    network = bundles.network(rng, (6, 20, 4), decays=[30, 100, 1000], scale=0.3)
+    found = verdict(tmp_path, bundles.bundle(network), rng, 100)
+    assert found.kind == "approximate" and 0 < found.spikes_differ < 1
+    assert found.largest_difference <= 2 and framework in found.reason
+
+
+def test_real_states_are_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if interpreter("norse") is None:
+        pytest.skip("norse is not installed: `make peers` installs it")
+    monkeypatch.setattr(nir, "FRAMEWORKS", ("norse",))
+    rng = np.random.default_rng(2)
+    network = bundles.network(rng, (6, 20, 4), decays=[30, 100, 1000], scale=0.3, arithmetic="float32")
+    assert verdict(tmp_path, bundles.bundle(network), rng, 100).spikes_differ == 0
+
+
+def test_the_file_and_its_golden_spikes_are_read_by_both_versions_of_nir(tmp_path: Path) -> None:
+    made = bundles.bundle(bundles.network(np.random.default_rng(3), delays=(0, 2), recurrent=True))
+    Nir().write(made, tmp_path)
+    code = """
+import json, sys, nir
+graph = nir.read("graph.nir")
+shapes = {name: list(next(iter(node.output_type.values()))) for name, node in graph.nodes.items()}
+told = {k: x.tolist() if hasattr(x, "tolist") else x for k, x in graph.metadata.items()}
+golden = None
+if hasattr(nir, "read_data"):
+    data = nir.read_data("golden.h5")
+    data.check_nodes(graph)
+    golden = {name: list(node.observables["spikes"].data.shape) for name, node in data.nodes.items()}
+print(json.dumps([nir.__version__, shapes, sorted(graph.edges), told, golden], default=int))
+"""
+    versions = []
+    for name in FRAMEWORKS:
+        python = interpreter(name)
+        if python is None:
+            pytest.skip(f"{name} is not installed: `make peers` installs it")
+        done = subprocess.run(
+            [python, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        version, shapes, edges, told, golden = json.loads(done.stdout)
+        versions.append(version)
+        assert shapes == {
+            "input": [8],
+            "weights_0": [7],
+            "layer_0": [7],
+            "recurrent_0": [7],
+            "weights_1": [3],
+            "layer_1": [3],
+            "output": [3],
+        }
+        assert ["layer_0", "recurrent_0"] in edges and ["recurrent_0", "layer_0"] in edges
+        assert told["dt"] == 1e-4 and told["delays"] == [0, 2] and told["reset"].startswith("to 0")
+        assert json.loads(told["decision"])["theta"] == 0.5
+        if golden is not None:
+            assert golden == {"input": [4, 64, 8], "layer_0": [4, 64, 7], "layer_1": [4, 64, 3]}
+    assert versions == ["1.0.4", "1.0.8"]
+
+
+def test_the_same_bundle_gives_the_same_bytes(tmp_path: Path) -> None:
+    made = bundles.bundle(bundles.network(np.random.default_rng(4)))
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        Nir().write(made, tmp_path / name)
+    for file in ("graph.nir", "golden.h5"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_time_constants_by_hand() -> None:
+    assert nir.time_constant(np.array([4096, 2048, 1])).tolist() == [1e-4, 2e-4, 0.4096]
+    keep = 1 - nir.DT / nir.time_constant(np.arange(1, 4097))
+    assert np.allclose(keep, (4096 - np.arange(1, 4097)) / 4096, rtol=0, atol=2**-52)
+    assert np.float32(1 - nir.DT / nir.time_constant(np.array([0])))[0] == 1
+
+
+def test_what_nir_cannot_hold_is_refused() -> None:
+    rng = np.random.default_rng(5)
+    made = bundles.bundle(bundles.network(rng))
+    assert Nir().refusal(made) == "" and isinstance(made.fitted, Network)
+    turning = bundles.bundle(bundles.network(rng, resonates=True))
+    assert Nir().refusal(turning) == "NIR has no node whose two states rotate, as those of resonators do"
+    layer = made.fitted.layers[0]
+    late = replace(layer, delay=np.full(layer.weight.shape, 2, np.int8))
+    delayed = bundles.bundle(replace(made.fitted, layers=(late, *made.fitted.layers[1:])))
+    assert Nir().refusal(delayed).startswith("no reader of NIR delays single synapses")
+    knn = replace(turning, fitted=Parameters({}, 4))
+    assert Nir().refusal(knn) == "NIR holds networks of neurons, and family snn is none"
+
+
+def test_without_a_framework_nothing_is_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    monkeypatch.setattr(nir, "interpreter", lambda framework: None)
+    found = verdict(tmp_path, bundles.bundle(bundles.network(rng)), rng)
+    assert (found.kind, found.reason) == (
+        "not verified",
+        "norse is not installed and snntorch is not installed",
+    )
+
+
+def test_a_graph_that_a_framework_cannot_read_is_one_line(tmp_path: Path) -> None:
+    if interpreter("norse") is None:
+        pytest.skip("norse is not installed: `make peers` installs it")
+    rng = np.random.default_rng(7)
+    made = bundles.bundle(bundles.network(rng))
+    reference = bundles.reference(made, bundles.spikes(rng, 4), tmp_path)
+    (tmp_path / "graph.nir").write_bytes(b"damaged")
+    with pytest.raises(TargetError, match=r"graph\.nir: norse cannot run it: .*"):
+        Nir().verify(made, tmp_path, reference)
