@@ -1,0 +1,223 @@
+"""The variables and the constant data of the C: what it takes, known from the plan alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.deploy.c.matrix import Matrix
+from dse.deploy.c.plan import LayerPlan, Plan, is_endless
+from dse.deploy.c.text import wrapped
+from dse.neurons import resonator
+from dse.neurons.fixed_point import DECAY_SCALE
+from dse.records import Array, Ints
+
+_BYTES = {
+    "int64_t": 8,
+    "int32_t": 4,
+    "uint32_t": 4,
+    "level_t": 4,
+    "uint16_t": 2,
+    "int16_t": 2,
+    "uint8_t": 1,
+    "int8_t": 1,
+}
+
+
+@dataclass(frozen=True)
+class Member:
+    """A variable of the C: its type, name and lengths; `purpose` is its comment."""
+
+    kind: str
+    name: str
+    lengths: tuple[int, ...] = ()
+    purpose: str = ""
+
+    @property
+    def n_bytes(self) -> int:
+        return _BYTES[self.kind] * math.prod(self.lengths)
+
+    @property
+    def text(self) -> str:
+        """Its declaration."""
+        purpose = f" /* {self.purpose} */" if self.purpose else ""
+        return f"    {self.kind} {self.name}{''.join(f'[{n}]' for n in self.lengths)};{purpose}\n"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Constant data of the C."""
+
+    kind: str
+    name: str
+    values: Array
+
+    @property
+    def n_bytes(self) -> int:
+        return _BYTES[self.kind] * int(self.values.size)
+
+    @property
+    def text(self) -> str:
+        """Its definition."""
+        hexadecimal = self.kind == "uint32_t" and int(self.values.max(initial=0)) > 2**16
+        numbers = (f"0x{x:x}u" if hexadecimal else str(x) for x in self.values.tolist())
+        return f"static const {self.kind} {self.name}[{self.values.size}] = {{\n{wrapped(numbers)}}};\n"
+
+
+def members(plan: Plan) -> list[Member]:
+    """Return all variables, the widest types first, so that nothing lies between them."""
+    last = len(plan.layers)
+    out = []
+    for k, layer in enumerate(plan.layers, 1):
+        kind = f"int{layer.state_bits}_t"
+        a, b = states(layer)
+        out += [
+            Member(kind, f"{a}_{k}", (layer.n_places,), f"layer {k}"),
+            Member(kind, f"{b}_{k}", (layer.n_neurons,)),
+            Member("uint8_t", f"awake_{k}", (), "whether a state is not 0"),
+        ]
+    longest = max((x.n_neurons for x in plan.layers if x.recurrent is not None), default=0)
+    if longest:
+        out.append(Member(index(longest), "fired", (longest,), "neurons of a recurrent layer in this step"))
+    counted = "uint16_t" if plan.counts_bytes == 2 else "uint32_t"
+    out += [
+        Member(counted, "counts", (plan.layers[last - 1].n_neurons,), "output spikes"),
+        Member("uint32_t", "total", (), "of all outputs that answer"),
+        Member("uint32_t", "step", (), "network steps since dse_reset()"),
+        Member("uint32_t", "answered", (), "step of the answer"),
+        Member("int16_t", "label", (), "the answer"),
+        Member("uint8_t", "confident"),
+        Member("uint8_t", "changed", (), "whether an output spiked since the last look"),
+        Member("uint32_t", "spikes", (plan.n_slots, plan.channel_words), "input spikes, a bit per channel"),
+        Member("uint8_t", "pushed", (), "whether there are any in this step"),
+    ]
+    if is_delayed(plan):
+        out += [
+            Member("uint32_t", "sample", (), "input steps since dse_reset()"),
+            Member("uint16_t", "slot", (), "of this step in `spikes`"),
+        ]
+    if plan.encoder is not None:
+        places = (len(plan.encoder.thresholds), plan.encoder.n_sensors)
+        out += [Member("level_t", "level", places, "last sent"), Member("uint8_t", "begun")]
+    if plan.pooling is not None:
+        out += [
+            Member("int64_t", "begin_us", (), "first bin"),
+            Member("int64_t", "end_us", (), "end of this bin"),
+            Member("uint8_t", "started"),
+        ]
+        if not is_endless(plan.pooling):
+            out.append(Member("int64_t", "stop_us", (), "events from here on are too late"))
+        if plan.pooling.counts_needed:
+            out.append(Member("uint8_t", "events", (plan.n_channels,), "of every pool in this bin"))
+    return sorted(out, key=lambda m: -_BYTES[m.kind])
+
+
+def ram_bytes(plan: Plan) -> int:
+    """Return the size of all variables: what the compiler reports as data and bss."""
+    listed = members(plan)
+    widest = max(_BYTES[m.kind] for m in listed)
+    used = sum(m.n_bytes for m in listed)
+    return -(-used // widest) * widest
+
+
+def tables(plan: Plan) -> list[Table]:
+    """Return the weights, and the parameters that differ between neurons."""
+    out = []
+    for k, layer in enumerate(plan.layers, 1):
+        out += _matrix_tables(f"weights_{k}", layer.feed_forward)
+        if layer.recurrent is not None:
+            out += _matrix_tables(f"recurrent_{k}", layer.recurrent)
+        out += _neuron_tables(k, layer)
+    if is_delayed(plan):
+        later = [(d, copy) for copy, d in enumerate(plan.delays) if d]
+        k = plan.steps_per_sample
+        out += [
+            Table("uint16_t", "lags", np.array([d // k for d, _ in later])),
+            Table("uint16_t", "copies", np.array([copy * plan.n_channels for _, copy in later])),
+        ]
+        if k > 1:
+            out.append(Table("uint16_t", "parts", np.array([d % k for d, _ in later])))
+    if plan.rule.joint:
+        joint = np.array([x if x >= 0 else -2 for x in plan.rule.joint])
+        out.append(Table("int16_t", "joint", joint))
+    return out
+
+
+def table_bytes(plan: Plan) -> int:
+    """Return the size of the constant data of the network, without that of the front end."""
+    return sum(table.n_bytes for table in tables(plan))
+
+
+def states(layer: LayerPlan) -> tuple[str, str]:
+    """Return the names of a layer's states."""
+    return ("x", "y") if isinstance(layer.population, resonator.Population) else ("u", "v")
+
+
+def index(n: int) -> str:
+    """Return the type that numbers n things."""
+    return "uint8_t" if n <= 256 else "uint16_t"
+
+
+def is_delayed(plan: Plan) -> bool:
+    """Return whether there are delayed copies of the inputs."""
+    return any(plan.delays)
+
+
+def _matrix_tables(name: str, matrix: Matrix) -> list[Table]:
+    q = matrix.q
+    if matrix.form == "bytes":
+        return [Table("int8_t", name, q.ravel())]
+    if matrix.form == "words":
+        return [Table("uint32_t", name, _packed(matrix).ravel())]
+    row, column = np.nonzero(q)
+    begin = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(q)))])
+    values, columns = (x if x.size else np.zeros(1, np.int64) for x in (q[row, column], column))
+    return [
+        Table("uint16_t" if matrix.offset_bytes == 2 else "uint32_t", f"{name}_begin", begin),
+        Table("uint8_t" if matrix.column_bytes == 1 else "uint16_t", f"{name}_column", columns),
+        Table("int8_t", name, values),
+    ]
+
+
+def _packed(matrix: Matrix) -> Ints:
+    """Return the words of every row, (input, word)."""
+    n_inputs, n = matrix.weights.shape
+    fields = np.zeros((n_inputs, matrix.words_per_row * matrix.per_word), np.int64)
+    fields[:, :n] = matrix.q & (2**matrix.bits - 1)
+    of_words = fields.reshape(n_inputs, matrix.words_per_row, matrix.per_word)
+    return np.asarray((of_words << (matrix.bits * np.arange(matrix.per_word))).sum(axis=2))
+
+
+def _neuron_tables(k: int, layer: LayerPlan) -> list[Table]:
+    population = layer.population
+    if isinstance(population, resonator.Population):
+        turns = np.broadcast_to(population.resonates, layer.n_neurons)
+        first, second = (
+            DECAY_SCALE - np.asarray(d) for d in (population.decay_current, population.decay_voltage)
+        )
+        out = [
+            Table("int16_t", f"first_{k}", np.where(turns, population.cosine, first)),
+            Table("int16_t", f"second_{k}", np.where(turns, population.sine, second)),
+        ]
+        if n_leading(turns) is None:
+            out.append(Table("uint8_t", f"turns_{k}", turns.astype(np.int64)))
+        return out
+    return [
+        Table("int16_t", f"keep_{name}_{k}", DECAY_SCALE - np.asarray(decay))
+        for name, decay in (("u", population.decay_current), ("v", population.decay_voltage))
+        if common_decay(decay) is None
+    ]
+
+
+def n_leading(turns: Array) -> int | None:
+    """Return how many neurons resonate if they are the first ones, else None."""
+    n = int(np.count_nonzero(turns))
+    return n if turns[:n].all() else None
+
+
+def common_decay(decay: Array) -> int | None:
+    """Return the decay that all neurons share, None where they differ."""
+    values = np.unique(decay)
+    return int(values[0]) if values.size == 1 else None

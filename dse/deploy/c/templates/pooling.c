@@ -1,0 +1,38 @@
+static const uint${x_bits}_t first_x[$columns] = {$first_x};
+static const uint${y_bits}_t first_y[$rows] = {$first_y};
+$more
+void dse_start(int64_t t_us)
+{
+    net.begin_us = t_us + ${start_us};
+    net.end_us = net.begin_us + $bin_us;
+$stop    net.started = 1;
+}
+
+uint8_t dse_push(int64_t t_us, uint16_t x, uint16_t y, uint8_t polarity)
+{
+    uint32_t column, row, i, j, i_end, j_end, plane;
+    if (!net.started) {
+        dse_start(t_us);
+    }
+    if (t_us < net.begin_us$too_late) {
+        return 1;
+    }
+    if (t_us >= net.end_us) {
+        return 0;
+    }
+    column = (uint32_t)x - ${crop_x}u;
+    row = (uint32_t)y - ${crop_y}u;
+    if (net.step >= STEPS || column >= ${columns}u || row >= ${rows}u$other_polarity) {
+        return 1;
+    }
+    plane = $plane;
+    i_end = first_x[column] + $n_x;
+    j_end = first_y[row] + $n_y;
+    for (j = first_y[row]; j < j_end; j++) {
+        for (i = first_x[column]; i < i_end; i++) {
+            $count
+        }
+    }
+    return 1;
+}
+

@@ -1,0 +1,61 @@
+"""C99 without dependencies, for any processor: a header, a source, and a program that reads recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import dse
+from dse.deploy.bundle import Bundle
+from dse.deploy.c import host, memory, replay, source
+from dse.deploy.c.plan import Unsupported, plan_of
+from dse.deploy.reference import Reference
+from dse.deploy.targets import TargetError, Verdict, compare
+from dse.registry import register
+
+
+@register("targets", "c99")
+@dataclass(frozen=True)
+class C99:
+    """One header and one source: integers only, static memory only (dse.deploy.c)."""
+
+    label: ClassVar[str] = "C99 for any processor"
+    extra: ClassVar[str] = ""
+
+    def refusal(self, bundle: Bundle) -> str:
+        """Return why C cannot hold the classifier, one sentence; '' if it can."""
+        try:
+            plan_of(bundle)
+        except Unsupported as error:
+            return str(error)
+        return ""
+
+    def write(self, bundle: Bundle, folder: Path) -> None:
+        """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
+        try:
+            plan = plan_of(bundle)
+        except Unsupported as error:
+            raise TargetError(str(error)) from None
+        source.write(plan, folder, _title(bundle), dse.__version__)
+
+    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
+        """Compile the files here, run them on recordings, compare all spikes and decisions.
+
+        Raises:
+            TargetError: there is no compiler, or the files do not compile or run.
+        """
+        plan = plan_of(bundle)
+        recorded = replay.of_recordings(reference, plan)
+        real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
+        try:
+            played = host.played(folder, recorded or replay.of_spikes(reference), *real)
+        except (host.NoCompiler, host.RunFailed) as error:
+            raise TargetError(str(error)) from None
+        figures = {"ram_bytes": float(memory.ram_bytes(plan)), "table_bytes": float(memory.table_bytes(plan))}
+        return compare(reference, replay.run_of(played, plan, reference), figures)
+
+
+def _title(bundle: Bundle) -> str:
+    study = bundle.evidence.get("study", "dse")
+    return f"{study}: a classifier of {', '.join(plan_of(bundle).classes)}"

@@ -1,0 +1,163 @@
+"""Random classifiers and recordings of spikes, with what the engine does on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle, Input
+from dse.deploy.reference import Reference, answered, decided
+from dse.models.snn.quantise import rounded
+from dse.models.snn.respond import spikes_of_layers
+from dse.neurons import cuba_lif, parameters_of, resonator
+from dse.records import Array, Dataset, Head, Layer, Network
+from dse.testing.small import places, spikes_of
+from tests.spaces import RASTER, sections
+
+STEP_MS = 5.0
+
+
+def bundle(network: Network, n_steps: int, **changes: Any) -> Bundle:
+    """Return a bundle of a network on spikes that answers at the end of its window."""
+    made = Bundle(
+        fitted=network,
+        sections=sections({**RASTER, "model": {"kind": "snn", "hidden": [3]}}),
+        classes=tuple(f"class {k}" for k in range(network.sizes[-1])),
+        phi=None,
+        theta=None,
+        record={},
+        evidence={},
+        input=Input("spikes", network.n_channels, 0, 0, n_steps, STEP_MS),
+    )
+    return replace(made, **changes)
+
+
+def dataset(fired: Array, n_classes: int) -> Dataset:
+    """Return recordings of spikes, (sample, step, channel), that are tested whole."""
+    n, n_steps, n_channels = fired.shape
+    zeros = np.zeros(n, np.int32)
+    none = np.zeros(0, np.int64)
+    return Dataset(
+        spikes=spikes_of(fired, STEP_MS),
+        target=np.zeros(n, np.int64),
+        classes=tuple(map(str, range(n_classes))),
+        start=zeros,
+        start_low=zeros,
+        start_high=zeros,
+        n_steps=n_steps,
+        train=none,
+        validation=none,
+        test=np.arange(n),
+        positions=places(n_channels),
+    )
+
+
+def reference(made: Bundle, fired: Array) -> Reference:
+    """Return what the engine of a bundle does on recordings of spikes."""
+    network = made.fitted
+    assert isinstance(network, Network)
+    data = replace(dataset(fired, network.sizes[-1]), heads=made.heads)
+    label, time_ms, sure = decided(made, data, answered(made, data, "made up"))
+    return Reference(
+        inputs=None,
+        first_step=np.zeros(len(fired), np.int64),
+        dataset=data,
+        spikes_in=np.argwhere(fired).astype(np.int32),
+        fired=tuple(spikes_of_layers(network, data, data.test)),
+        label=label,
+        time_ms=time_ms,
+        decided=sure,
+        n_steps=data.n_steps * network.steps_per_sample,
+        step_ms=STEP_MS / network.steps_per_sample,
+    )
+
+
+def case(number: int) -> tuple[Bundle, Array]:
+    """Return random classifier `number` and its recordings, (sample, step, channel) of 0 and 1.
+
+    Numbers take turns at layers, resonators, recurrence, delays, bits, pruning, extreme weights and heads;
+    the recordings are silent, sparse, dense, saturated and random bursts.
+    """
+    rng = np.random.default_rng([18, number])
+    n_channels = int(rng.choice([1, 5, 12, 33, 70]))
+    n_steps = int(rng.choice([1, 9, 30, 61]))
+    per_sample = int(rng.choice([1, 1, 1, 2, 3]))
+    delays = ((0,), (0,), (0, 3, 7), (2, 5), (0, 40), (1,))[number % 6]
+    hidden = [int(rng.choice([1, 4, 17, 40])) for _ in range(number % 4)]
+    sizes = [n_channels * len(delays), *hidden, int(rng.choice([2, 3, 7]))]
+    extreme, bits, pruned = number % 5 == 4, 2 + number % 7, (0.0, 0.5, 0.9)[number % 3]
+    layers = []
+    for depth, (before, n) in enumerate(pairwise(sizes)):
+        is_output = depth == len(hidden)
+        scale = 4.0 if extreme else 2.0 / np.sqrt(before)
+        weight = rng.normal(0.3 * scale, scale, (n, before)).astype(np.float32)
+        ring = None
+        if not is_output and rng.random() < 0.5:
+            ring = rng.normal(0, scale, (n, n)).astype(np.float32)
+        layers.append(_layer(weight, ring, rng, is_output, resonates=number % 3 == 1))
+    network = Network(tuple(layers), n_channels, delays, per_sample, "integer")
+    network = rounded(network, bits, pruned)
+    return _ruled(bundle(network, n_steps), number, rng), _recordings(rng, n_steps, n_channels)
+
+
+def _layer(
+    weight: Array, ring: Array | None, rng: np.random.Generator, is_output: bool, resonates: bool
+) -> Layer:
+    n = len(weight)
+    alike = rng.random() < 0.5
+    decays = [rng.integers(0, 4097, 1 if alike else n).astype(np.int32) for _ in range(2)]
+    if rng.random() < 0.2:
+        decays[int(rng.integers(2))][:] = rng.choice([0, 4096])
+    threshold = int(rng.choice([1, 40, 80, 320]))
+    others = cuba_lif.Population(*(np.broadcast_to(d, n).copy() for d in decays), threshold)
+    if is_output or not resonates:
+        return Layer(weight, ring, parameters_of(others))
+    turns = rng.random(n) < rng.choice([0.3, 1.0])
+    if rng.random() < 0.5:
+        turns = np.sort(turns)[::-1]
+    c, s = resonator.factors(rng.uniform(2.0, 40.0, n), rng.uniform(0.5, 20.0, n))
+    population = resonator.Population(
+        resonates=turns,
+        cosine=np.where(turns, c, 0).astype(np.int32),
+        sine=np.where(turns, s, 0).astype(np.int32),
+        decay_current=np.where(turns, 0, others.decay_current).astype(np.int32),
+        decay_voltage=np.where(turns, 0, others.decay_voltage).astype(np.int32),
+        threshold=threshold,
+        reset=bool(rng.random() < 0.5),
+    )
+    return Layer(weight, ring, parameters_of(population), "resonator")
+
+
+def _ruled(made: Bundle, number: int, rng: np.random.Generator) -> Bundle:
+    """Return the bundle with one of the rules: confidence, a fixed time, heads, one head of two."""
+    n = len(made.classes)
+    which = number % 5
+    if which in (0, 1):
+        phi, theta = (
+            float(rng.choice([0, 1, 5.5])),
+            float(rng.choice([0.0, 0.35, 0.2 + 3 * 0.05, 2 / 3, 1.0])),
+        )
+        return replace(made, phi=phi, theta=theta)
+    if which == 2:
+        return replace(made, read_out_ms=float(rng.uniform(0, 300)))
+    if which == 3 and n > 2:
+        sizes = (2, n - 2)
+        pairs = np.array([(a, b) for a in range(sizes[0]) for b in range(sizes[1])])[1:]
+        heads = tuple(
+            Head(name, tuple(f"{name} {k}" for k in range(size)), pairs[:, h])
+            for h, (name, size) in enumerate(zip(("shape", "speed"), sizes, strict=True))
+        )
+        head = ("", "shape", "speed")[number % 3]
+        rule = {"phi": 2.0, "theta": 0.5} if head and number % 2 else {}
+        return replace(made, heads=heads, head=head, classes=tuple(map(str, range(len(pairs)))), **rule)
+    return made
+
+
+def _recordings(rng: np.random.Generator, n_steps: int, n_channels: int) -> Array:
+    rates = np.array([0.0, 0.02, 0.2, 0.6, 1.0])[:, None, None]
+    fired = rng.random((5, n_steps, n_channels)) < rates
+    burst = fired[3] & (np.arange(n_steps)[:, None] % 7 < 2)
+    return np.concatenate([fired, burst[None]]).astype(np.uint8)
