@@ -47,6 +47,18 @@ SECTIONS = {
 ENTRY_POINTS = "dse.components"
 """Entry-point group in which an installed distribution names its modules of components."""
 
+_MEMBERS: Mapping[str, tuple[str, ...]] = {
+    "encoders": ("n_channels", "positions", "encode_all"),
+    "losses": ("lengths", "value", "gradient"),
+    "models": ("fit", "respond"),
+    "neurons": (
+        *("label", "population", "Populations"),
+        *("Populations.to_threshold", "Populations.initial_state", "Populations.step"),
+    ),
+    "objectives": ("needs", "columns", "measure"),
+}
+"""Section -> what a component of it must have, beside what its contract defines for it."""
+
 _components: dict[str, dict[str, type]] = {}
 _plugins: dict[str, Plugin] = {}
 _imported: set[str] = set()
@@ -149,7 +161,7 @@ def register(section: str, name: str) -> Callable[[type[T]], type[T]]:
 
     Raises:
         ValueError: no such section, or the name is taken.
-        TypeError: the class is no frozen dataclass.
+        TypeError: the class is no frozen dataclass, or lacks a member that components of the section have.
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -165,8 +177,10 @@ def register(section: str, name: str) -> Callable[[type[T]], type[T]]:
             plugin = plugin_of(holder)
             by = f"plugin '{plugin.name}'" if plugin else holder.__module__
             raise ValueError(f"{section} '{name}' is already registered by {by}")
+        if lacks := [member for member in _MEMBERS.get(section, ()) if not _has(cls, member)]:
+            raise TypeError(f"{section} '{name}' must have {', '.join(lacks)}")
         if section == "objectives":
-            _check_columns(name, cls, components)
+            _check_columns(cls, name, components)
         components[name] = cls
         return cls
 
@@ -186,10 +200,21 @@ def known(section: str) -> dict[str, type]:
     return dict(sorted(_components.get(section, {}).items()))
 
 
-def _check_columns(name: str, objective: Any, others: Mapping[str, Any]) -> None:
-    """Refuse an objective without its declarations, or with a column of another one."""
-    if lacks := [key for key in ("needs", "columns") if not hasattr(objective, key)]:
-        raise TypeError(f"objective '{name}' must declare {' and '.join(lacks)}")
+def _has(cls: type, member: str) -> bool:
+    """Return whether a class defines a member, or has a field of this name; `a.b`: member b of its class a.
+
+    What a protocol above it declares does not count.
+    """
+    first, _, rest = member.partition(".")
+    holders = [owner for owner in cls.__mro__ if first in vars(owner)]
+    if rest:
+        return not holders or _has(getattr(cls, first), rest)
+    is_field = dataclasses.is_dataclass(cls) and any(x.name == first for x in dataclasses.fields(cls))
+    return is_field or bool(holders and not getattr(holders[0], "_is_protocol", False))
+
+
+def _check_columns(objective: Any, name: str, others: Mapping[str, Any]) -> None:
+    """Refuse an objective with a column of another one."""
     taken = {c.name: other for other, cls in others.items() if other != name for c in cls.columns}
     for column in objective.columns:
         if column.name in taken:

@@ -14,6 +14,7 @@ import pytest
 from dse import registry
 from dse.registry import PluginError, load_plugin
 
+MEMBERS = "n_channels = positions = encode_all = str"
 ENCODER = """
 from dataclasses import dataclass
 from dse.registry import param, register
@@ -22,6 +23,7 @@ from dse.registry import param, register
 @dataclass(frozen=True)
 class {cls}:
     gain: float = param({gain}, doc="gain")
+    n_channels = positions = encode_all = str
 """
 
 
@@ -169,13 +171,13 @@ def test_neither_a_module_nor_a_file():
 @pytest.mark.parametrize(
     ("last_line", "reason"),
     [
-        ("gain = 1 / 0", "ZeroDivisionError in line 9 of {path}: division by zero"),
+        ("gain = 1 / 0", "ZeroDivisionError in line 10 of {path}: division by zero"),
         (
             "import nowhere",
-            "ModuleNotFoundError in line 9 of {path}: No module named 'nowhere'",
+            "ModuleNotFoundError in line 10 of {path}: No module named 'nowhere'",
         ),
-        ("gain = (", "SyntaxError in line 9 of {path}: '(' was never closed"),
-        ("raise SystemExit(1)", "SystemExit in line 9 of {path}: 1"),
+        ("gain = (", "SyntaxError in line 10 of {path}: '(' was never closed"),
+        ("raise SystemExit(1)", "SystemExit in line 10 of {path}: 1"),
     ],
 )
 def test_a_file_that_fails_registers_nothing(tmp_path, last_line, reason):
@@ -226,9 +228,34 @@ def test_the_name_of_another_plugin_is_taken(tmp_path):
     assert "encoders 'mine' is already registered by plugin 'mine.py'" in fault("other.py", tmp_path)
 
 
-def test_an_objective_declares_what_it_needs_and_its_columns(tmp_path):
-    write(tmp_path, encoder().replace('"encoders"', '"objectives"'))
-    assert fault("mine.py", tmp_path).endswith("objective 'mine' must declare needs and columns")
+@pytest.mark.parametrize(
+    ("section", "members", "lacks"),
+    [
+        ("objectives", "columns = ()", "needs, measure"),
+        ("models", "fit = str", "respond"),
+        ("losses", "value = gradient = str", "lengths"),
+        ("encoders", "n_channels = str", "positions, encode_all"),
+        ("neurons", "label = ''; population = str", "Populations"),
+        (
+            "neurons",
+            "label = population = Populations = str",
+            "Populations.to_threshold, Populations.step",
+        ),
+    ],
+)
+def test_a_component_that_lacks_what_its_section_calls_is_refused(tmp_path, section, members, lacks):
+    text = encoder().replace('"encoders"', f'"{section}"').replace(MEMBERS, members)
+    text = text.replace("Populations = str", "Populations = type('P', (), {'initial_state': str})")
+    write(tmp_path, text)
+    assert fault("mine.py", tmp_path).endswith(f"{section} 'mine' must have {lacks}")
+    assert "mine" not in registry.known(section)
+
+
+def test_what_a_protocol_declares_is_not_had(tmp_path):
+    text = encoder().replace('"encoders"', '"neurons"').replace("class Mine:", "class Mine(Neuron):")
+    text = text.replace(MEMBERS, "label = ''")
+    write(tmp_path, f"from dse.neurons import Neuron\n{text}")
+    assert fault("mine.py", tmp_path).endswith("neurons 'mine' must have population, Populations")
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from dse.records import (
     Array,
     Block,
     Dataset,
+    Floats,
     FrontEnd,
     Ints,
     Network,
@@ -221,6 +222,18 @@ class Family(Protocol):
 
         Raises:
             ValueError: the data set has other channels or another length than was trained on.
+        """
+
+
+@runtime_checkable
+class Teacher(Family, Protocol):
+    """A family that networks can learn from (`training.teacher`)."""
+
+    def scores(self, fitted: Network | Parameters, dataset: Dataset, samples: Ints) -> Floats:
+        """Return log-odds of the classes in the whole windows of some samples, (n, output).
+
+        Outputs are the classes of each head side by side; the softmax over a head are its probabilities. A
+        class that was not in training may have -inf.
         """
 
 

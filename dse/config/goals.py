@@ -106,11 +106,25 @@ def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path)
         if not named:
             return  # this family has no neurons
         neurons += named
-    known: dict[str, Any] = registry.known("neurons")
-    if not all(getattr(known[neuron], "programmed", False) for neuron in neurons):
+    if set(neurons) != set(programmed_neurons(model)):
         return
+    for name in fixed_chips(names, base):
+        run = f"cannot run neuron {' or '.join(dict.fromkeys(neurons))}: its neurons cannot be programmed"
+        report(("hardware", names.index(name)), f"hardware '{name}' {run}")
+
+
+def programmed_neurons(model: Part) -> list[str]:
+    """Return the neurons in section `model` that need programmable ones, each once."""
+    known: dict[str, Any] = registry.known("neurons")
+    named = [name for part in model.entries.values() or [model] for name in part.components("neurons")]
+    return [name for name in dict.fromkeys(named) if getattr(known[name], "programmed", False)]
+
+
+def fixed_chips(names: Sequence[str], base: Path) -> list[str]:
+    """Return those chips whose neurons cannot be programmed (arguments as in `check_neurons`)."""
     kinds: dict[str, Any] = registry.known("hardware.kinds")
-    for index, name in enumerate(names):
+    fixed = []
+    for name in names:
         path = base / name if is_hardware_file(name) else shipped_profiles().get(name)
         if path is None or not path.is_file():
             continue
@@ -119,8 +133,8 @@ def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path)
             continue
         kind = kinds.get(str(profile.get("kind")))
         if kind is not None and not kind.any_neuron:
-            run = f"cannot run neuron {' or '.join(dict.fromkeys(neurons))}: its neurons cannot be programmed"
-            report(("hardware", index), f"hardware '{name}' {run}")
+            fixed.append(name)
+    return fixed
 
 
 def check_steps(sections: Mapping[str, Part], report: Report) -> None:

@@ -16,6 +16,7 @@ from dse.config.locate import find_space, names_a_file
 from dse.config.parts import Part
 from dse.config.sections import FAMILIES, SECTIONS, front_end
 from dse.config.space import SearchSpace
+from dse.config.teacher import teacher_faults
 from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, Raw, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
@@ -64,7 +65,9 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     for key in REQUIRED:
         if key not in data:
             report((), f"section '{key}' is required")
-    plugins = _plugins(data.get("plugins"), source.parent, report)  # sections may name their components
+    plugins = _plugins(data.get("plugins"), source.parent, report)
+    if plugins is None:
+        return None  # whatever names its components would be at fault
     study, seed = _study(data.get("study", "-"), report), _seed(data.get("seed", 0), report)
     sections = _parts(data, report)
     if check_data and "data" in sections:
@@ -114,8 +117,8 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     )
 
 
-def _plugins(raw: Raw, base: Path, report: Report) -> tuple[Plugin, ...]:
-    """Load the plugins of a search space: modules, or .py files beside it.
+def _plugins(raw: Raw, base: Path, report: Report) -> tuple[Plugin, ...] | None:
+    """Load the plugins of a search space, modules or .py files beside it; None after a fault.
 
     Args:
         raw: a name or a list of names, as written.
@@ -124,16 +127,23 @@ def _plugins(raw: Raw, base: Path, report: Report) -> tuple[Plugin, ...]:
     """
     names = read(raw or (), tuple[str, ...], Rule(doc=""), ("plugins",), report)
     plugins: list[Plugin] = []
-    for index, name in enumerate(() if names is INVALID else names):
+    good = names is not INVALID
+    for index, name in enumerate(names if good else ()):
         try:
             plugin = registry.load_plugin(name, base)
         except registry.PluginError as error:
-            report(("plugins", index), str(error))
-            continue
-        if not plugin.components:
-            report(("plugins", index), f"plugin '{name}' must register a component, but it registers none")
-        plugins.append(plugin)
-    return tuple(plugins)
+            fault = str(error)
+        else:
+            fault = ""
+            if not plugin.components:
+                fault = f"plugin '{name}' must register a component, but it registers none"
+            elif plugin.source in (other.source for other in plugins):
+                fault = f"plugin '{name}' is named twice"
+            plugins.append(plugin)
+        if fault:
+            report(("plugins", index), fault)
+            good = False
+    return tuple(plugins) if good else None
 
 
 def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
@@ -166,6 +176,9 @@ def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
         if family is not None:
             sections[section] = family
     sections["training"] = parts.settings("training", data.get("training"), report)
+    if sections["training"].good:
+        for path, message in teacher_faults(sections["training"]):
+            report(path, message)
     for message in _event_faults(sections):
         report(("preprocessing", "every_event"), message)
     for path, message in evaluation_faults(sections):

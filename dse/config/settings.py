@@ -434,6 +434,17 @@ class Training:
         doc="training windows per recording, evenly spaced over window.jitter_steps, of families that do not "
         "draw crops (spiking networks draw one per epoch)",
     )
+    teacher: str | Mapping[str, Raw] | None = param(
+        None,
+        doc="family whose probabilities spiking networks learn beside the labels: mlp, or a mapping such as "
+        "{kind: mlp, channels: each, window_ms: 50}; it is trained first, on the same training samples",
+    )
+    teacher_weight: float = param(
+        0.5, low=0, high=1, doc="the loss is (1 - w) of the labels and w of the teacher's probabilities"
+    )
+    teacher_temperature: float = param(
+        2.0, low=0, low_open=True, doc="the teacher's log-odds are divided by it: higher is softer"
+    )
     silent_epochs: int = param(
         20,
         low=0,

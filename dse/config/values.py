@@ -400,7 +400,9 @@ def _default(field: dataclasses.Field[Any]) -> Callable[[], Any] | None:
 
 
 def as_tuple(value: Raw) -> Any:
-    """Return a list and the lists in it as tuples, as `read` does."""
+    """Return a list and the lists in it, or in a mapping, as tuples, as `read` does."""
+    if isinstance(value, Mapping):
+        return {key: as_tuple(element) for key, element in value.items()}
     return tuple(map(as_tuple, value)) if isinstance(value, list | tuple) else value
 
 

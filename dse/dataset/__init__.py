@@ -17,7 +17,6 @@ from dse.dataset.assemble import (
     transductive,
     warnings,
 )
-from dse.dataset.crops import with_crops
 from dse.dataset.files import load
 from dse.dataset.keys import dataset_key, same_spikes
 from dse.dataset.shifts import has_room, shifted
@@ -41,5 +40,4 @@ __all__ = [
     "stages",
     "transductive",
     "warnings",
-    "with_crops",
 ]

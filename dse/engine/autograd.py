@@ -138,9 +138,9 @@ def later(spikes: Tensor) -> Tensor:
     return torch.cat([torch.zeros_like(spikes[:1]), spikes[:-1]])
 
 
-def loss_of(output: Tensor, labels: Ints, goal: Goal) -> Tensor:
+def loss_of(output: Tensor, labels: Ints, goal: Goal, soft: Floats | None = None) -> Tensor:
     """Return the loss of output spikes (step, sample, class), summed over the batch."""
-    outputs = goal.outputs(labels, output.shape[0], output.shape[2])
+    outputs = goal.outputs(labels, output.shape[0], output.shape[2], soft)
     labelled: Any = torch.as_tensor(outputs.is_label, dtype=output.dtype, device=output.device)
     counts: Any = torch.stack([output[:length].sum(0) for length in outputs.lengths], dim=1)
     value: Any = goal.loss.value(counts, dataclasses.replace(outputs, is_label=labelled))
@@ -176,6 +176,7 @@ def run(
     gains: Sequence[Floats | None],
     goal: Goal,
     shift: bool = True,
+    soft: Floats | None = None,
 ) -> Pass:
     """Run some samples through a stack.
 
@@ -189,6 +190,7 @@ def run(
         gains: per layer, (sample of the batch, input) factors of its input spikes, or None.
         goal: what training minimises.
         shift: whether layers hand their spikes on one step later.
+        soft: of the batch, (sample, class) probabilities in place of the labels; None: the labels.
     """
     y, fired, of_layers = None, [], []
     for (weight, ring), population, calculus, gain in zip(matrices, populations, calculi, gains, strict=True):
@@ -206,7 +208,7 @@ def run(
         y = later(spikes) if shift else spikes
     assert y is not None
     counts = np.rint(y.detach().sum(0).cpu().numpy()).astype(np.int64)
-    loss = loss_of(y, labels[samples], goal)
+    loss = loss_of(y, labels[samples], goal, None if soft is None else soft[samples])
     if goal.hidden_spike_penalty:
         loss = loss + goal.hidden_spike_penalty * torch.stack([s.sum() for s in of_layers[:-1]]).sum()
     return Pass(loss, counts, tuple(fired))
@@ -226,6 +228,7 @@ def gradients(
     heads: tuple[int, ...] = (),
     loss: Loss = SPIKE_RATE,
     hidden_spike_penalty: float = 0.0,
+    soft: Floats | None = None,
 ) -> tuple[float, list[Floats], list[Floats]]:
     """Return the loss of a batch, dL/dW of each layer and dL/dR of each recurrent one, by autograd.
 
@@ -244,7 +247,7 @@ def gradients(
     populations = [on_torch(w.population, c) for w, c in zip(layers, calculi, strict=True)]
     samples = slice(0, rows.n_samples)
     goal = Goal(loss, true_rate, false_rate, heads, hidden_spike_penalty)
-    done = run(rows, samples, labels, matrices, populations, calculi, gains, goal, shift)
+    done = run(rows, samples, labels, matrices, populations, calculi, gains, goal, shift, soft)
     done.loss.backward()  # type: ignore[no-untyped-call]
 
     def gradient(x: Tensor) -> Floats:
@@ -358,7 +361,15 @@ class _Network:
                 for m, r in zip(self._matrices, self._rings, strict=True)
             ]
             done = run(
-                rows, samples, labels, matrices, self._populations, self._calculi, turn.gains, self._goal
+                rows,
+                samples,
+                labels,
+                matrices,
+                self._populations,
+                self._calculi,
+                turn.gains,
+                self._goal,
+                soft=turn.soft,
             )
             loss += float(done.loss.detach())
             counts.append(done.counts)

@@ -168,6 +168,7 @@ class _Network:
             [_NOTHING if r is None else r.gradient for r in self.rings],
             [_NOTHING if d is None or not turn.delay_learning_rate else d.gradient for d in self.delays],
             threads,
+            turn.soft,
         )
         parts = [
             *zip(self.matrices, factors, strict=True),

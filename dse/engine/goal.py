@@ -30,16 +30,17 @@ class Goal:
     heads: tuple[int, ...] = ()
     hidden_spike_penalty: float = 0.0
 
-    def outputs(self, labels: Array, n_steps: int, n_classes: int) -> Outputs:
+    def outputs(self, labels: Array, n_steps: int, n_classes: int, soft: Array | None = None) -> Outputs:
         """Return what the outputs are to say.
 
         Args:
             labels: output neurons of the labels, (sample,), or (sample, head).
             n_steps: steps of a sample.
             n_classes: output neurons.
+            soft: (sample, class) probabilities in place of the labels; None: the labels.
         """
         return Outputs(
-            is_label(labels, n_classes),
+            is_label(labels, n_classes) if soft is None else soft,
             self.loss.lengths(n_steps),
             self.heads or (n_classes,),
             self.true_rate,

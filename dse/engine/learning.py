@@ -222,6 +222,7 @@ class _Lesson:
     n_neurons: Sequence[int]
     batch: Batch
     labels: Array
+    soft: Array | None
     goal: Goal
     gains: Sequence[Array | None]
     shift: int
@@ -243,6 +244,7 @@ def learn(
     ring_gradients: Sequence[Array],
     delay_gradients: Sequence[Array] = (),
     threads: Executor | None = None,
+    soft: Array | None = None,
 ) -> Pass:
     """Add the gradients of a batch's loss by every weight, before the gains' common factors.
 
@@ -261,6 +263,7 @@ def learn(
         ring_gradients: the same of recurrent weights; empty where there are none.
         delay_gradients: the same of delays, times the gains' common factors; empty where none are learnt.
         threads: runs chunks side by side where there are several spaces.
+        soft: (sample, class) probabilities in place of the labels; None: the labels.
     """
     kind = spaces[0].slope[0].dtype
     factors = [common_factor(gain) for gain in gains]
@@ -271,6 +274,7 @@ def learn(
         n_neurons,
         batch,
         labels,
+        soft,
         goal,
         gains,
         shift,
@@ -311,7 +315,8 @@ def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: 
 
     output, n_steps, n = lesson.running[-1], lesson.batch.rows.n_steps, end - first
     labels, goal, n_classes = lesson.labels[first:end], lesson.goal, lesson.n_neurons[-1]
-    outputs = goal.outputs(labels, n_steps, n_classes)
+    soft = None if lesson.soft is None else lesson.soft[first:end]
+    outputs = goal.outputs(labels, n_steps, n_classes, soft)
     ends = np.array(outputs.lengths) - lesson.shift
     counts = np.zeros((n, len(ends), output.n_columns), np.int64)
     kernels.spike_counts(space.fired[len(gains) - 1], n, n_steps, output.n_columns // LANES, ends, counts)

@@ -83,11 +83,13 @@ class Turn:
         are 0 or one common value (dropout). Those of the first layer are (sample, 1): its rows lack what is
         silenced.
     delay_learning_rate: Adam's step size of delays, network steps; 0: they stay as they are.
+    soft: (sample, output) probabilities that it learns in place of the labels; None: the labels.
     """
 
     learning_rate: float
     gains: tuple[Floats | None, ...]
     delay_learning_rate: float = 0.0
+    soft: Floats | None = None
 
 
 @dataclass(frozen=True)

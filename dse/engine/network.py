@@ -51,6 +51,7 @@ def gradients(
     heads: tuple[int, ...] = (),
     loss: Loss = SPIKE_RATE,
     hidden_spike_penalty: float = 0.0,
+    soft: Array | None = None,
 ) -> Gradients:
     """Return the loss of a batch and its gradients by every weight as it ran.
 
@@ -67,6 +68,7 @@ def gradients(
         heads: classes of each head; empty: one head.
         loss: over the output spikes.
         hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
+        soft: (sample, class) probabilities in place of the labels; None: the labels.
 
     Raises:
         ValueError: the rows' inputs differ from the first layer's.
@@ -93,6 +95,7 @@ def gradients(
         feed_forward,
         rings,
         delays,
+        soft=soft,
     )
     factors = [common_factor(gain) for gain in gains]
     cells = rows.n_samples * rows.n_steps

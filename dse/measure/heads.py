@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dse.records import Array, Dataset, Head
+from dse.records import Array, Dataset, Floats, Head
 
 
 def head_sizes(dataset: Dataset) -> tuple[int, ...]:
@@ -45,3 +45,19 @@ def joint_label(labels: Array, heads: Sequence[Head]) -> Array:
     table = np.full(sizes, -1, np.int64)
     table[tuple(head.of_class for head in heads)] = np.arange(len(heads[0].of_class))
     return np.asarray(table[tuple(labels.T)])
+
+
+def softmax(scores: Floats) -> Floats:
+    """Return probabilities from log-odds, along the last axis."""
+    powers = np.exp(scores - scores.max(axis=-1, keepdims=True))
+    return np.asarray(powers / powers.sum(axis=-1, keepdims=True))
+
+
+def head_scores(dataset: Dataset, scores: Floats) -> Floats:
+    """Return log-odds of each head's classes, (n, output), from those of joint classes, (n, class)."""
+    if not dataset.heads:
+        return scores
+    p = softmax(scores)
+    parts = [p @ (head.of_class[:, None] == np.arange(len(head.classes))) for head in dataset.heads]
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(np.concatenate(parts, axis=1)))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
@@ -16,11 +16,13 @@ import numpy as np
 from dse import dataset, seeds, store
 from dse.config.contracts import Family, FitRequest, Generators, placed, trains_in_cohorts
 from dse.config.resolved import LeftOut, Sections
+from dse.config.teacher import teacher_of
 from dse.dataset.cache import mark_used
 from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
 from dse.measure.run import Measurement, OfTargets, UnseenTargets, accuracies, measure
+from dse.recordings.crops import with_crops
 from dse.records import (
     Answers,
     Array,
@@ -167,14 +169,21 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     n_events = len(data.spikes.channel) / max(1, n_used * data.spikes.n_steps) * data.n_steps
     n_outputs = sum(head_sizes(data))
     shape = data.spikes.n_channels, n_outputs, data.n_steps
+    workspace = sizes.workspace_bytes(*shape, training, threads)
+    cost = sizes.cost(*shape, n_events, data.train.size, training)
+    teacher: Family | None = teacher_of(training)
+    if teacher is not None and trains_in_cohorts(teacher):
+        larger = placed(teacher, data.positions)
+        workspace += larger.memory_bytes(*shape, training) + larger.workspace_bytes(*shape, training, threads)
+        cost += larger.cost(*shape, n_events, data.train.size, training)
     steps = data.n_steps * model.steps_per_sample
     batch = training.batch_size * (n_events * len(model.input_delays) * _SPIKE_BYTES + steps * 8)
     answers = (data.validation.size + data.test.size) * steps * (_ANSWER_BYTES + 2 * n_outputs)
     return Demand(
         (run.data, run.repeat, type(model), model.shares(training)),
         sizes.memory_bytes(*shape, training),
-        PROCESS_BYTES + sizes.workspace_bytes(*shape, training, threads) + round(batch) + answers,
-        sizes.cost(*shape, n_events, data.train.size, training) * (1 + len(run.folds)),
+        PROCESS_BYTES + workspace + round(batch) + answers,
+        cost * (1 + len(run.folds)),
     )
 
 
@@ -243,27 +252,34 @@ def load(run: Run, threads: int = 1) -> Loaded:
 def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     """Train the runs of a cohort, first without their folds; measure and publish each as it finishes.
 
+    A run that fails without a fold is not trained any further.
+
     Yields:
         A run's number, and None after it is published, or why it failed. An error of all runs is raised.
     """
     unseen: list[dict[str, dict[str, OfTargets]]] = [{} for _ in job.runs]
     failed: dict[int, Failure] = {}
     for fold in job.runs[0].folds:
-        for number, result in _without(job, fold):
+        left = [number for number in range(len(job.runs)) if number not in failed]
+        for place, result in _without(_of(job, left), fold) if left else ():
             if isinstance(result, Failure):
-                failed.setdefault(number, result)
+                failed[left[place]] = result
             else:
-                unseen[number].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
+                unseen[left[place]].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
+    yield from failed.items()
+    left = [number for number in range(len(job.runs)) if number not in failed]
+    if not left:
+        return
     loaded = load(job.runs[0], job.threads)
-    missing = set(range(len(job.runs)))
-    for number, outcome in _outcomes(job, loaded.data):
+    missing = set(left)
+    for place, outcome in _outcomes(_of(job, left), loaded.data):
+        number = left[place]
         missing.discard(number)
-        why = failed.get(number)
+        why: Failure | None = None
         try:
             if isinstance(outcome, Exception):
                 raise outcome
-            if why is None:
-                _publish(job.runs[number], outcome, loaded, unseen[number])
+            _publish(job.runs[number], outcome, loaded, unseen[number])
         except (store.StoreError, MemoryError):
             raise  # a full disk is not the run's fault, and alone the run may have the memory
         except Exception as error:
@@ -274,6 +290,11 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
         raise RuntimeError(
             f"{type(job.runs[0].sections.model).__name__}.fit_cohort left out designs {sorted(missing)}"
         )
+
+
+def _of(job: TrainingJob, numbers: Sequence[int]) -> TrainingJob:
+    """Return a job of some of the runs."""
+    return dataclasses.replace(job, runs=tuple(job.runs[number] for number in numbers))
 
 
 def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Failure]]:
@@ -326,7 +347,7 @@ def _alone(sections: Sections, data: Dataset, rngs: Generators) -> Outcome:
     """Train a design alone, on crops as samples of their own unless its family draws crops."""
     model, training = sections.model, sections.training
     crops = 1 if getattr(model, "draws_crops", False) else training.crops
-    return model.fit(dataset.with_crops(data, crops), training, rngs)
+    return model.fit(with_crops(data, crops), training, rngs)
 
 
 def _generators(run: Run, prefix: str = "") -> Generators:

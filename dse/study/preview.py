@@ -7,6 +7,7 @@ import itertools
 
 from dse.config import SearchSpace
 from dse.config.contracts import placed, trains_in_cohorts
+from dse.config.goals import fixed_chips, programmed_neurons
 from dse.dataset import cache
 from dse.recordings.files import locate
 from dse.registry import Plugin
@@ -40,6 +41,7 @@ def preview(space: SearchSpace) -> dict[str, object]:
         "sampler": space.search.sampler,
         # Where phi follows the outputs of each run, the number is not known before.
         **({"design_points": points} if space.decision.phi_step is None else {}),
+        **_unpriced(space),
         "data": getattr(space.data, "scene", None),
     }
     size = 0
@@ -53,6 +55,17 @@ def preview(space: SearchSpace) -> dict[str, object]:
     # The name of an audit follows from what the recordings hold, and a folder is not read.
     is_folder = getattr(space.data, "folder", None) is not None
     return row | _from_data(space) | ({} if is_folder else _audited(space))
+
+
+def _unpriced(space: SearchSpace) -> dict[str, object]:
+    """Return which neurons no chip of the search space can run; nothing where each has one."""
+    neurons = programmed_neurons(space.parts["model"])
+    if not neurons or not space.hardware:
+        return {}
+    if len(fixed_chips(space.hardware, space.source.parent)) < len(space.hardware):
+        return {}
+    chips = ", ".join(space.hardware)
+    return {"without_costs": f"neuron {', '.join(neurons)}: the neurons of {chips} cannot be programmed"}
 
 
 def _audited(space: SearchSpace) -> dict[str, object]:

@@ -390,6 +390,7 @@ def pair() -> str:
         low: int = param(1, doc="low")
         high: int = param(5, doc="high")
         plain: float = param(1.0, doc="plain", low=0, low_open=True)
+        fit = respond = str
 
         def __post_init__(self) -> None:
             if self.low >= self.high:

@@ -21,6 +21,7 @@ from dse.registry import param, register
 class Plugged:
     """A family of a user."""
     width: int = param(3, low=1, doc="a number")
+    fit = respond = str
 '''
 MODEL = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
 
@@ -73,16 +74,18 @@ def test_a_written_search_space_loads_them_from_anywhere(tmp_path: Path) -> None
             FAMILY.replace("plugged_of_a_test", "snn"),
             "'snn' is already registered by dse.",
         ),
+        ("[mine.py, ./mine.py]", FAMILY, "plugin './mine.py' is named twice"),
         ("[no_such_module_of_a_test]", None, "plugin 'no_such_module_of_a_test': no module "),
         ("{mine: py}", None, "plugins must be a list of texts, got {'mine': 'py'}"),
     ],
 )
-def test_what_is_wrong_with_one_is_a_fault_of_its_line(
-    tmp_path: Path, plugins: str, content: str | None, fault: str
+@pytest.mark.parametrize("model", [MODEL, "plugged_of_a_test"])  # a name that the plugin would bring
+def test_what_is_wrong_with_one_is_the_only_fault_and_of_its_line(
+    tmp_path: Path, plugins: str, content: str | None, fault: str, model: str
 ) -> None:
     if content is not None:
         (tmp_path / "mine.py").write_text(content)
-    path = with_plugin(tmp_path, f"plugins: {plugins}", MODEL)
+    path = with_plugin(tmp_path, f"plugins: {plugins}", model)
     with pytest.raises(ConfigError) as caught:
         load_space(path)
     [found] = caught.value.faults

@@ -167,6 +167,7 @@ from dse.registry import register
 @dataclass(frozen=True)
 class OfABundle:
     order: int = 2
+    n_channels = positions = encode_all = str
 """
 
 

@@ -80,6 +80,18 @@ def test_cross_entropy_of_huge_counts_is_finite() -> None:
     assert right == 0 and not by_count.any()
 
 
+def test_probabilities_in_place_of_labels_by_hand() -> None:
+    soft = np.array([[0.75, 0.25]])
+    rate = Goal(SpikeRate(), 0.9, 0.1)
+    loss, by_count = rate.loss.gradient(np.array([[[2, 0]]]), rate.outputs(np.array([0]), 4, 2, soft))
+    assert loss == pytest.approx((0.5 - 0.7) ** 2 + 0.3**2)
+    np.testing.assert_allclose(by_count, [[[2 / 4 * -0.2, 2 / 4 * -0.3]]])
+    entropy = Goal(CountCrossEntropy(count_scale=np.log(3)), 0.9, 0.1)
+    loss, by_count = entropy.loss.gradient(np.array([[[1, 0]]]), entropy.outputs(np.array([0]), 4, 2, soft))
+    assert loss == pytest.approx(-0.75 * np.log(0.75) - 0.25 * np.log(0.25))
+    np.testing.assert_allclose(by_count, 0, atol=1e-12)  # odds of 3 : 1 are what the teacher says
+
+
 def test_a_sample_is_correct_where_every_head_is() -> None:
     counts = np.array([[3, 1, 0, 2, 2], [3, 1, 9, 0, 4], [0, 5, 1, 1, 0]])
     assert n_correct(counts, np.array([0, 2, 1])) == 3

@@ -201,9 +201,10 @@ def test_gradients_of_two_heads_agree_with_automatic_differentiation() -> None:
 
 
 @pytest.mark.parametrize("recurrent", [True, False])
+@pytest.mark.parametrize("taught", [True, False])
 @pytest.mark.parametrize("loss", [SpikeRate(), CountCrossEntropy(0.4), CountCrossEntropy(0.4, read_outs=3)])
 def test_every_loss_and_the_price_of_hidden_spikes_agree_with_automatic_differentiation(
-    loss: Loss, recurrent: bool
+    loss: Loss, taught: bool, recurrent: bool
 ) -> None:
     from dse.engine.autograd import gradients as by_autograd
 
@@ -213,6 +214,7 @@ def test_every_loss_and_the_price_of_hidden_spikes_agree_with_automatic_differen
     layers, surrogates = small_layers(rng, recurrent), [exponential(80 / 64, 0.03, 3.0)] * 2
     gains = [None, 2 * (rng.random((4, 9)) < 0.5).astype(np.float32)]
     given = {"true_rate": 0.6, "false_rate": 0.05, "gains": gains, "heads": (3, 1), "loss": loss}
+    given["soft"] = np.column_stack([rng.dirichlet([1, 1, 1], 4), np.ones(4)]) if taught else None
     free = gradients(rows_of(x), layers, surrogates, labels, **given)
     found = gradients(rows_of(x), layers, surrogates, labels, hidden_spike_penalty=0.03, **given)
     value, feed_forward, rings = by_autograd(

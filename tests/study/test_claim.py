@@ -20,6 +20,7 @@ from dse.registry import register
 @dataclass(frozen=True)
 class OfAClaim:
     """An encoder of a user."""
+    n_channels = positions = encode_all = str
 '''
 
 

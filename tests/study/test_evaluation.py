@@ -14,7 +14,7 @@ import yaml
 
 from dse import store
 from dse.config import ConfigError, load_space
-from dse.study import explore
+from dse.study import explore, jobs
 from dse.study.results import Study
 from dse.study.runs import Runs
 from dse.study.workers import Failure, Workers
@@ -236,6 +236,28 @@ def test_a_failure_without_a_group_names_it(tmp_path: Path, monkeypatch: pytest.
     with np.errstate(all="ignore"):
         study = run(tmp_path, by_channel(), model=model, evaluation={"leave_out": "force"})
     assert study.trials["reason"][0].startswith("RuntimeError: without force 1: ")
+
+
+def test_a_run_that_fails_without_a_group_is_not_trained_further(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcomes, sizes = jobs._outcomes, []
+
+    def counted(job: jobs.TrainingJob, *arguments: Any) -> Any:
+        sizes.append(len(job.runs))
+        return outcomes(job, *arguments)
+
+    monkeypatch.setattr(jobs, "_outcomes", counted)
+    training = FEW | {"learning_rate": {"choice": [0.05, 1e30]}}
+    changes = {"model": SNN | {"hidden": 5}, "evaluation": {"leave_out": "force"}}
+    study = run(tmp_path, by_channel(), training=training, **changes)
+    ours = study.trials.set_index("training.learning_rate")
+    assert ours["status"].to_dict() == {0.05: "finished", 1e30: "failed"}
+    assert str(ours["reason"][1e30]).startswith("TrainingDiverged: without force 1: ")
+    assert sizes == [2] + [1] * (len(sizes) - 1) and len(sizes) > 2
+    training = FEW | {"learning_rate": {"choice": [0.05]}}
+    alone = run(tmp_path, by_channel(), "alone", training=training, **changes)
+    assert alone.trials["accuracy_unseen"][0] == ours["accuracy_unseen"][0.05]
 
 
 def test_what_is_worth_saying_about_shifts(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import front
 from dse.cli.numbers import positive
 from dse.cli.options import add_space, load
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of worker processes (default: execution.jobs of the search space)",
     )
     parser.add_argument("--quiet", action="store_true", help="print no progress on stderr")
-    add_format(parser)
+    add_format(parser, FORMATS)
 
 
 def answer(arguments: argparse.Namespace) -> Answer:

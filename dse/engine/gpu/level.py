@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,9 @@ from dse.engine.gpu.weights import Stretch, Weights, on_device, weights_of
 from dse.engine.losses import Loss, Outputs
 from dse.engine.member import Member
 from dse.records import Array
+
+Soft = Mapping[int, Tensor]
+"""Member -> (sample, class) probabilities that it learns in place of the labels."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +89,12 @@ class Readers:
         of_tiles = torch.stack(of_lengths, dim=1)  # (member, length, tile, sample, WIDTH)
         return of_tiles.permute(0, 3, 1, 2, 4).flatten(3)[..., : self.n_classes]
 
-    def by_output(self, trace: Trace, labels: Tensor, n_steps: int) -> Tensor:
+    def by_output(self, trace: Trace, labels: Tensor, n_steps: int, soft: Soft) -> Tensor:
         """Return dL/d(output spike), (stretch, member, tile, sample, WIDTH) float64."""
         none = labels.new_zeros((len(labels), self.n_classes), dtype=torch.float64)
         is_label: Any = none.scatter_(1, labels, 1.0)
+        if soft.keys() & set(self.members):
+            is_label = torch.stack([soft.get(number, is_label) for number in self.members])
         counts: Any = self.counts(trace, n_steps)
         lengths = self.loss.lengths(n_steps)
         outputs = Outputs(is_label, lengths, self.heads, self.true_rate, self.false_rate)
@@ -205,7 +210,7 @@ class Level:
         ahead.feed_forward.by_input(by_z, by_spike, tiles.hidden, self._first, self._ahead, rows)
         return by_spike
 
-    def _by_output(self, trace: Trace, labels: Tensor, n_steps: int) -> Tensor:
+    def _by_output(self, trace: Trace, labels: Tensor, n_steps: int, soft: Soft) -> Tensor:
         """Return dL/d(output spike), (tile, sample, WIDTH).
 
         Where it depends on the step, it goes into the surrogate gradients instead, and 1 is returned.
@@ -213,7 +218,7 @@ class Level:
         out = trace.slope.new_zeros(trace.n_sent.shape)
         slope = trace.slope.view(len(trace.slope), -1, n_steps, WIDTH)
         for readers in self.readers:
-            stretches = readers.by_output(trace, labels, n_steps).to(self.numbers.real)
+            stretches = readers.by_output(trace, labels, n_steps, soft).to(self.numbers.real)
             if len(stretches) == 1:
                 out[readers.tiles] = stretches[0]
                 continue
@@ -232,6 +237,7 @@ class Level:
         n_steps: int,
         dropout: Dropout,
         tiles: Tiles,
+        soft: Soft,
     ) -> Tensor:
         """Return dL/dz, (part, tile, sample * step, WIDTH).
 
@@ -242,12 +248,13 @@ class Level:
             n_steps: steps per sample.
             dropout: what the next stage does not see.
             tiles: tiles that run.
+            soft: of the members that learn probabilities in place of the labels.
         """
         numbers, ring, slope, n = self.numbers, self.ring, trace.slope, len(labels)
         by_z = slope.new_empty((numbers.n_parts, *slope.shape), dtype=numbers.part)
         lu, lv, by_ring = (torch.zeros_like(trace.n_sent, dtype=numbers.real) for _ in range(3))
         kinds: list[tuple[Tensor, Tensor, bool, Tensor | None]] = [
-            (tiles.output, self._by_output(trace, labels, n_steps), True, None)
+            (tiles.output, self._by_output(trace, labels, n_steps, soft), True, None)
         ]
         if arriving is not None:
             kinds.append((tiles.hidden, arriving, False, dropout.kept))

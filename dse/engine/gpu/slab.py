@@ -54,7 +54,16 @@ class Slab:
     def _tiles(self, members: Sequence[int]) -> list[Tiles]:
         return [level.tiles(frozenset(members)) for level in self._levels]
 
-    def accumulate(self, x: Tensor, labels: Array, n_steps: int, gains: Gains, *, add: bool) -> Counts:
+    def accumulate(
+        self,
+        x: Tensor,
+        labels: Array,
+        n_steps: int,
+        gains: Gains,
+        soft: Mapping[int, Array],
+        *,
+        add: bool,
+    ) -> Counts:
         """Run a chunk forward and back; set the gradients of the members in `gains`, or add to them.
 
         Args:
@@ -62,11 +71,13 @@ class Slab:
             labels: output neurons of the labels, (sample,), or (sample, head).
             n_steps: steps per sample.
             gains: of the chunk.
+            soft: of the chunk, of the members that learn probabilities in place of the labels.
             add: add to the gradients that are there.
         """
         depth = max(len(self._members[number].layers) for number in gains)
         levels, tiles = self._levels[:depth], self._tiles(tuple(gains))[:depth]
         target = on_device(np.asarray(labels, np.int64).reshape(len(labels), -1), self._device)
+        likely = {k: on_device(np.asarray(x, np.float64), self._device) for k, x in soft.items()}
         dropouts = [self._dropout(d, len(labels), gains) for d in range(depth)]
         factors = [self._factor(d, gains) for d in range(depth)]
         sources, traces = [x], []
@@ -76,7 +87,7 @@ class Slab:
         arriving = None
         for d in range(depth - 1, -1, -1):
             level, trace = levels[d], traces[d]
-            by_z = level.backward(trace, arriving, target, n_steps, dropouts[d], tiles[d])
+            by_z = level.backward(trace, arriving, target, n_steps, dropouts[d], tiles[d], likely)
             level.by_weight(sources[d], trace, by_z, factors[d], tiles[d], add=add)
             if d:
                 arriving = levels[d - 1].arriving(level, by_z, tiles[d - 1])
@@ -142,7 +153,10 @@ class Slab:
             k: np.concatenate([c.outputs[k].cpu().numpy() for c in counts])
             for k in (counts[0].outputs if counts else ())
         }
-        return {k: self._report(k, fired, sent, read.get(k), labels, n_steps, norms[k]) for k in turns}
+        return {
+            k: self._report(k, fired, sent, read.get(k), labels, n_steps, norms[k], turn.soft)
+            for k, turn in turns.items()
+        }
 
     def _norms(self, tiles: Sequence[Tiles], turns: Mapping[int, Turn]) -> dict[int, float]:
         """Return each member's Euclidean norm of its gradient by the masters, over all weights."""
@@ -183,6 +197,7 @@ class Slab:
         labels: Array,
         n_steps: int,
         norm: float,
+        soft: Array | None,
     ) -> Report:
         member, n = self._members[number], len(labels)
         sizes = [x.feed_forward.shape[1] for x in member.layers]
@@ -193,7 +208,7 @@ class Slab:
         rates = [fired_ / (n * n_steps * h) for fired_, h in zip(spikes, sizes, strict=True)]
         counts = sent[len(sizes) - 1][own[-1]].swapaxes(0, 1).reshape(n, -1)[:, : sizes[-1]]
         goal = member.goal
-        outputs = goal.outputs(labels, n_steps, sizes[-1])
+        outputs = goal.outputs(labels, n_steps, sizes[-1], soft)
         loss, _ = goal.loss.gradient(counts[:, None] if read is None else read, outputs)
         total = float(loss)
         if goal.hidden_spike_penalty:

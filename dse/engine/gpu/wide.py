@@ -101,7 +101,10 @@ class WideEngine:
                         place: tuple(None if gain is None else gain[part] for gain in turn.gains)
                         for place, turn in own.items()
                     }
-                    counted.append(slab_.accumulate(x, labels[part], rows.n_steps, gains, add=first > 0))
+                    soft = {k: turn.soft[part] for k, turn in own.items() if turn.soft is not None}
+                    counted.append(
+                        slab_.accumulate(x, labels[part], rows.n_steps, gains, soft, add=first > 0)
+                    )
         reports = [
             slab_.finish(counted, labels, rows.n_steps, own) if own else {}
             for slab_, counted, own in zip(self._slabs, counts, of_slab, strict=True)

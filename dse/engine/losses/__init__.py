@@ -25,7 +25,8 @@ from dse.records import Array
 class Outputs:
     """What the outputs of some samples are to say; arrays are of the same library as the counts.
 
-    is_label: (..., class) 1 where the neuron stands for the label of its head, else 0, floating.
+    is_label: (..., class) 1 where the neuron stands for the label of its head, else 0, floating; where a
+        teacher is heard, probabilities of the classes of each head.
     lengths: steps after which output spikes are counted, rising; the last is the whole input.
     heads: classes of each head, whose outputs lie side by side.
     true_rate, false_rate: target spike rates of a label's neuron and of the others: numbers, or arrays that

@@ -19,6 +19,7 @@ class CountCrossEntropy:
 
         p = softmax(k n);   L = -log p[label];   dL/dn[c] = k (p[c] - [c = label]),   k = count_scale
 
+    Where probabilities q stand for the label, L = -sum q log p and dL/dn = k (p - q).
     With several read-outs, n are the counts after evenly spaced lengths of the input, and L is the mean over
     them: an early spike counts in more of them than a late one. `true_rate` and `false_rate` only set how
     often the outputs fire before training.

@@ -19,7 +19,8 @@ class SpikeRate:
         rate[n, c] = counts[n, c] / T;   L = sum over n, c of (rate - target)^2
         dL/dy[n, t, c] = (2 / T) (rate - target), constant in t
 
-    No factor 1/2, and a sum over the batch. Source: lava-dl `slayer.loss.SpikeRate` (REFERENCES.md).
+    Of a probability between 0 and 1, the target lies between the two rates. No factor 1/2, and a sum over
+    the batch. Source: lava-dl `slayer.loss.SpikeRate` (REFERENCES.md).
     """
 
     def lengths(self, n_steps: int) -> tuple[int, ...]:
@@ -30,8 +31,9 @@ class SpikeRate:
         """Return the summed squared distances."""
         xp = array_namespace(counts)
         none = xp.zeros_like(counts)
-        is_label = outputs.is_label[..., None, :] > 0
-        target = xp.where(is_label, none + outputs.true_rate, none + outputs.false_rate)
+        is_label = none + outputs.is_label[..., None, :]
+        between = outputs.false_rate + is_label * (outputs.true_rate - outputs.false_rate)
+        target = xp.where(is_label == 1, none + outputs.true_rate, between)
         value: Array = xp.sum((counts / outputs.lengths[-1] - target) ** 2)
         return value
 

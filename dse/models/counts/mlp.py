@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from dse.measure.heads import head_scores
 from dse.models.counts.rate_windows import Learnt, RateClassifier, as_features
 from dse.models.training import Generators, TrainingDiverged
-from dse.records import Array
+from dse.records import Array, Dataset, Floats, Network, Parameters
 from dse.registry import param, register
 
 
@@ -98,11 +99,23 @@ class MLP(RateClassifier):
         label = np.empty((len(counts), len(lengths)), np.int64)
         with threadpool_limits(1):
             for j, length in enumerate(lengths):
-                output = forward(x[:, : length * counts.shape[2]], _layers(arrays, j))
-                if output.shape[1] == 1:  # of two classes, one output > 0 says the second
-                    output = np.concatenate([np.zeros_like(output), output], axis=1)
+                output = _of_classes(x[:, : length * counts.shape[2]], arrays, j)
                 label[:, j] = arrays["classes"][output.argmax(axis=1)]
         return label
+
+    def scores(self, fitted: Network | Parameters, dataset: Dataset, samples: Array) -> Floats:
+        """Return the outputs before softmax; those of heads are summed over the joint classes."""
+        from threadpoolctl import threadpool_limits
+
+        assert isinstance(fitted, Parameters)
+        arrays, counts = fitted.arrays, self._counts(dataset, samples)
+        scores = np.full((len(counts), len(dataset.classes)), -np.inf)
+        scores[:, arrays["classes"]] = 0
+        if len(arrays["classes"]) > 1:
+            last = len(arrays["lengths"]) - 1
+            with threadpool_limits(1):
+                scores[:, arrays["classes"]] = _of_classes(_scaled(as_features(counts), arrays), arrays, last)
+        return head_scores(dataset, scores)
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
         """Return the weights of the matrices."""
@@ -123,6 +136,13 @@ def forward(x: Array, layers: list[tuple[Array, Array]]) -> Array:
         if k < len(layers) - 1:
             x = np.maximum(x, 0)
     return x
+
+
+def _of_classes(x: Array, arrays: Mapping[str, Array], j: int) -> Array:
+    """Return the outputs for the classes of training, (n, class), after input length j."""
+    output = forward(x, _layers(arrays, j))
+    # Of two classes, one output > 0 says the second.
+    return output if output.shape[1] > 1 else np.concatenate([np.zeros_like(output), output], axis=1)
 
 
 def _scaled(features: Array, arrays: Mapping[str, Array]) -> Array:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
 from dse.engine.layout import padded
 from dse.models.snn import respond, train
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Generators, Training, TrainingDiverged
-from dse.records import Array, Dataset, Network, Outcome, Response
+from dse.records import Array, Dataset, Floats, Network, Outcome, Parameters, Response
 from dse.registry import register
 
 # Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
@@ -43,6 +45,13 @@ class SNN(Stack):
     def respond(self, fitted: Network, dataset: Dataset, samples: Array) -> Response:
         """Run a trained network on the evaluated windows of some samples."""
         return respond.respond(fitted, dataset, samples)
+
+    def scores(self, fitted: Network | Parameters, dataset: Dataset, samples: Array) -> Floats:
+        """Return output spikes times the loss's `count_scale`; without one, the logarithm of 1 + spikes."""
+        assert isinstance(fitted, Network)
+        counts = self.respond(fitted, dataset, samples).output.sum(axis=1, dtype=np.int64)
+        scale: float | None = getattr(self.loss, "count_scale", None)
+        return np.asarray(np.log1p(counts) if scale is None else scale * counts)
 
     @staticmethod
     def fit_cohort(

@@ -21,6 +21,7 @@ from dse.models.snn.augment import Augmentation
 from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
+from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
 from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
@@ -48,7 +49,7 @@ def train(
         dataset: spikes, windows, split.
         designs: they agree in what `Stack.shares` returns.
         shared: random generators of what the designs share ('batches', 'crops', 'input dropout', 'probe' and
-            those of `Augmentation`).
+            those of `Augmentation` and of `Teachers`).
         device: 'cpu' or 'cuda'.
         threads: of the CPU, over the samples of a batch.
 
@@ -78,12 +79,25 @@ def train(
     for number, design in enumerate(designs):
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
         trainees[-1].seconds += clock.lap()
+    teachers, live = Teachers(dataset, shared, device, threads), []
+    for trainee in trainees:
+        try:
+            taught = teachers.taught(trainee.training)
+        except (TrainingDiverged, ValueError) as error:
+            yield trainee.number, TrainingDiverged(f"teacher: {error}")
+            continue
+        if taught is not None:
+            trainee.soft, trainee.seconds = taught.soft, trainee.seconds + taught.seconds
+        live.append(trainee)
+    if not live:
+        return
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     batches, crops, silenced = shared("batches"), shared("crops"), shared("input dropout")
     augmentation = Augmentation(dataset, training, shared) if training.augmentation else None
     n_batches = -(-dataset.train.size // training.batch_size)
-    live, epoch = trainees, 0
+    epoch = 0
+    clock.lap()
     while live:
         for trainee in live:
             if trainee.model.pruned and epoch == int(trainee.model.prune_epoch * trainee.training.epochs):
@@ -93,7 +107,7 @@ def train(
         starts = crops.integers(dataset.start_low[order], dataset.start_high[order], endpoint=True)
         for batch in range(n_batches):
             part = slice(batch * training.batch_size, (batch + 1) * training.batch_size)
-            turns = {x.number: x.turn(epoch + batch / n_batches, order[part].size) for x in live}
+            turns = {x.number: x.turn(epoch + batch / n_batches, order[part]) for x in live}
             labels = output_labels(dataset, order[part])
             if augmentation is None:
                 rows = rows_of(dataset.spikes, order[part], starts[part])

@@ -37,6 +37,7 @@ class Trainee:
     stopped: why it ended before the last epoch; diverged: why it has no result. Empty: neither.
     kept: weights that pruning left; None: no weight was pruned.
     delays: per layer, the delays of the last epoch, (input, neuron), or None; empty: none is learnt.
+    soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
     """
 
     number: int
@@ -59,6 +60,7 @@ class Trainee:
     learning_rate: float = 0.0
     kept: Masters | None = None
     delays: tuple[Array | None, ...] = ()
+    soft: Floats | None = None
 
     @classmethod
     def start(
@@ -121,12 +123,13 @@ class Trainee:
     def finished(self) -> bool:
         return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
 
-    def turn(self, epoch: float, n_samples: int) -> Turn:
-        """Return the learning rate and the dropout of the next batch: whole neurons per sample.
+    def turn(self, epoch: float, samples: Ints) -> Turn:
+        """Return learning rate, dropout and targets of a batch of samples; whole neurons drop out per sample.
 
         Inputs are silenced in the rows, for a whole cohort; the gain here is that of those that are left.
         """
         self.learning_rate = self.training.rate(epoch)
+        n_samples = samples.size
         share, of_inputs = self.training.dropout, self.training.input_dropout
         gains: list[Floats | None] = [
             np.full((n_samples, 1), 1 / (1 - of_inputs), np.float32) if of_inputs else None
@@ -134,7 +137,8 @@ class Trainee:
         for size in self.model.hidden:
             kept = self.silenced.random((n_samples, size)) >= share if share else None
             gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))
-        return Turn(self.learning_rate, tuple(gains), self._delay_rate(epoch))
+        soft = None if self.soft is None else self.soft[samples]
+        return Turn(self.learning_rate, tuple(gains), self._delay_rate(epoch), soft)
 
     def _delay_rate(self, epoch: float) -> float:
         """Return the learning rate of delays: none while the weights are averaged, which belong to them."""

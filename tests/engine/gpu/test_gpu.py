@@ -463,6 +463,8 @@ def test_two_heads_train_as_on_the_cpu() -> None:
     labels = np.stack([LABELS % 2, 2 + LABELS // 2 % 2], axis=1)
     ours, theirs = engine.start(members, N, 3), cpu.start(members, N, 3)
     turns = turns_of(members)
+    soft = np.repeat([[0.7, 0.3, 0.1, 0.9]], len(labels), axis=0)
+    turns[1] = replace(turns[1], soft=soft)  # it has a teacher
     found, expected = (c.step(rows_of(X[:, :3]), labels, turns) for c in (ours, theirs))
     for k, of in enumerate(members):
         assert_reports_agree(found[k], expected[k], GRADIENT_ERROR[of.arithmetic])
@@ -478,6 +480,7 @@ def test_two_heads_train_as_on_the_cpu() -> None:
             heads=(2, 2),
             loss=of.loss,
             hidden_spike_penalty=of.hidden_spike_penalty,
+            soft=turns[k].soft,
         )
         theirs_ = [*cpu_gradients.feed_forward, *(r for r in cpu_gradients.recurrent if r.size)]
         for a, b in zip(matrices(ours.gradients(k)), theirs_, strict=True):
@@ -610,7 +613,7 @@ def compile_all(capability: int, most_shared_bytes: int) -> None:
         places = range(len(slab._members))
         gains = {k: gains_of(slab._members[k], N, 0) for k in places}
         x = wide.dense(rows_of(X), 0, N, torch.device("cpu"))
-        slab.accumulate(x, LABELS, T, gains, add=True)
+        slab.accumulate(x, LABELS, T, gains, {}, add=True)
         for level, on in zip(slab._levels, slab._tiles(places), strict=True):
             for held in level.weights:
                 held.squared_norms(on.every)

@@ -1,4 +1,4 @@
-"""Crops as samples of their own, and windows at other positions."""
+"""Crops as samples of their own."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse import dataset
-from dse.dataset.crops import crop_starts
 from dse.models.counts.rate_windows import event_counts, event_edges_us, window_counts
+from dse.recordings.crops import crop_starts, with_crops
 from dse.records import Spikes
 from dse.testing import small
 
@@ -24,10 +23,10 @@ def test_crops_are_evenly_spaced(low: int, high: int, n: int, starts: list[int])
 
 def test_a_crop_is_the_window_that_begins_there() -> None:
     data = small.dataset(margin=2)
-    more = dataset.with_crops(data, 3)
+    more = with_crops(data, 3)
     n = len(data.train)
     assert more.train.tolist() == list(range(48, 48 + 3 * n))
-    assert more.validation is data.validation and dataset.with_crops(data, 1) is data
+    assert more.validation is data.validation and with_crops(data, 1) is data
     edges = np.arange(data.n_steps + 1)
     crops = window_counts(more.spikes, more.train, more.start[more.train], edges, "each")
     for k, shift in enumerate((-2, 0, 2)):
@@ -50,18 +49,8 @@ def test_events_of_a_crop_have_the_times_since_its_start() -> None:
         spikes=spikes, target=np.array([0]), start=one, start_low=0 * one, start_high=2 * one, n_steps=3,
         train=np.array([0]), validation=none, test=none,
     )  # fmt: skip
-    more = dataset.with_crops(data, 3)
+    more = with_crops(data, 3)
     assert more.spikes.n_samples == 4
     edges_us = event_edges_us(3000, 0.5)
     crops = event_counts(more.spikes, more.train, more.start[more.train], edges_us, "sum")[..., 0]
     assert crops.tolist() == [[0, 0, 1, 1, 0, 1], [1, 1, 0, 1, 0, 0], [0, 1, 0, 0, 1, 0]]
-
-
-def test_windows_move_only_where_steps_are_stored() -> None:
-    data = small.dataset(margin=2)
-    assert dataset.has_room(data, 2).all() and not dataset.has_room(data, 3).any()
-    narrow = replace(
-        data, start_low=data.start, start_high=data.start, room_low=data.start_low, room_high=data.start_high
-    )
-    assert dataset.has_room(narrow, -2).all() and not dataset.has_room(narrow, -3).any()
-    assert dataset.shifted(narrow, -2).start.tolist() == data.start_low.tolist()
