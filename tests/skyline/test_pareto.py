@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from dse.skyline import pareto
+from dse.skyline import pareto, thinning
 
 # Few distinct values, so that ties and duplicates are common; both zeros and both infinities.
 VALUES = st.sampled_from([0.0, -0.0, 1.0, 2.0, -1.0, 1.7e308, np.inf, -np.inf])
@@ -57,23 +57,51 @@ def test_the_kernel_alone_agrees_with_the_definition(kind, d):
 @pytest.mark.parametrize("d", [2, 3, 5])
 @pytest.mark.parametrize("kind", ["uniform", "thin slab", "correlated", "few values", "infinities"])
 def test_thinning_a_large_set_changes_nothing(kind, d):
-    points = cloud(kind, pareto._SMALL * 2, d, np.random.default_rng(d))
-    assert (pareto.non_dominated(points) == pareto._kernel(pareto._bounded(points))).all()
-
-
-def test_thinning_removes_most_of_an_easy_set():
-    columns = np.random.default_rng(0).random((3, 3 * pareto._SMALL))
-    kept, thinned = pareto._thin(columns)
-    assert len(kept) < pareto._SMALL
-    assert (columns[:, kept] == thinned).all()
+    points = cloud(kind, 8 * thinning.SMALL, d, np.random.default_rng(d))
+    assert (pareto.non_dominated(points) == thinning.exact(points)).all()
 
 
 def test_a_large_set_of_equal_points_is_kept_whole():
-    assert pareto.non_dominated(np.ones((pareto._SMALL + 1, 3))).all()
+    assert pareto.non_dominated(np.ones((thinning.SMALL + 1, 3))).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.int8, np.uint16, np.int64, np.uint64, bool])
+def test_points_of_any_real_type(dtype):
+    points = np.random.default_rng(0).integers(0, 40, (2 * thinning.SMALL, 3)).astype(dtype)
+    assert (pareto.non_dominated(points) == pareto.non_dominated(points.astype(np.float64))).all()
+
+
+def test_integers_that_float64_does_not_tell_apart():
+    points = np.array([[2**60, 2**60 + 1], [2**60 + 1, 2**60], [2**60 + 1, 2**60 + 1]])
+    assert pareto.non_dominated(points).tolist() == [True, True, False]
+    assert pareto.non_dominated(-points).tolist() == [False, False, True]
+    assert pareto.non_dominated(points[:0]).tolist() == []
+
+
+def test_order_of_columns_in_memory_does_not_matter():
+    points = cloud("uniform", 2 * thinning.SMALL, 3, np.random.default_rng(0))
+    expected = pareto.non_dominated(points)
+    assert (pareto.non_dominated(np.asfortranarray(points)) == expected).all()
+    assert (pareto.non_dominated(points[::-1])[::-1] == expected).all()
+
+
+@given(POINTS, st.lists(st.integers(0, 30), max_size=4))
+def test_a_front_that_grows_is_the_front_of_everything(points, cuts):
+    front = pareto.Front(points.shape[1])
+    for keys in np.split(np.arange(len(points)), sorted(cuts)):
+        on_front = front.add(points[keys], keys)
+        assert set(keys[on_front]) == set(front.keys) & set(keys)
+    assert front.keys.tolist() == np.flatnonzero(brute_force(points)).tolist()
+    np.testing.assert_array_equal(front.points, points[front.keys])
+
+
+def test_a_front_takes_points_of_one_length():
+    with pytest.raises(ValueError, match=r"points must be \(n, 2\), got shape \(1, 3\)"):
+        pareto.Front(2).add(np.zeros((1, 3)), np.zeros(1, np.int64))
 
 
 def test_input_stays_as_it_was():
-    points = np.random.default_rng(0).random((2 * pareto._SMALL, 2))
+    points = np.random.default_rng(0).random((2 * thinning.SMALL, 2))
     points.flags.writeable = False
     pareto.non_dominated(points)
 
