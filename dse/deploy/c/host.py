@@ -100,10 +100,10 @@ def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> Pl
     if done.returncode:
         lines = done.stderr.decode(errors="replace").splitlines() or [f"exit code {done.returncode}"]
         raise RunFailed(f"the program failed: {lines[0]}")
-    return _parsed(np.frombuffer(done.stdout, np.int32))
+    return parsed(np.frombuffer(done.stdout, np.int32))
 
 
-def _parsed(numbers: Ints) -> Played:
+def parsed(numbers: Ints) -> Played:
     """Return what replay.c has written."""
     spikes: list[Ints] = [np.zeros((0, 4), np.int64)]
     answers: list[Ints] = []

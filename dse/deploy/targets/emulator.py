@@ -13,6 +13,7 @@ import importlib.util
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,8 @@ FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror")
 """Options of the compiler, which `instructions` of a profile rest on too."""
 FLASH, RAM, HOST = 0x0800_0000, 0x2000_0000, 0x6000_0000
 """Where a program lies: code and constants, variables, and what drives it."""
-_FLASH_BYTES = _RAM_BYTES = _HOST_BYTES = 1 << 24
+_FLASH_BYTES = _RAM_BYTES = 1 << 24
+_HOST_BYTES = 1 << 25
 _STACK_BYTES = 1 << 16
 _UNUSED = 0xA5  # what the stack holds before anything is pushed
 _EXIT = HOST + _HOST_BYTES - 0x1000  # where a called function returns to
@@ -40,11 +42,12 @@ MEMORY {{
     HOST : ORIGIN = {HOST:#x}, LENGTH = {_HOST_BYTES - 0x1000:#x}
 }}
 SECTIONS {{
-    .host : {{ *(.host .host.*) }} > HOST
+    .host : {{ *(.host .host.text .host.rodata .host.data) }} > HOST
+    .host.bss (NOLOAD) : {{ *(.host.bss) }} > HOST
     .text : {{ *(.text .text.*) *(.rodata .rodata.*) }} > FLASH
     .data : {{ *(.data .data.*) }} > RAM
     .bss : {{ *(.bss .bss.*) *(COMMON) }} > RAM
-    /DISCARD/ : {{ *(.ARM.exidx*) }}
+    /DISCARD/ : {{ *(.ARM.exidx* .ARM.extab*) }}
 }}
 """
 
@@ -94,14 +97,13 @@ def missing() -> str:
     return ""
 
 
-def compiled(sources: Sequence[Path], script: Path, core: Core, program: Path) -> Program:
+def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:
     """Compile sources for a core and link them.
 
     Args:
-        sources: C files; headers lie beside them.
-        script: of the linker.
+        sources: C files.
         core: the processor.
-        program: file to write.
+        options: of the compiler.
 
     Raises:
         TargetError: the compiler is missing or refuses them.
@@ -109,15 +111,22 @@ def compiled(sources: Sequence[Path], script: Path, core: Core, program: Path) -
     if why := missing():
         raise TargetError(why)
     command = [sys.executable, "-m", "ziglang", "cc", "-target", "thumb-freestanding-eabi"]
-    command += [f"-mcpu={core.name}", *FLAGS, "-nostdlib", "-ffreestanding", "-fno-sanitize=all"]
-    command += ["-Wl,--no-gc-sections", "-Wl,-T," + str(script), "-Wl,-e,0"]
-    done = subprocess.run(
-        [*command, *map(str, sources), "-o", str(program)], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
-        raise TargetError(f"{sources[0].parent}: does not compile for {core.label}: {reason}")
-    return Program.read(program.read_bytes())
+    command += [f"-mcpu={core.name}", *FLAGS, "-ffreestanding", "-fno-sanitize=all", *options]
+    with tempfile.TemporaryDirectory() as folder:
+        script, program = Path(folder) / "program.ld", Path(folder) / "program"
+        script.write_text(LINKER_SCRIPT)
+        command += [*map(str, sources), "-o", str(program), f"-Wl,-T,{script}", "-Wl,-e,0"]
+        done = _run(command, "-nostdlib", "-Wl,--no-gc-sections")
+        if "undefined symbol" in done.stderr:  # such as a division: the compiler's own library has it
+            done = _run(command, "-Wl,--gc-sections", "-Wl,-e,main")
+        if done.returncode:
+            reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
+            raise TargetError(f"{sources[0].name} does not compile for {core.label}: {reason}")
+        return Program.read(program.read_bytes())
+
+
+def _run(command: Sequence[str], *options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*command, *options], capture_output=True, text=True, check=False)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,6 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Program]:
     if why := emulator.missing():
         pytest.skip(why)
     folder = tmp_path_factory.mktemp("program")
-    (folder / "program.ld").write_text(emulator.LINKER_SCRIPT)
     text = "const int first[3] = {20, 22, 0}; int changed[4] = {1, 2, 3, 4}; int zero[5];\n"
     for name, code in (FUNCTIONS | WIDE).items():
         guard = name in WIDE
@@ -42,10 +41,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Program]:
         text += "#endif\n" * guard
     text += '__attribute__((section(".host"))) int outside[100] = {1};\n'
     (folder / "program.c").write_text(text)
-    return {
-        core.name: compiled([folder / "program.c"], folder / "program.ld", core, folder / core.name)
-        for core in (M0, M4)
-    }
+    return {core.name: compiled([folder / "program.c"], core) for core in (M0, M4)}
 
 
 @pytest.mark.parametrize(
@@ -114,9 +110,8 @@ def test_cycles_of_a_core_without_published_tables():
 
 def test_code_that_does_not_compile(tmp_path: Path, programs):
     (tmp_path / "broken.c").write_text("int f(void) { return x; }\n")
-    (tmp_path / "program.ld").write_text(emulator.LINKER_SCRIPT)
-    with pytest.raises(TargetError, match=r"does not compile for Cortex-M4: .*undeclared identifier 'x'"):
-        compiled([tmp_path / "broken.c"], tmp_path / "program.ld", M4, tmp_path / "program")
+    with pytest.raises(TargetError, match=r"broken.c does not compile for Cortex-M4: .*undeclared"):
+        compiled([tmp_path / "broken.c"], M4)
 
 
 def test_code_that_no_processor_runs(programs):
@@ -129,4 +124,4 @@ def test_without_compiler_or_emulator(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "unicorn" else name)
     assert emulator.missing() == "unicorn, the emulator, is not installed: pip install 'dse[targets]'"
     with pytest.raises(TargetError, match="unicorn, the emulator"):
-        compiled([], Path(), M4, Path())
+        compiled([], M4)

@@ -1,0 +1,1 @@
+double floor(double x);

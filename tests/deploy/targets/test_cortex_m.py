@@ -1,0 +1,70 @@
+"""C on emulated Cortex-M processors: every spike and decision of random networks equals the engine's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dse.deploy.c import host, replay
+from dse.deploy.c.memory import ram_bytes
+from dse.deploy.c.plan import plan_of
+from dse.deploy.targets import TargetError, cortex_m, emulator
+from dse.deploy.targets.cortex_m import CortexM0Plus, CortexM4, CortexM7, CortexM33
+from tests.deploy.c import nets
+
+
+@pytest.mark.parametrize(
+    ("target", "number"), [(CortexM4(), 9), (CortexM4(), 1), (CortexM0Plus(), 14), (CortexM33(), 2)]
+)
+def test_spikes_and_decisions_equal(target: cortex_m.CortexM, number: int, tmp_path: Path) -> None:
+    if why := emulator.missing():
+        pytest.skip(why)
+    made, fired = nets.case(number)
+    target.write(made, tmp_path)
+    verdict = target.verify(made, tmp_path, nets.reference(made, fired))
+    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
+    figures = verdict.figures
+    assert figures["ram_bytes"] == ram_bytes(plan_of(made))
+    assert 0 < figures["stack_bytes"] < 300
+    assert figures["cycles_per_inference"] > figures["instructions_per_inference"] * 0.9 > 0
+    assert 3.5 < figures["instructions_per_synapse"] < 30
+    assert 0 < figures["instructions_per_neuron_step"] < 100
+
+
+def test_a_program_that_spikes_otherwise_is_approximate(tmp_path: Path) -> None:
+    if why := emulator.missing():
+        pytest.skip(why)
+    made, fired = nets.case(1)
+    reference = nets.reference(made, fired)
+    CortexM7().write(made, tmp_path)
+    source = tmp_path / "src" / "dse.c"
+    text = source.read_text(encoding="utf-8")
+    threshold = plan_of(made).layers[0].threshold
+    assert text.count(f"> {threshold})") >= 1
+    source.write_text(text.replace(f"> {threshold})", f"> {3 * threshold})"), encoding="utf-8")
+    verdict = CortexM7().verify(made, tmp_path, reference)
+    assert verdict.kind == "approximate" and verdict.spikes_differ > 0
+
+
+def test_an_inference_ends_with_its_answer() -> None:
+    made, fired = nets.case(4)
+    reference = nets.reference(made, fired)
+    per_sample = reference.n_steps // reference.dataset.n_steps
+    whole = replay.of_spikes(reference)
+    ends = cortex_m.inferences(reference, np.full(len(fired), reference.n_steps))
+    assert all(np.array_equal(a, b) for a, b in zip(whole, ends, strict=True))
+    for commands, window, spikes in zip(cortex_m.inferences(reference, [3] * 6), whole, fired, strict=True):
+        until = -(-3 // per_sample)
+        assert np.array_equal(commands[:-1], window[: len(commands) - 1])
+        assert commands[-2] == host.STEP and commands[-1] == host.ANSWER
+        assert len(commands) == 3 + until + 2 * spikes[:until].sum()
+
+
+def test_without_an_emulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made, fired = nets.case(0)
+    CortexM4().write(made, tmp_path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(TargetError, match="ziglang, the cross-compiler, is not installed"):
+        CortexM4().verify(made, tmp_path, nets.reference(made, fired))
