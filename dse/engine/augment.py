@@ -114,7 +114,7 @@ def _changed(
                 windows[part, 3, n],
             )
             for t in range(cut[n] if part else 0, n_steps if part else cut[n]):
-                after = math.ceil((t + 1 - centre) / stretch + centre - 0.5)
+                after = t + 1 if stretch == 1 else math.ceil((t + 1 - centre) / stretch + centre - 0.5)
                 from_step = min(max(start + edge, low), end)
                 to_step = min(max(start + after, low), end)
                 edge, begin = after, position

@@ -30,14 +30,16 @@ class Augmentation:
             start: (n,) first step of each window.
         """
         data, n = self._dataset, len(samples)
-        others, cut = self._others(samples, start)
+        windows = self._windows(samples, start)
+        others, cut = self._others(samples, windows)
+        n_shifts = len(self._shifts.to)
         return changed(
             data.spikes,
-            self._windows(samples, start),
+            windows,
             others,
             cut,
             self._factors(n),
-            self._draws["channel shift"].integers(len(self._shifts.to), size=n),
+            self._draws["channel shift"].integers(n_shifts, size=n) if n_shifts > 1 else np.zeros(n, int),
             self._shifts,
             data.n_steps,
             self._training.event_dropout,
@@ -50,12 +52,12 @@ class Augmentation:
         columns = (samples, start, low, high + self._dataset.n_steps)
         return Windows(*(column.astype(np.int64) for column in columns))
 
-    def _others(self, samples: Ints, start: Ints) -> tuple[Windows, Ints]:
+    def _others(self, samples: Ints, windows: Windows) -> tuple[Windows, Ints]:
         """Return windows of the same classes, and the step from which each is shown; (n,) n_steps: never."""
         data, share, rng = self._dataset, self._training.blend, self._draws["blend"]
         never = np.full(len(samples), data.n_steps)
         if not share:
-            return self._windows(samples, start), never
+            return windows, never
         order, first, size = self._by_class
         of_class = data.target[samples]
         drawn = (rng.random(len(samples)) * size[of_class]).astype(np.int64)

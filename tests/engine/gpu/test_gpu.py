@@ -464,7 +464,7 @@ def test_two_heads_train_as_on_the_cpu() -> None:
     ours, theirs = engine.start(members, N, 3), cpu.start(members, N, 3)
     turns = turns_of(members)
     soft = np.repeat([[0.7, 0.3, 0.1, 0.9]], len(labels), axis=0)
-    turns[1] = replace(turns[1], soft=soft)  # it has a teacher
+    turns |= {k: replace(turns[k], soft=soft) for k in (1, 2)}  # they have a teacher
     found, expected = (c.step(rows_of(X[:, :3]), labels, turns) for c in (ours, theirs))
     for k, of in enumerate(members):
         assert_reports_agree(found[k], expected[k], GRADIENT_ERROR[of.arithmetic])
