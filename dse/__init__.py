@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dse.config import load_space as load_space
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
+    from dse.deploy.verify import verify as verify
     from dse.study.explore import run as run
     from dse.study.results import Study as Study
     from dse.study.results import open as open
@@ -33,6 +34,7 @@ _home = {
     "load_space": "dse.config",
     "open": "dse.study.results",
     "run": "dse.study.explore",
+    "verify": "dse.deploy.verify",
 }
 
 __all__ = [
@@ -45,6 +47,7 @@ __all__ = [
     "load_space",
     "open",
     "run",
+    "verify",
 ]
 
 

@@ -58,6 +58,24 @@ def add_duty(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_targets(parser: argparse.ArgumentParser, required: bool = False) -> None:
+    """Declare `--target` and `--verify`."""
+    parser.add_argument(
+        "--target",
+        action="append",
+        default=None if required else [],
+        required=required,
+        metavar="NAME",
+        help="target to write (`dse describe targets`); repeatable",
+    )
+    parser.add_argument(
+        "--verify",
+        metavar="RECORDINGS",
+        help="run each target on these recordings, in the format of the training data, and compare all "
+        "decisions and spikes; a target that was faithful and is so no longer gives exit code 4",
+    )
+
+
 def load(arguments: argparse.Namespace) -> SearchSpace:
     """Return the search space that the arguments name; its data files and hardware profiles are checked too.
 

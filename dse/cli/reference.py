@@ -26,6 +26,7 @@ _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
 _MOTIONS = "scene.motions"
 _FIGURES = "figures"
+_TARGETS = "targets"
 _OF_MODELS = {
     "neurons": "Neurons of spiking models; model.neuron selects one, whose keys stand beside it.",
     "losses": "Losses of spiking models; model.loss selects one, whose keys stand beside it.",
@@ -68,6 +69,12 @@ def sections() -> list[Texts]:
     )
     listed += [{"section": name, "doc": doc} for name, doc in _OF_MODELS.items()]
     listed.append({"section": _FIGURES, "doc": "Figures of a study: `dse figure RESULTS NAME --out FILE`."})
+    listed.append(
+        {
+            "section": _TARGETS,
+            "doc": "Forms in which a classifier is exported: `dse export BUNDLE --target NAME`.",
+        }
+    )
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 
@@ -87,6 +94,12 @@ def names(section: str) -> list[Texts]:
         from dse.hardware.profile import load
 
         return [{"name": name, "doc": load(name).doc} for name in hardware_names()]
+    if section == _TARGETS:
+        targets: Mapping[str, Any] = registry.known(section)
+        return [
+            {"name": name, "extra": target.extra, "doc": f"{target.label}: {_doc(target)}"}
+            for name, target in targets.items()
+        ]
     if section == _FORMATS:
         formats: Mapping[str, Any] = registry.known(section)
         return [
@@ -105,7 +118,7 @@ def keys(section: str, name: str | None) -> list[Row]:
     """Return the keys of a section or of a component: type, bounds, unit, default, meaning."""
     if section == "hardware":
         return _figures(str(name))
-    if section in (*_LISTS, _FORMATS):
+    if section in (*_LISTS, _FORMATS, _TARGETS):
         return [row for row in names(section) if row["name"] == name]
     if presets := _presets(section):
         return _evidence(section, presets[str(name)])
@@ -142,7 +155,11 @@ def _presets(section: str) -> Mapping[str, Preset]:
 
 
 def remarks(section: str, name: str | None) -> list[str]:
-    """Return sentences about a component in addition to its keys: for a hardware profile, its description."""
+    """Return sentences about a component in addition to its keys: of a hardware profile, and of a target."""
+    if section == _TARGETS and name is not None:
+        target: Any = registry.known(section)[name]
+        extra = [f"needs pip install 'dse[{target.extra}]'"] if target.extra else []
+        return [*extra, f"use: {target.use}"]
     if section != "hardware" or name is None:
         return []
     from dse.hardware.profile import kinds, load

@@ -1,35 +1,51 @@
 """A bundle: the folder that `dse pick --export` writes and `dse evaluate` runs.
 
-bundle.json   schema, how recordings become spikes, the decision rule, the classes, the record, the evidence
+bundle.json   schema, how recordings become spikes, the decision rule, the classes, the record, the evidence,
+              the verdict on every target, the checksums of all files and of itself
 weights.npz   trained parameters; of a network: float weights, 8-bit weights, decays, thresholds
 plugins/      files of the plugins with its components; reading the bundle runs their code
+targets/      a folder for every target (dse.deploy.targets)
 README.md     the same for people
 """
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import json
+import math
+import shutil
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Sections
+from dse.deploy import checks
+from dse.deploy.verdict import KINDS, Verdict
+from dse.engine.checks import check_network
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
 from dse.records import Array, Head, Network, Parameters
 from dse.store import StoreError
 
 _8_BIT = "_8bit"  # ends the names of 8-bit matrices
-SCHEMA = "dse/bundle/3"
+_SCHEMA = "dse/bundle/"
+SCHEMA = f"{_SCHEMA}4"
+_DOCUMENT = "bundle.json"
+_TARGETS = "targets"
 _WEIGHTS = "weights.npz"
 _PLUGINS = "plugins"
 
 
 class BundleError(ValueError):
-    """A folder that is no bundle, a damaged one, or one of a newer schema, in one line."""
+    """A folder that is no bundle, a damaged one, or one of another schema, in one line."""
+
+
+InputKind = Literal["samples", "spikes", "events"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +59,7 @@ class Input:
     step_ms: duration of an input step.
     """
 
-    kind: Literal["samples", "spikes", "events"]
+    kind: InputKind
     n_channels: int
     width: int
     height: int
@@ -63,6 +79,7 @@ class Bundle:
     heads: of a joint target; head: the one that answers, '' for all of them together.
     plugins: the plugins with its components: names of modules, or paths of files.
     input: what recordings it takes; None where the export could not tell.
+    targets: the verdict on each target that it was exported to, by name.
     record: the design point, column -> value.
     evidence: the origin of the numbers.
     """
@@ -79,22 +96,38 @@ class Bundle:
     head: str = ""
     plugins: tuple[str, ...] = ()
     input: Input | None = None
+    targets: Mapping[str, Verdict] = field(default_factory=dict)
+
+    @property
+    def n_outputs(self) -> int:
+        """Output neurons of a network: classes, of all heads."""
+        return sum(len(head.classes) for head in self.heads) or len(self.classes)
 
 
-def write(bundle: Bundle, folder: Path) -> None:
-    """Publish a bundle; an existing bundle is replaced.
+def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = None) -> None:
+    """Publish a bundle; an existing bundle is replaced, other files in its folder stay.
+
+    Args:
+        bundle: with the verdicts of its targets.
+        folder: of the bundle.
+        targets: folder with the files of each target; without it, verdicts of targets that have files are
+            left out.
 
     Raises:
         BundleError: the folder holds something else.
         StoreError: it cannot be written.
     """
-    if folder.exists() and not (folder / "bundle.json").is_file() and not _is_empty(folder):
+    if folder.exists() and not (folder / _DOCUMENT).is_file() and not _is_empty(folder):
         raise BundleError(f"{folder}: exists and is not a bundle; export to another folder")
+    sources = {} if targets is None else targets
+    verdicts = {x: v for x, v in bundle.targets.items() if x in sources or v.kind == "unsupported"}
     with store.published(folder) as temporary:
         temporary.mkdir()
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
         plugins = [_copied(source, temporary) for source in bundle.plugins]
         files = [_WEIGHTS, *(name for name in plugins if name.endswith(".py"))]
+        for name, source in sources.items():
+            files += _copied_target(source, name, temporary)
         document = {
             "schema": SCHEMA,
             "sections": bundle.sections.to_plain(),
@@ -107,63 +140,207 @@ def write(bundle: Bundle, folder: Path) -> None:
                 "head": bundle.head,
             },
             "heads": store.heads_document(bundle.heads),
-            "input": None if bundle.input is None else asdict(bundle.input),
+            "input": None if bundle.input is None else dataclasses.asdict(bundle.input),
             "record": bundle.record,
             "evidence": bundle.evidence,
             "plugins": plugins,
+            "targets": {name: dataclasses.asdict(verdict) for name, verdict in verdicts.items()},
             "files": {name: store.checksum(temporary / name) for name in files},
         }
-        store.write_json(temporary / "bundle.json", document)
-        (temporary / "README.md").write_text(_readme(bundle), encoding="utf-8")
+        store.write_json(temporary / _DOCUMENT, sealed(document))
+        text = _readme(dataclasses.replace(bundle, targets=verdicts))
+        (temporary / "README.md").write_text(text, encoding="utf-8")
+        _copy_others(folder, temporary)
         store.remove(folder)
 
 
+def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document of bundle.json with the checksum of its content, under `checksum`."""
+    content = {key: store.plain(value) for key, value in document.items() if key != "checksum"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return {**content, "checksum": hashlib.sha256(text.encode()).hexdigest()}
+
+
 def read(folder: str | Path) -> Bundle:
-    """Return a bundle after checking that it is whole.
+    """Return a bundle after checking that it is whole; code of its plugins is run.
 
     Raises:
-        BundleError: it is not, or its schema is newer than this reads.
+        BundleError: it is damaged, disagrees with itself, or has another schema.
     """
     path = Path(folder)
+    where = path / _DOCUMENT
     try:
-        document = store.read_json(path / "bundle.json")
-        if not isinstance(document, dict) or not str(document.get("schema", "")).startswith("dse/bundle/"):
-            raise BundleError(f"{path / 'bundle.json'}: is not a bundle of dse")
-        if document["schema"] != SCHEMA:
-            raise BundleError(
-                f"{path / 'bundle.json'}: schema is {document['schema']}, but this version of dse reads "
-                f"{SCHEMA}"
-            )
-        for name, expected in document["files"].items():
-            if not (path / name).is_file():
-                raise BundleError(f"{path / name}: is missing")
-            if store.checksum(path / name) != expected:
-                raise BundleError(f"{path / name}: is damaged (its checksum differs)")
-        plugins = tuple(
-            str(path / name) if name.endswith(".py") else str(name) for name in document["plugins"]
-        )
-        for source in plugins:  # before their components are named
+        document = _document(path)
+        where = path
+        _check_files(path, document)
+        plugins = document.texts("plugins")
+        if unlisted := [x for x in plugins if x.endswith(".py") and x not in document.mapping("files")]:
+            raise ValueError(f"plugin {unlisted[0]} must be one of its files")
+        sources = tuple(str(path / name) if name.endswith(".py") else name for name in plugins)
+        where = path / _WEIGHTS
+        checks.check_archive(where)
+        arrays = store.load_arrays(where)
+        where = path / _DOCUMENT
+        for source in sources:  # before their components are named
             registry.load_plugin(source)
-        return Bundle(
-            fitted=store.fitted_of(
-                {k: x for k, x in store.load_arrays(path / _WEIGHTS).items() if not k.endswith(_8_BIT)}
-            ),
-            sections=Sections.from_plain(document["sections"], str(path / "bundle.json")),
-            classes=tuple(document["classes"]),
-            phi=document["decision"]["phi"],
-            theta=document["decision"]["theta"],
-            record=document["record"],
-            evidence=document["evidence"],
-            read_out_ms=document["decision"]["read_out_ms"],
-            heads=store.heads_of(document["heads"]),
-            head=document["decision"]["head"],
-            plugins=plugins,
-            input=None if document.get("input") is None else Input(**document["input"]),
-        )
+        bundle = _bundle(document, arrays, str(where), sources)
+        where = path / _WEIGHTS
+        _check_classifier(bundle, arrays)
+    except BundleError:
+        raise
     except (StoreError, ConfigError, registry.PluginError) as error:
         raise BundleError(str(error)) from error
-    except (KeyError, TypeError, AttributeError) as error:
-        raise BundleError(f"{path / 'bundle.json'}: key {error} is missing or invalid") from error
+    except RecursionError:
+        raise BundleError(f"{where}: is nested too deeply") from None
+    except KeyError as error:
+        raise BundleError(f"{where}: key {error} is missing or invalid") from error
+    except (*store.DAMAGED_ARCHIVE, TypeError, AttributeError, IndexError, OverflowError) as error:
+        raise BundleError(f"{where}: {' '.join(str(error).split())}") from error
+    return bundle
+
+
+def _document(folder: Path) -> checks.Document:
+    """Return bundle.json, checked against its own checksum.
+
+    Raises:
+        BundleError: it is of another schema, or no bundle.
+        ValueError: it is damaged.
+        StoreError: it cannot be read.
+    """
+    try:
+        path = checks.file_in(folder, _DOCUMENT)
+    except ValueError as error:
+        raise BundleError(f"{folder / _DOCUMENT}: cannot be read: {error}") from None
+    if path.stat().st_size > checks.MOST_DOCUMENT_BYTES:
+        raise ValueError(f"must have at most {checks.MOST_DOCUMENT_BYTES} bytes, got {path.stat().st_size}")
+    content = store.read_json(path)
+    schema = str(content.get("schema", "")) if isinstance(content, dict) else ""
+    version = schema.removeprefix(_SCHEMA)
+    if not schema.startswith(_SCHEMA) or not version.isdecimal():
+        raise BundleError(f"{path}: is not a bundle of dse")
+    if schema != SCHEMA:
+        other = "an older version of dse wrote it; export the design again"
+        if int(version[:9]) > int(SCHEMA.removeprefix(_SCHEMA)):
+            other = "a newer version of dse wrote it"
+        raise BundleError(f"{path}: schema is {schema}, but this version of dse reads {SCHEMA}: {other}")
+    if content.get("checksum") != sealed(content)["checksum"]:
+        raise ValueError("is damaged (its checksum differs)")
+    return checks.Document(content)
+
+
+def _check_files(folder: Path, document: checks.Document) -> None:
+    """Check that the files of a bundle are those that it lists.
+
+    Raises:
+        BundleError: one is missing, damaged or not listed.
+        ValueError: a path leaves the folder, or names no regular file.
+    """
+    files = document.mapping("files")
+    if _WEIGHTS not in files:
+        raise ValueError(f"key 'files' must list {_WEIGHTS}")
+    for name, expected in files.items():
+        try:
+            path = checks.file_in(folder, name)
+        except ValueError as error:
+            raise BundleError(f"{folder}/{name}: {error}") from None
+        if store.checksum(path) != expected:
+            raise BundleError(f"{path}: is damaged (its checksum differs)")
+    verdicts = document.mapping("targets")
+    for path in sorted((folder / _TARGETS).rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if name not in files and not (path.is_dir() and not path.is_symlink()):
+            raise BundleError(f"{path}: is not listed in {_DOCUMENT}")
+        if name.split("/")[1] not in verdicts:
+            raise BundleError(f"{path}: is of no target of {_DOCUMENT}")
+
+
+def _bundle(
+    document: checks.Document, arrays: Mapping[str, Array], where: str, plugins: tuple[str, ...]
+) -> Bundle:
+    """Return the bundle of a document and its arrays.
+
+    Raises:
+        ValueError: a key is missing or invalid.
+        ConfigError: a section is.
+        StoreError: an array is missing.
+    """
+    sections = Sections.from_plain(document.mapping("sections"), where)
+    classes = document.texts("classes")
+    if not classes:
+        raise ValueError("key 'classes' must name at least one class")
+    decision = document.part("decision")
+    phi, theta = decision.optional_number("phi"), decision.optional_number("theta", high=1)
+    if (phi is None) != (theta is None):
+        raise ValueError("keys 'decision.phi' and 'decision.theta' must both be numbers or null")
+    heads = tuple(
+        Head(
+            head.text("name"),
+            head.texts("classes"),
+            np.array(head.integers("of_class", 0, len(head.texts("classes")) - 1), np.int64),
+        )
+        for head in document.parts("heads")
+    )
+    checks.check_heads(heads, len(classes), decision.text("head"))
+    verdicts = document.part("targets")
+    return Bundle(
+        fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
+        sections=sections,
+        classes=classes,
+        phi=phi,
+        theta=theta,
+        record=document.mapping("record"),
+        evidence=document.mapping("evidence"),
+        read_out_ms=decision.optional_number("read_out_ms"),
+        heads=heads,
+        head=decision.text("head"),
+        plugins=plugins,
+        input=_input(document),
+        targets={name: _verdict(verdicts.part(name)) for name in verdicts.keys()},
+    )
+
+
+def _input(document: checks.Document) -> Input | None:
+    if document.is_null("input"):
+        return None
+    part = document.part("input")
+    n_channels, width, height, n_steps = (
+        int(part.number(name, high=2**31)) for name in ("n_channels", "width", "height", "n_steps")
+    )
+    kind = part.one_of("kind", get_args(InputKind))
+    return Input(kind, n_channels, width, height, n_steps, part.number("step_ms"))
+
+
+def _verdict(document: checks.Document) -> Verdict:
+    figures = document.part("figures")
+    return Verdict(
+        kind=document.one_of("kind", KINDS),
+        reason=document.text("reason"),
+        n_recordings=int(document.number("n_recordings")),
+        decisions_differ=document.number("decisions_differ", high=1),
+        spikes_differ=document.number("spikes_differ", high=1),
+        largest_difference=int(document.number("largest_difference")),
+        figures={name: figures.number(name, -math.inf) for name in figures.keys()},
+        recordings=document.text("recordings"),
+    )
+
+
+def _check_classifier(bundle: Bundle, arrays: Mapping[str, Array]) -> None:
+    """Check the arrays of a classifier; 8-bit matrices, which others read, must be those of the network.
+
+    Raises:
+        ValueError: shapes, ranges or numbers disagree with the description.
+    """
+    fitted = bundle.fitted
+    if isinstance(fitted, Parameters):
+        checks.check_parameters(fitted)
+        check_fitted = getattr(bundle.sections.model, "check_fitted", None)
+        if check_fitted is not None:
+            check_fitted(fitted, bundle.n_outputs)
+        return
+    check_network(fitted, bundle.n_outputs)
+    for name, matrix in _8_bit(fitted).items():
+        if name not in arrays or not np.array_equal(arrays[name], matrix):
+            raise ValueError(f"array '{name}' must be the 8-bit rounding of '{name.removesuffix(_8_BIT)}'")
 
 
 def weights(fitted: Network | Parameters) -> dict[str, Array]:
@@ -171,7 +348,11 @@ def weights(fitted: Network | Parameters) -> dict[str, Array]:
 
     An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.fixed_point.quantise).
     """
-    arrays = store.record_arrays(fitted)
+    return store.record_arrays(fitted) | _8_bit(fitted)
+
+
+def _8_bit(fitted: Network | Parameters) -> dict[str, Array]:
+    arrays = {}
     for k, layer in enumerate(fitted.layers if isinstance(fitted, Network) else ()):
         if "fixed_point" not in neuron_of(layer.neuron).exports:
             continue
@@ -200,6 +381,24 @@ def _copied(source: str, bundle: Path) -> str:
     return f"{_PLUGINS}/{name}"
 
 
+def _copied_target(source: Path, name: str, bundle: Path) -> list[str]:
+    """Copy the files of a target into a bundle; return their names in it."""
+    folder = bundle / _TARGETS / name
+    shutil.copytree(source, folder)
+    return sorted(x.relative_to(bundle).as_posix() for x in folder.rglob("*") if x.is_file())
+
+
+def _copy_others(folder: Path, bundle: Path) -> None:
+    """Copy what is none of a bundle's own files from its old folder to the new one."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if path.name in (_DOCUMENT, "README.md", _WEIGHTS, _PLUGINS, _TARGETS):
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.copytree(path, bundle / path.name, symlinks=True)
+        else:
+            shutil.copy2(path, bundle / path.name, follow_symlinks=False)
+
+
 def _is_empty(folder: Path) -> bool:
     return folder.is_dir() and not any(folder.iterdir())
 
@@ -222,7 +421,39 @@ def _readme(bundle: Bundle) -> str:
 | measured (validation unless it says test) | |
 | --- | --- |
 {record}
-"""
+{_targets_described(bundle)}"""
+
+
+def _targets_described(bundle: Bundle) -> str:
+    """Return a section of the README about the targets; '' without any."""
+    if not bundle.targets:
+        return ""
+    known: dict[str, Any] = registry.known("targets")
+    rows = [
+        f"| `{name}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
+        f" {'' if verdict.kind == 'unsupported' else getattr(known.get(name), 'use', '')} |"
+        for name, verdict in bundle.targets.items()
+    ]
+    return "\n".join(
+        [
+            "\n## Targets\n",
+            "The files of a target lie in `targets/NAME`. A verdict is what a run on recordings has shown:",
+            "`dse verify THIS_FOLDER --data RECORDINGS` repeats it.\n",
+            "| target | | verdict | use |",
+            "| --- | --- | --- | --- |",
+            *rows,
+            "",
+        ]
+    )
+
+
+def _in_words(verdict: Verdict) -> str:
+    words = [f"**{verdict.kind}**"]
+    if verdict.kind == "faithful":
+        words.append(f"all decisions and spikes of {verdict.n_recordings} recordings ({verdict.recordings})")
+    words += [verdict.reason] * bool(verdict.reason)
+    words += [f"{name} {value:g}" for name, value in verdict.figures.items()]
+    return "; ".join(words).replace("|", "\\|")
 
 
 def _answers(bundle: Bundle) -> tuple[str, ...]:

@@ -15,7 +15,8 @@ from dse import dataset, registry, store
 from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
 from dse.dataset.cache import usual_root
-from dse.deploy.bundle import Bundle, BundleError, Input, write
+from dse.deploy.bundle import Bundle, BundleError, Input
+from dse.deploy.verify import publish
 from dse.models.snn.quantise import BITS, exponents, rounded
 from dse.neurons import neuron_of
 from dse.recordings import RecordingError
@@ -60,19 +61,36 @@ class _Setting:
         )
 
 
-def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle:
+def export(
+    study: Study,
+    point: Mapping[str, Any],
+    folder: str | Path,
+    targets: Sequence[str] = (),
+    recordings: str | Path | None = None,
+) -> Bundle:
     """Write the bundle of a design point; of several repeats, the one with accuracy nearest their mean.
 
     Args:
         study: the study of the point.
         point: a row of `study.points()`, e.g. from a skyline or a pick.
         folder: folder to write; a bundle in it is replaced.
+        targets: names of targets that are written with it; their verdicts are the bundle's `targets`.
+        recordings: to run the targets on; None: they are not verified.
 
     Raises:
         ValueError: the point names no trial, or a phi, theta or precision that the study did not evaluate.
-        BundleError: the folder holds something else, or the design's encoder must know the label.
+        BundleError: the folder holds something else, the design's encoder must know the label, or a target is
+            unknown or cannot be written or run on this machine.
+        RecordingError: the recordings do not fit.
         StoreError: an artefact is damaged, or the bundle cannot be written.
     """
+    bundle = bundle_of(study, point)
+    verified = publish(bundle, Path(folder), targets, recordings)
+    return dataclasses.replace(bundle, targets={name: each.verdict for name, each in verified.items()})
+
+
+def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
+    """Return the bundle of a design point, as `export` writes it."""
     if "trial" not in point:
         raise ValueError(f"a point must have the column trial, got the columns {', '.join(map(str, point))}")
     trial = int(point["trial"])
@@ -101,7 +119,7 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         shared = exponents(fitted, weight_bits)
         evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned, "exponents": shared}
     sections = dataclasses.replace(_sections_of(study, chosen), test=None)
-    bundle = Bundle(
+    return Bundle(
         fitted=fitted,
         sections=sections,
         classes=chosen.classes,
@@ -115,8 +133,6 @@ def export(study: Study, point: Mapping[str, Any], folder: str | Path) -> Bundle
         plugins=_plugins(sections, fitted),
         input=_input(sections, fitted, study.folder, chosen.data),
     )
-    write(bundle, Path(folder))
-    return bundle
 
 
 def _sections_of(study: Study, record: RunRecord) -> Sections:

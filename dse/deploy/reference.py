@@ -124,9 +124,19 @@ def answered(bundle: Bundle, data: Dataset, data_file: str | Path) -> Response |
         BundleError: it refuses them, e.g. because they are of another length.
     """
     try:
-        return bundle.sections.model.respond(bundle.fitted, data, data.test)
+        response = bundle.sections.model.respond(bundle.fitted, data, data.test)
     except ValueError as error:
         raise BundleError(f"{data_file}: {error}") from None
+    except (KeyError, IndexError, TypeError, OverflowError) as error:
+        kind = bundle.sections.kinds["model"]
+        reason = " ".join(str(error).split())
+        text = f"family {kind} cannot use the arrays of the bundle ({type(error).__name__}: {reason})"
+        raise BundleError(f"{data_file}: {text}") from error
+    if isinstance(response, Answers):
+        n, label = len(bundle.classes), response.label
+        if label.size and not (0 <= label.min() and label.max() < n):
+            raise BundleError(f"{data_file}: the bundle must answer classes 0 to {n - 1}, got others")
+    return response
 
 
 def decided(bundle: Bundle, data: Dataset, response: Response | Answers) -> tuple[Ints, Floats, Bools]:

@@ -22,6 +22,7 @@ class Verdict:
     spikes_differ: share of recordings with any differing spike of any layer.
     largest_difference: of the number of output spikes of a class within a recording.
     figures: column -> number, such as ram_bytes, flash_bytes, instructions_per_inference.
+    recordings: name of the file that they are from.
     """
 
     kind: Kind
@@ -31,3 +32,4 @@ class Verdict:
     spikes_differ: float = 0.0
     largest_difference: int = 0
     figures: Mapping[str, float] = field(default_factory=dict)
+    recordings: str = ""

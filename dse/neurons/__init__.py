@@ -107,6 +107,7 @@ class Neuron(Protocol):
     arithmetics: in which its definition runs; 'integer' only where it holds states as whole numbers.
     exports: what a bundle with it can be exported as, such as fixed_point (8-bit weights as well).
     units: of its parameters, where they are not plain numbers: name -> unit.
+    limits: of its parameters: name -> least and largest value; what lies outside is refused where it is read.
     on_chips: whether profiles of neuromorphic chips can be asked what it costs; if not, its work is counted
         as operations, which processors can be asked for.
     programmed: whether only processors and chips with programmable neurons run it.
@@ -118,6 +119,7 @@ class Neuron(Protocol):
     arithmetics: ClassVar[tuple[Arithmetic, ...]] = ("float32", "ideal")
     exports: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[Mapping[str, str]] = {}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     on_chips: ClassVar[bool] = False
     programmed: ClassVar[bool] = False
     state_updates: ClassVar[int] = 1

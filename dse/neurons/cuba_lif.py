@@ -101,6 +101,9 @@ class CubaLif(Neuron):
     arithmetics = ("integer", "float32", "ideal")
     exports = ("fixed_point",)
     units = MappingProxyType({"decay_current": "1/4096", "decay_voltage": "1/4096", "threshold": "1/64"})
+    limits = MappingProxyType(
+        {"decay_current": (0, DECAY_SCALE), "decay_voltage": (0, DECAY_SCALE), "threshold": (1, 2**31)}
+    )
     on_chips = True
     state_updates = 2
 

@@ -154,6 +154,9 @@ class Resonator(cuba_lif.CubaLif):
     Populations = Population
     label = "resonating"
     units = MappingProxyType({**cuba_lif.CubaLif.units, "cosine": "1/4096", "sine": "1/4096"})
+    limits = MappingProxyType(
+        {**cuba_lif.CubaLif.limits, "cosine": (-DECAY_SCALE, DECAY_SCALE), "sine": (0, DECAY_SCALE)}
+    )
     programmed: ClassVar[bool] = True
 
     share: float = param(

@@ -8,7 +8,8 @@ Every check takes a component, makes the small data that it needs, and raises an
 sentence that says what is violated. The contracts are Protocols: of sources, encoders and families in
 `dse.config.contracts`, of losses in `dse.engine.losses`, of neurons in `dse.neurons`, of samplers in
 `dse.search.proposals`, of objectives in `dse.measure.objectives`, of kinds of hardware in
-`dse.hardware.profile`, of figures in `dse.figures`, of views in `dse.dashboard.views`.
+`dse.hardware.profile`, of figures in `dse.figures`, of targets in `dse.deploy.targets`, of views in
+`dse.dashboard.views`.
 """
 
 from dse.testing.chips import check_chip_kind
@@ -20,6 +21,7 @@ from dse.testing.neurons import check_neuron
 from dse.testing.objectives import check_objective
 from dse.testing.samplers import check_sampler
 from dse.testing.sources import check_source
+from dse.testing.targets import check_target
 from dse.testing.views import check_view
 
 __all__ = [
@@ -32,5 +34,6 @@ __all__ = [
     "check_objective",
     "check_sampler",
     "check_source",
+    "check_target",
     "check_view",
 ]

@@ -37,6 +37,9 @@ def check_neuron(neuron: Neuron) -> None:
             values.shape in ((), (_LAYER.n_neurons,)) and values.dtype.kind in "biuf",
             f"{name}: parameter {key} must be a number, or one per neuron, got shape {values.shape}",
         )
+    for key, (low, high) in neuron.limits.items():
+        values = parameters[key]
+        expect(low <= values.min() and values.max() <= high, f"{name}: {key} must be in [{low:g}, {high:g}]")
     expect((np.asarray(population.to_threshold) > 0).all(), f"{name}.to_threshold must be > 0")
     for arithmetic in neuron.arithmetics:
         _check_steps(name, neuron, arithmetic)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dse import registry
-from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, weights, write
+from dse.deploy.bundle import SCHEMA, Bundle, BundleError, read, sealed, weights, write
 from dse.neurons.fixed_point import quantise
 from dse.records import Head, Layer, Network, Parameters
 from tests.layers import cuba_parameters
@@ -89,7 +89,7 @@ def _edit(**changes: Any) -> Any:
                 del document[name]
             else:
                 document[name] = value
-        path.write_text(json.dumps(document))
+        path.write_text(json.dumps(sealed(document)))
 
     return edit
 
@@ -110,11 +110,13 @@ def _cut(name: str) -> Any:
         (_cut("bundle.json"), r"bundle\.json: cannot be read"),
         (lambda folder: (folder / "bundle.json").unlink(), r"bundle\.json: cannot be read"),
         (lambda folder: (folder / "bundle.json").write_text("[]"), "is not a bundle of dse"),
-        (_edit(schema="dse/bundle/9"), f"schema is dse/bundle/9, but this version of dse reads {SCHEMA}"),
+        (_edit(schema="dse/bundle/9"), f"reads {SCHEMA}: a newer version of dse wrote it"),
+        (_edit(schema="dse/bundle/3"), "an older version of dse wrote it; export the design again"),
         (_edit(schema="other"), "is not a bundle of dse"),
+        (_edit(schema="dse/bundle/"), "is not a bundle of dse"),
         (_edit(sections=WITHOUT_TASK), r"bundle\.json: section 'task' is required"),
-        (_edit(classes=None), r"bundle\.json: key 'classes' is missing or invalid"),
-        (_edit(decision=[1]), r"bundle\.json: key .* is missing or invalid"),
+        (_edit(classes=None), r"bundle\.json: key 'classes' is missing"),
+        (_edit(decision=[1]), r"bundle\.json: decision must be a mapping, got a list"),
     ],
 )
 def test_damage_is_one_line(made: Bundle, tmp_path: Path, damage: Any, message: str) -> None:

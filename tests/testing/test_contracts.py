@@ -23,6 +23,7 @@ from dse.testing import (
     check_objective,
     check_sampler,
     check_source,
+    check_target,
     check_view,
 )
 from dse.testing.small import SmallStudy
@@ -120,6 +121,11 @@ def test_source(name: str, tmp_path: Path) -> None:
         (tmp_path / "cloths" / fabric).mkdir(parents=True)
         (tmp_path / "cloths" / fabric / "a.tact").write_text("0 5 1.500000\n0 6 1.750000\n")
     check_source(registry.known("recordings")[name](**SOURCES[name]), tmp_path)
+
+
+@pytest.mark.parametrize("name", sorted(registry.known("targets")))
+def test_target(name: str) -> None:
+    check_target(registry.known("targets")[name]())
 
 
 @pytest.mark.parametrize("name", names("encoders"))

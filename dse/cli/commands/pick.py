@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import columns, records
 from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_duty, add_hardware
+from dse.cli.options import add_duty, add_hardware, add_targets
 
 if TYPE_CHECKING:
     import pandas
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of samples for --confidence (default: 200)",
     )
     parser.add_argument("--export", metavar="DIR", help="write the picked design to this folder as a bundle")
+    add_targets(parser)
     add_format(parser)
 
 
@@ -66,6 +67,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
     is_study = Path(arguments.results).is_dir()
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
+    if (arguments.target or arguments.verify) and not arguments.export:
+        raise StoreError("--target and --verify need --export DIR, the folder to write")
+    if arguments.verify and not arguments.target:
+        raise StoreError("--verify needs --target NAME, the target to run")
     [points] = pricing.tables([arguments.results], arguments.hardware)
     points = pricing.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
     objectives: list[Goal] = results.open(arguments.results).objectives if is_study else []
@@ -95,10 +100,15 @@ def answer(arguments: argparse.Namespace) -> Answer:
         *_others(points, arguments.budget, "hardware", "hardware profiles"),
     ]
     if arguments.export:
+        from dse.cli import verdicts
         from dse.deploy.export import export
 
-        export(results.open(arguments.results), row, arguments.export)
+        study = results.open(arguments.results)
+        bundle = export(study, row, arguments.export, arguments.target, arguments.verify)
         notes.append(f"bundle: {arguments.export}")
+        if bundle.targets:
+            rows = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
+            return Answer([row], notes, _shown(row, goals), sections={"targets": Answer(rows)})
     return Answer([row], notes, _shown(row, goals))
 
 

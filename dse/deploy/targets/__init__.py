@@ -32,10 +32,12 @@ class Target(Protocol):
 
     label: what it is, such as 'C99 for any processor'.
     extra: extra of `dse` (pip install 'dse[EXTRA]') that writing or verifying needs; '' for none.
+    use: how its files are used, one sentence or command, relative to the bundle's folder.
     """
 
     label: ClassVar[str]
     extra: ClassVar[str]
+    use: ClassVar[str]
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why it cannot hold the classifier, one sentence; '' if it can."""

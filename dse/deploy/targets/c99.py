@@ -22,6 +22,7 @@ class C99:
 
     label: ClassVar[str] = "C99 for any processor"
     extra: ClassVar[str] = ""
+    use: ClassVar[str] = "`cc -O2 -Isrc main.c src/dse.c -o touch` there, then `./touch < recording.csv`"
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why C cannot hold the classifier, one sentence; '' if it can."""

@@ -75,6 +75,7 @@ class Nir:
 
     label: ClassVar[str] = "NIR graph for Norse, snnTorch and others"
     extra: ClassVar[str] = "h5"
+    use: ClassVar[str] = "`nir.read('targets/nir/graph.nir')`; golden.h5 beside it says what must come out"
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why NIR cannot hold the classifier; '' if it can."""

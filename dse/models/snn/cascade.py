@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from dse import store
+from dse.engine.checks import check_network
 from dse.measure.heads import head_answers, head_sizes, head_targets
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import fan_outs, respond, respond_and_count
@@ -115,6 +116,23 @@ class Cascade(Stack):
         return _together(
             np.concatenate(parts, axis=2), (first, second), (of_first, of_second), (counts, counts_second)
         )
+
+    def check_fitted(self, fitted: Parameters, n_outputs: int) -> None:
+        """Check the arrays of both networks, which are read from disk.
+
+        Raises:
+            ValueError: shapes, ranges or numbers disagree with the description.
+        """
+        first, second = (store.record_of(Network, fitted.arrays, name) for name in ("first/", "second/"))
+        n_first = first.sizes[-1] if first.layers else 0
+        check_network(first, n_first)
+        check_network(second, n_outputs - n_first)
+        channels = (first.n_channels, second.n_channels)
+        if channels != (fitted.n_channels, fitted.n_channels + n_first):
+            raise ValueError(
+                f"both networks must have {fitted.n_channels} and {fitted.n_channels + n_first} channels, "
+                f"got {channels[0]} and {channels[1]}"
+            )
 
     def _first_of(self, dataset: Dataset) -> int:
         """Return the number of the head that comes first."""

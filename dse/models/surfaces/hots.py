@@ -17,6 +17,8 @@ from dse.models.training import Generators, Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
 from dse.registry import param, register
 
+_FARTHEST, _MOST_PLACES = 2**20, 2**26
+
 
 @register("models", "hots")
 @dataclass(frozen=True)
@@ -183,6 +185,36 @@ class HOTS:
             additions=n_events + n_input * self._filter_places(),
             input_spikes=input_spikes,
         )
+
+    def check_fitted(self, fitted: Parameters, n_outputs: int) -> None:
+        """Check the arrays, which are read from disk.
+
+        Raises:
+            ValueError: shapes or numbers disagree with the settings.
+        """
+        arrays = fitted.arrays
+        positions = arrays["positions"]
+        if positions.shape != (fitted.n_channels, 3) or positions.dtype.kind != "i":
+            raise ValueError(
+                f"array 'positions' must be ({fitted.n_channels}, 3) integers, got {positions.shape} of "
+                f"{positions.dtype}"
+            )
+        if np.abs(positions.astype(np.float64)).max() > _FARTHEST:
+            raise ValueError(f"array 'positions' must be within {_FARTHEST} of 0")
+        places = _places(positions)
+        if places.width * places.height * places.n_planes > _MOST_PLACES:
+            raise ValueError(f"array 'positions' must span at most {_MOST_PLACES} places")
+        before: list[Array] = []
+        for layer in range(self.layers):
+            name = f"prototypes_{layer + 1}"
+            n, size = len(arrays[name]), self._field(layer, places, before).size
+            if arrays[name].shape != (n, size) or arrays[name].dtype.kind != "f" or not n:
+                raise ValueError(f"array '{name}' must be (prototypes, {size}), got {arrays[name].shape}")
+            before.append(arrays[name])
+        signatures, n = arrays["signatures"].shape, len(before[-1])
+        if signatures[2:] != (n,) or arrays["signature_class"].shape != signatures[1:2]:
+            text = f"array 'signatures' must be (length, signature, {n}), with a class each"
+            raise ValueError(f"{text}, got {signatures}")
 
     def _learnt(
         self,

@@ -1,0 +1,47 @@
+"""Verdicts of targets as rows of a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from dse.cli.answer import Row
+
+if TYPE_CHECKING:
+    from dse.deploy.verdict import Verdict
+    from dse.deploy.verify import Verified
+
+DRIFT = 4
+"""Exit code where a target that was faithful is so no longer."""
+
+
+def rows(verified: Mapping[str, Verified]) -> list[Row]:
+    """Return one row per target, with what its bundle states or stated."""
+    return [
+        {**row(name, each.verdict), "before": None if each.before is None else each.before.kind}
+        for name, each in verified.items()
+    ]
+
+
+def drifts(verified: Mapping[str, Verified]) -> list[str]:
+    """Return a sentence per target that was faithful and is so no longer."""
+    return [
+        f"target {name} was faithful and is {each.verdict.kind}: {each.verdict.reason}"
+        for name, each in verified.items()
+        if each.drifts
+    ]
+
+
+def row(name: str, verdict: Verdict) -> Row:
+    """Return the row of a verdict; numbers of runs are None where nothing was run."""
+    ran = verdict.n_recordings > 0
+    return {
+        "target": name,
+        "verdict": verdict.kind,
+        "recordings": verdict.n_recordings if ran else None,
+        "decisions_differ": verdict.decisions_differ if ran else None,
+        "spikes_differ": verdict.spikes_differ if ran else None,
+        "largest_difference": verdict.largest_difference if ran else None,
+        **verdict.figures,
+        "reason": verdict.reason,
+    }

@@ -1,0 +1,174 @@
+"""Targets of a bundle: written, run on recordings, and run again elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dse import registry
+from dse.config.faults import known_names
+from dse.deploy.bundle import Bundle, BundleError, read, write
+from dse.deploy.reference import Reference, of_recordings
+from dse.deploy.targets import Target
+from dse.deploy.verdict import Verdict
+
+_UNRUN = "no recordings were given to run it on"
+
+
+@dataclasses.dataclass(frozen=True)
+class Verified:
+    """A target's verdict, and the one that its bundle states or stated; None where it had none."""
+
+    verdict: Verdict
+    before: Verdict | None
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the target was faithful and has been shown to be so no longer."""
+        was_faithful = self.before is not None and self.before.kind == "faithful"
+        return was_faithful and self.verdict.kind in ("approximate", "unsupported")
+
+
+def target_named(name: str) -> Target:
+    """Return a target.
+
+    Raises:
+        BundleError: it is unknown.
+    """
+    known: dict[str, Any] = registry.known("targets")
+    if name not in known:
+        raise BundleError(f"unknown target '{name}'; {known_names(name, known)}")
+    built: Target = known[name]()
+    return built
+
+
+def export_targets(
+    folder: str | Path, names: Sequence[str], recordings: str | Path | None = None
+) -> dict[str, Verified]:
+    """Write targets into a bundle, run them, and stamp the bundle with the verdicts.
+
+    Args:
+        folder: of the bundle.
+        names: of targets; what the bundle holds of them is replaced, other targets stay.
+        recordings: to run them on; None: they are written, but not verified.
+
+    Raises:
+        BundleError: the bundle is damaged, a target is unknown or cannot be written or run on this machine;
+            then nothing is changed.
+        RecordingError: the recordings do not fit.
+        StoreError: the bundle cannot be written.
+    """
+    path = Path(folder)
+    bundle = read(path)
+    kept = {name: path / "targets" / name for name, verdict in bundle.targets.items() if _is_written(verdict)}
+    return publish(bundle, path, names, recordings, kept)
+
+
+def publish(
+    bundle: Bundle,
+    folder: Path,
+    names: Sequence[str] = (),
+    recordings: str | Path | None = None,
+    kept: Mapping[str, Path] | None = None,
+) -> dict[str, Verified]:
+    """Write a bundle with targets, and run them first.
+
+    Args:
+        bundle: what is exported.
+        folder: to write.
+        names: of targets.
+        recordings: to run them on, or None.
+        kept: target -> folder of its files, of targets that `bundle` states already.
+
+    Raises:
+        BundleError, RecordingError, StoreError: as of `export_targets`.
+    """
+    targets = {name: target_named(name) for name in names}
+    reference = of_recordings(bundle, recordings) if targets and recordings is not None else None
+    with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
+        files = dict(kept or {})
+        verified, faults = {}, []
+        for name, target in targets.items():
+            files.pop(name, None)
+            written = Path(temporary) / name
+            written.mkdir()
+            try:
+                verdict = _written(target, bundle, written, reference)
+            except BundleError as error:
+                faults.append(f"target {name}: {error}")
+                continue
+            if _is_written(verdict):
+                files[name] = written
+            verdict = _on(verdict, recordings)
+            verified[name] = Verified(verdict, bundle.targets.get(name))
+        if faults:
+            raise BundleError("\n".join(faults))
+        verdicts = {name: each.verdict for name, each in verified.items()}
+        write(dataclasses.replace(bundle, targets={**bundle.targets, **verdicts}), folder, files)
+    return verified
+
+
+def verify(
+    folder: str | Path, recordings: str | Path, names: Sequence[str] | None = None
+) -> dict[str, Verified]:
+    """Run the targets of a bundle on recordings; the bundle is not changed.
+
+    Args:
+        folder: of the bundle.
+        recordings: to run them on.
+        names: of targets; None: all that were written.
+
+    Raises:
+        BundleError: the bundle is damaged or has no such target, or a target cannot be run on this machine.
+        RecordingError: the recordings do not fit.
+    """
+    path = Path(folder)
+    bundle = read(path)
+    written = [name for name, verdict in bundle.targets.items() if _is_written(verdict)]
+    for name in names or ():
+        if name not in written:
+            raise BundleError(f"{folder}: has no target '{name}'; {_has(written)}")
+    if not written:
+        raise BundleError(f"{folder}: {_has(written)}; `dse export` writes them")
+    targets = {name: target_named(name) for name in names or written}
+    reference = of_recordings(bundle, recordings)
+    verified, faults = {}, []
+    for name, target in targets.items():
+        try:
+            verdict = target.verify(bundle, path / "targets" / name, reference)
+        except BundleError as error:
+            faults.append(f"target {name}: {error}")
+            continue
+        verified[name] = Verified(_on(verdict, recordings), bundle.targets[name])
+    if faults:
+        raise BundleError("\n".join(faults))
+    return verified
+
+
+def _written(target: Target, bundle: Bundle, folder: Path, reference: Reference | None) -> Verdict:
+    """Write a target into an empty folder and run it; return the verdict."""
+    if refusal := target.refusal(bundle):
+        return Verdict("unsupported", refusal)
+    target.write(bundle, folder)
+    if reference is None:
+        return Verdict("not verified", _UNRUN)
+    return target.verify(bundle, folder, reference)
+
+
+def _is_written(verdict: Verdict) -> bool:
+    return verdict.kind != "unsupported"
+
+
+def _on(verdict: Verdict, recordings: str | Path | None) -> Verdict:
+    """Return a verdict with the name of the recordings that it is from."""
+    if recordings is None or not verdict.n_recordings:
+        return verdict
+    return dataclasses.replace(verdict, recordings=Path(recordings).name)
+
+
+def _has(written: Iterable[str]) -> str:
+    names = ", ".join(written)
+    return f"it has the targets {names}" if names else "it has no targets"
