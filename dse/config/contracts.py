@@ -21,6 +21,7 @@ from typing import (
 
 import numpy as np
 
+from dse import registry
 from dse.config.settings import Training
 from dse.records import (
     Answers,
@@ -127,9 +128,9 @@ class Encoder(Protocol):
     """A component of section `encoder`: sampled signals in, spikes out; a step of one is a step of the other.
 
     An encoder inherits from this class, which defines `learns`, `transductive` and `fitted` for an encoder
-    that learns nothing. Recordings that are spikes already, rasters and events after preprocessing, may pass
-    an encoder too: they are signals of 0 and 1, without label columns. An encoder raises a `ValueError` of
-    one sentence for what it cannot do.
+    that learns nothing, and `running` for one that cannot run sample by sample. Recordings that are spikes
+    already, rasters and events after preprocessing, may pass an encoder too: they are signals of 0 and 1,
+    without label columns. An encoder raises a `ValueError` of one sentence for what it cannot do.
     """
 
     learns: ClassVar[bool] = False
@@ -190,6 +191,26 @@ class Encoder(Protocol):
         Raises:
             ValueError: the encoder has not been fitted.
         """
+
+    def running(self, n_in: int, step_ms: float) -> RunningEncoder:
+        """Return the encoder at the start of a recording; sample by sample it spikes as `encode_all` does.
+
+        Args:
+            n_in: sampled channels.
+            step_ms: sampling period.
+
+        Raises:
+            ValueError: the encoder must see samples before it can encode earlier ones, or was not fitted.
+        """
+        name = registry.name_of("encoders", self)
+        raise ValueError(f"encoder {name} must see a whole window and cannot run sample by sample")
+
+
+class RunningEncoder(Protocol):
+    """An encoder within one recording."""
+
+    def step(self, values: Floats) -> Ints:
+        """Return the channels that spike, int32, rising, given the next sample (n_in,) float32."""
 
 
 class Family(Protocol):

@@ -30,8 +30,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from dse.config.contracts import Encoder
-from dse.encoders.sampled import copied, smoothed
+from dse.config.contracts import Encoder, RunningEncoder
+from dse.encoders.sampled import RunningAverage, copied, smoothed
 from dse.native.compiled import compiled
 from dse.neurons import izhikevich
 from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method, Params
@@ -185,14 +185,33 @@ class Receptors(Encoder):
             end = int(first[i] + length[i])
             current = self.currents(self._smooth(signals, int(i), 0, end), signals.step_ms)
             fired = np.zeros(current.shape, dtype=np.int64)
-            _fire(current, kinds, signals.step_ms / solver, solver, self.method == "half_steps", fired)
+            half_steps = self.method == "half_steps"
+            _fire(current, kinds, signals.step_ms / solver, solver, half_steps, at_rest(kinds, n_in), fired)
             fired = fired[int(first[i]) :]
-            copies = fired[:, None, :] > np.arange(self.spikes_per_step)[:, None]
-            step, channel = np.nonzero(copies.reshape(len(fired), -1))
+            step, channel = self.copies(fired)
             counts[i, : length[i]] = np.bincount(step, minlength=length[i])
             pieces.append(channel.astype(np.int32))
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         return Spikes(offsets, np.concatenate(pieces), n_steps, self.n_channels(n_in), signals.step_ms)
+
+    def copies(self, fired: Ints) -> tuple[Ints, Ints]:
+        """Return step and channel of every spike, given how often each receptor fired, (step, receptor)."""
+        copies = fired[:, None, :] > np.arange(self.spikes_per_step)[:, None]
+        step, channel = np.nonzero(copies.reshape(len(fired), -1))
+        return step, channel
+
+    def running(self, n_in: int, step_ms: float) -> RunningEncoder:
+        """Return the encoder at the start of a recording.
+
+        Args:
+            n_in: sampled channels.
+            step_ms: sampling period.
+
+        Raises:
+            ValueError: the range is not known, or is that of other channels.
+        """
+        self.currents(np.zeros((1, n_in)), step_ms)
+        return _Running(self, n_in, step_ms)
 
     def _smooth(self, signals: Signals, i: int, first: int, length: int) -> Floats:
         """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
@@ -206,6 +225,34 @@ def parameters(sa: bool) -> Floats:
     """Return a, b, c, d of the kinds of receptors, (kind, 4): SA (if any), FA+, FA-."""
     kinds = [*([SA] if sa else []), FA, FA]
     return np.array([(kind.a, kind.b, kind.c, kind.d) for kind in kinds])
+
+
+class _Running:
+    """Receptors within one recording: the running average, the last value and the states of the neurons."""
+
+    def __init__(self, encoder: Receptors, n_in: int, step_ms: float) -> None:
+        self._encoder, self._step_ms = encoder, step_ms
+        self._solver = encoder.solver_steps(step_ms)
+        self._kinds = parameters(encoder.sa)
+        self._state = at_rest(self._kinds, n_in)
+        self._smooth = RunningAverage(round(encoder.smoothing_ms / step_ms), n_in)
+        self._last: Floats | None = None
+
+    def step(self, values: Floats) -> Ints:
+        now = self._smooth.step(values)
+        last = now if self._last is None else self._last
+        current = self._encoder.currents(np.stack([last, now]), self._step_ms)[1:]
+        self._last = now
+        fired = np.zeros(current.shape, dtype=np.int64)
+        step_ms, half_steps = self._step_ms / self._solver, self._encoder.method == "half_steps"
+        _fire(current, self._kinds, step_ms, self._solver, half_steps, self._state, fired)
+        return self._encoder.copies(fired)[1].astype(np.int32)
+
+
+def at_rest(kinds: Floats, n_in: int) -> Floats:
+    """Return v and u of the receptors of every kind at the start of a recording, (kind, 2, channel)."""
+    c, b = kinds[:, 2], kinds[:, 1]
+    return np.repeat(np.stack([c, b * c], axis=1)[:, :, None], n_in, axis=2)
 
 
 def spike_counts(current: Floats, params: Params, step_ms: float, solver_steps: int, method: Method) -> Ints:
@@ -227,7 +274,7 @@ def spike_counts(current: Floats, params: Params, step_ms: float, solver_steps: 
 
 
 @compiled()
-def _fire(current, kinds, step_ms, solver_steps, half_steps, fired):  # type: ignore[no-untyped-def]
+def _fire(current, kinds, step_ms, solver_steps, half_steps, state, fired):  # type: ignore[no-untyped-def]
     """Count the spikes of receptors in each sensor step, as `spike_counts`, into `fired`.
 
     Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is
@@ -239,6 +286,7 @@ def _fire(current, kinds, step_ms, solver_steps, half_steps, fired):  # type: ig
         step_ms: of the solver.
         solver_steps: per sensor step.
         half_steps: whether v takes two half steps.
+        state: (kind, 2, receptor) v and u, which become those after the last step.
         fired: (step, kind x receptor) int64 zeros.
     """
     n = current.shape[1] // len(kinds)
@@ -246,8 +294,8 @@ def _fire(current, kinds, step_ms, solver_steps, half_steps, fired):  # type: ig
     v, u = np.empty(n), np.empty(n)
     for kind in range(len(kinds)):
         a, b, c, d = kinds[kind, 0], kinds[kind, 1], kinds[kind, 2], kinds[kind, 3]
-        v[:] = c
-        u[:] = b * c
+        v[:] = state[kind, 0]
+        u[:] = state[kind, 1]
         for t in range(len(current)):
             now, count = current[t, kind * n : (kind + 1) * n], fired[t, kind * n : (kind + 1) * n]
             for _ in range(solver_steps):
@@ -265,6 +313,8 @@ def _fire(current, kinds, step_ms, solver_steps, half_steps, fired):  # type: ig
                     v[k] = c if spiked else (x if x > FLOOR_MV else FLOOR_MV)
                     u[k] = w + d if spiked else w
                     count[k] += 1 if spiked else 0
+        state[kind, 0] = v
+        state[kind, 1] = u
 
 
 @compiled(_nrt=False)

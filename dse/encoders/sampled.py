@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from dse.records import Floats, Ints, Signals
@@ -44,3 +46,18 @@ def moving_average(values: Floats, window: int, first: int, length: int) -> Floa
     end = np.arange(first, first + length) + 1 - begin
     start = np.maximum(end - window, 0)
     return np.asarray((total[end] - total[start]) / (end - start)[:, None])
+
+
+class RunningAverage:
+    """`moving_average` sample by sample, from a recording's first on."""
+
+    def __init__(self, window: int, n_in: int) -> None:
+        self._totals = deque([np.zeros(n_in)], maxlen=max(window, 1) + 1)
+        self._window = window
+
+    def step(self, values: Floats) -> Floats:
+        """Return the mean of the last samples, (channel,) float64, given the next one."""
+        if self._window <= 1:
+            return values.astype(np.float64)
+        self._totals.append(self._totals[-1] + values)
+        return np.asarray((self._totals[-1] - self._totals[0]) / (len(self._totals) - 1))

@@ -17,11 +17,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
-from dse.config.contracts import Encoder
+from dse.config.contracts import Encoder, RunningEncoder
 from dse.encoders.sampled import copied
+from dse.native.compiled import compiled
 from dse.records import Bools, Floats, Ints, Signals, Spikes
 from dse.registry import param, register
 
@@ -85,6 +85,15 @@ class SendOnDelta(Encoder):
             offsets, np.concatenate(pieces), n_steps, self.n_channels(signals.n_channels), signals.step_ms
         )
 
+    def running(self, n_in: int, step_ms: float) -> RunningEncoder:
+        """Return the encoder at the start of a recording.
+
+        Args:
+            n_in: sampled channels.
+            step_ms: not read.
+        """
+        return _Running(self, n_in)
+
     @property
     def _copies(self) -> int:
         return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
@@ -125,7 +134,76 @@ def send_on_delta(
     return spikes.reshape(n_steps, -1)
 
 
-@numba.njit(cache=True)
+class _Running:
+    """Send-on-delta within one recording; it holds the levels sent last."""
+
+    def __init__(self, encoder: SendOnDelta, n_in: int) -> None:
+        self._thresholds = np.asarray(encoder.thresholds, dtype=np.float64)
+        self._rule, self._merged = REFERENCES.index(encoder.reference), encoder.polarity == "merged"
+        self._level = np.zeros((len(self._thresholds), n_in))
+        self._sign = np.zeros(n_in, np.int8)
+        self._channels = np.empty(len(self._thresholds) * n_in, np.int32)
+        self._begun = False
+
+    def step(self, values: Floats) -> Ints:
+        if not self._begun:
+            self._level[:] = values
+            self._begun = True
+        n = _send(
+            values, self._thresholds, self._rule, self._merged, self._level, self._sign, True,
+            self._channels, 0,
+        )  # fmt: skip
+        return self._channels[:n].copy()
+
+
+@compiled()
+def _send(values, thresholds, rule, merged, r, sign, is_kept, channels, filled):  # type: ignore[no-untyped-def]
+    """Append the channels that spike at one sample; return their new end.
+
+    Args:
+        values: (channel,) the sample.
+        thresholds: (threshold,).
+        rule: place in `REFERENCES`.
+        merged: whether ON and OFF are one channel.
+        r: (threshold, channel) levels sent last, which move.
+        sign: (channel,) int8, overwritten.
+        is_kept: whether spikes are listed.
+        channels: int32 with room for all that may spike.
+        filled: where they begin.
+    """
+    n = len(values)
+    for k in range(len(thresholds)):
+        theta = thresholds[k]
+        for c in range(n):
+            x = np.float64(values[c])
+            d = x - r[k, c]
+            sign[c] = 0
+            if abs(d) >= theta:
+                sign[c] = 1 if d > 0 else -1
+                if rule == 1:
+                    r[k, c] = x
+                elif rule == 0:
+                    r[k, c] += sign[c] * theta
+                else:
+                    r[k, c] += sign[c] * (theta * np.floor(abs(d) / theta))
+        if is_kept and merged:
+            for c in range(n):
+                if sign[c] != 0:
+                    channels[filled] = k * n + c
+                    filled += 1
+        elif is_kept:
+            for c in range(n):
+                if sign[c] < 0:
+                    channels[filled] = 2 * k * n + c
+                    filled += 1
+            for c in range(n):
+                if sign[c] > 0:
+                    channels[filled] = (2 * k + 1) * n + c
+                    filled += 1
+    return filled
+
+
+@compiled()
 def _encode(values, thresholds, rule, merged, first, end, counts):  # type: ignore[no-untyped-def]
     """Return the spike channels of steps first .. end - 1 in order; write how many per step to counts."""
     n, n_thresholds = values.shape[1], len(thresholds)
@@ -138,34 +216,7 @@ def _encode(values, thresholds, rule, merged, first, end, counts):  # type: igno
     filled = 0
     for t in range(end):
         before = filled
-        for k in range(n_thresholds):
-            theta = thresholds[k]
-            for c in range(n):
-                x = np.float64(values[t, c])
-                d = x - r[k, c]
-                sign[c] = 0
-                if abs(d) >= theta:
-                    sign[c] = 1 if d > 0 else -1
-                    if rule == 1:
-                        r[k, c] = x
-                    elif rule == 0:
-                        r[k, c] += sign[c] * theta
-                    else:
-                        r[k, c] += sign[c] * (theta * np.floor(abs(d) / theta))
-            if t >= first and merged:
-                for c in range(n):
-                    if sign[c] != 0:
-                        channels[filled] = k * n + c
-                        filled += 1
-            elif t >= first:
-                for c in range(n):
-                    if sign[c] < 0:
-                        channels[filled] = 2 * k * n + c
-                        filled += 1
-                for c in range(n):
-                    if sign[c] > 0:
-                        channels[filled] = (2 * k + 1) * n + c
-                        filled += 1
+        filled = _send(values[t], thresholds, rule, merged, r, sign, t >= first, channels, filled)
         if t >= first:
             counts[t - first] = filled - before
     return channels[:filled].copy()

@@ -328,21 +328,25 @@ def scan_recurrent(
     n_groups: int,
     updates: Array,
     peak: Array,
+    u: Array,
+    v: Array,
+    sent: Array,
+    n_sent: int,
 ) -> int:
-    """Run all blocks of one sample of a layer that feeds itself; arguments as in `scan`.
+    """Run all blocks of one sample of a layer that feeds itself on from a state; arguments as in `scan`.
 
     Args:
         n_rows: rows of every block of z.
         first_row: row of the sample's first step.
         n_columns: padded neurons.
-        ring: recurrent weights in blocks of `n_columns` rows.
+        ring: recurrent weights in blocks of `n_columns` rows; empty: it does not feed itself.
         ring_scale: weight units per unit of the ring.
+        u, v: (column,) states, which become those after the last step.
+        sent, n_sent: the neurons that fired in the step before; `sent` becomes those of the last step.
     """
     centre, rate, height, cut = surrogate
     count, turns = updates.size > 0, cross.size > 0
-    u, v = np.zeros_like(keep_u), np.zeros_like(keep_v)
-    sent = np.empty(n_columns, np.int32)
-    n_sent = n_fired = 0
+    n_fired = 0
     for t in range(n_steps):
         row = first_row + t
         column = 0

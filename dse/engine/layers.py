@@ -288,8 +288,10 @@ def run(
                 )
         column += width
     if recurrent:
+        sent = np.empty(layer.n_columns, np.int32)
         for n in range(n_samples):
             row = n * n_steps
+            u, v = np.zeros_like(layer.keep_u), np.zeros_like(layer.keep_v)
             n_fired += kernels.scan_recurrent(
                 z,
                 n_rows,
@@ -310,7 +312,74 @@ def run(
                 n_groups,
                 updates[row : row + n_steps],
                 peak,
+                u,
+                v,
+                sent,
+                0,
             )
+    return n_fired
+
+
+@compiled()
+def step(
+    layer: KernelLayer,
+    offsets: Array,
+    index: Array,
+    z: Array,
+    fired: Array,
+    peak: Array,
+    u: Array,
+    v: Array,
+    sent: Array,
+    n_sent: int,
+) -> int:
+    """Run one step of a layer on from a state; return the number of its spikes, which `sent` lists.
+
+    Its work grows with the input spikes and the neurons.
+
+    Args:
+        layer: without delays of its synapses.
+        offsets: (2,) 0 and the number of input spikes.
+        index: the inputs that spike.
+        z: (column,) overwritten.
+        fired: (column / 16,) uint16, overwritten.
+        peak: (16,) of the states' type, not read.
+        u: (column,) states, which become those after the step.
+        v: (column,) likewise.
+        sent: (column,) neurons that fired in the step before, which become those that fire now.
+        n_sent: how many fired in the step before.
+    """
+    column = 0
+    while column < layer.n_columns:
+        width = width_at(column, layer.n_columns)
+        start = layer.n_inputs * column
+        kernels.gather(offsets, index, 0, 1, layer.table, start, width, layer.table_unit, z, column, False)
+        column += width
+    n_fired: int = kernels.scan_recurrent(
+        z,
+        1,
+        0,
+        1,
+        layer.n_columns,
+        layer.ring,
+        layer.ring_unit,
+        layer.keep_u,
+        layer.keep_v,
+        layer.cross,
+        layer.threshold,
+        layer.scale,
+        layer.integer,
+        kernels.NOTHING,
+        layer.surrogate,
+        fired,
+        layer.n_columns // LANES,
+        fired[:0],
+        peak,
+        u,
+        v,
+        sent,
+        n_sent if layer.ring.size > 0 else 0,
+    )
     return n_fired
 
 

@@ -41,7 +41,7 @@ def pool_events(
     times_us: list[Ints] = [np.zeros(0, np.int32)]
     for block in blocks if n_bins else ():
         low, high = within(block.t_us, begin_us, stop_us)
-        event, channel = _channels(block, low, high, pooling)
+        event, channel = channels_of(block, low, high, pooling)
         channels.append(channel)
         times_us.append((block.t_us[event] - begin_us).astype(np.int32))
         if len(block.t_us) and block.t_us[-1] >= stop_us:
@@ -51,7 +51,7 @@ def pool_events(
     return counts, np.concatenate(channels), t_us
 
 
-def _channels(block: Block, low: int, high: int, pooling: Pooling) -> tuple[Ints, Ints]:
+def channels_of(block: Block, low: int, high: int, pooling: Pooling) -> tuple[Ints, Ints]:
     """Return the event and the channel of every spike of events low .. high - 1, each (n,)."""
     x, y, polarity = block.x[low:high], block.y[low:high], block.polarity[low:high]
     columns = pooling.n_x[x].astype(np.int64)

@@ -59,6 +59,7 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
     if causal:
         _check_causal(name, encoder, signals, first, length)
     _check_alone(name, encoder, signals, first, length, spikes)
+    _check_running(name, encoder, signals, first, length, spikes)
 
 
 def _fitted(name: str, encoder: Encoder, signals: Signals) -> Encoder:
@@ -119,6 +120,26 @@ def _check_alone(
         expect(
             same(alone[: length[i]], dense[i, : length[i]]),
             f"{name} must encode a recording alone as it does among others",
+        )
+
+
+def _check_running(
+    name: str, encoder: Encoder, signals: Signals, first: Array, length: Array, together: Spikes
+) -> None:
+    """Run every recording sample by sample; an encoder that refuses to is no fault."""
+    dense = _dense(together)
+    for i in range(signals.n_recordings):
+        try:
+            running = encoder.running(signals.n_channels, signals.step_ms)
+        except ValueError:
+            return
+        begin, end = int(signals.offsets[i]), int(signals.offsets[i] + first[i] + length[i])
+        rows = np.zeros((end - begin, together.n_channels), bool)
+        for row, sample in zip(rows, signals.values[begin:end], strict=True):
+            row[running.step(sample)] = True
+        expect(
+            same(rows[first[i] :], dense[i, : length[i]]),
+            f"{name}.running must spike sample by sample as encode_all does",
         )
 
 

@@ -30,7 +30,7 @@ def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
 
 def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
     """Respond, and count each layer's spikes per neuron, input copies first."""
-    layers = _layers(network)
+    layers = layers_of(network)
     answers: list[Answer] = []
     per_input = np.zeros(network.sizes[0], np.int64)
     for rows in _batches(network, dataset, samples):
@@ -54,7 +54,7 @@ def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list
     Sample i is the i-th of `samples`. The step is that in which the neuron fires: the next layer, or who
     decides, receives the spike one step later.
     """
-    layers = _layers(network)
+    layers = layers_of(network)
     parts: list[list[Ints]] = [[np.zeros((0, 3), np.int32)] for _ in layers]
     first = 0
     for rows in _batches(network, dataset, samples):
@@ -64,7 +64,8 @@ def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list
     return [np.concatenate(part) for part in parts]
 
 
-def _layers(network: Network) -> list[Prepared]:
+def layers_of(network: Network) -> list[Prepared]:
+    """Return the layers of a trained network as they run, rounded to 8 bits in integer arithmetic."""
     return [
         prepare(weights, network.arithmetic)
         for weights in deployed(

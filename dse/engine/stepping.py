@@ -1,0 +1,164 @@
+"""A stack of layers that runs step by step from rest, with the spikes of `dse.engine.network.answer`.
+
+A step's work grows with its input spikes and with the neurons. A layer sees the spikes of the one before a
+step later, and its own ones too; nothing from before the first step is seen.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from dse.engine import layers
+from dse.engine.definition import DefinedLayer, in_type, rows_sum, weighted
+from dse.engine.events import Rows
+from dse.engine.forward import Prepared
+from dse.engine.layers import CompiledLayer
+from dse.engine.layout import LANES, aligned
+from dse.neurons.calculus import NumpyCalculus
+from dse.records import Ints
+
+_NONE = np.zeros(0, np.int32)
+
+
+class RunningLayer(Protocol):
+    """A layer between two steps.
+
+    fired: numbers of the neurons that fired in the last step, rising.
+    """
+
+    fired: Ints
+
+    def step(self, index: Ints) -> None:
+        """Advance by one step, given the numbers of the inputs that spike, int32, rising."""
+
+
+def running(layer: Prepared) -> RunningLayer:
+    """Return a layer at rest.
+
+    Raises:
+        ValueError: its synapses have delays.
+    """
+    if isinstance(layer, CompiledLayer):
+        if layer.layer.delay.size:
+            raise ValueError("a network whose synapses have delays does not run step by step")
+        return _Compiled(layer)
+    assert isinstance(layer, DefinedLayer)  # there is no other kind
+    if layer.weights.delay.size:
+        raise ValueError("a network whose synapses have delays does not run step by step")
+    return _Defined(layer)
+
+
+class _Compiled:
+    """A layer that the kernels run."""
+
+    def __init__(self, layer: CompiledLayer) -> None:
+        self._layer = ready = layer.layer
+        n = ready.n_columns
+        self._offsets = np.zeros(2, np.int64)
+        self._z = aligned(n, ready.back_u.dtype)
+        self._fired = np.zeros(n // LANES, np.uint16)
+        self._peak = np.zeros(LANES, ready.keep_u.dtype)
+        self._u, self._v = aligned(n, ready.keep_u.dtype), aligned(n, ready.keep_u.dtype)
+        self._sent = np.zeros(n, np.int32)
+        self.fired: Ints = self._sent[:0]
+
+    def step(self, index: Ints) -> None:
+        self._offsets[1] = len(index)
+        n_sent = layers.step(
+            self._layer,
+            self._offsets,
+            index,
+            self._z,
+            self._fired,
+            self._peak,
+            self._u,
+            self._v,
+            self._sent,
+            len(self.fired),
+        )
+        self.fired = self._sent[:n_sent]
+
+
+class _Defined:
+    """A layer that the definition of its neurons runs."""
+
+    def __init__(self, layer: DefinedLayer) -> None:
+        self._calculus = NumpyCalculus(layer.arithmetic)
+        self._real = np.dtype(np.float32 if layer.arithmetic == "float32" else np.float64)
+        self._weight = layer.weights.feed_forward.astype(self._real)
+        self._ring = layer.weights.recurrent.astype(self._real)
+        self._population: Any = in_type(layer.weights.population, self._real)
+        self._state = self._population.initial_state((1, layer.n_neurons), self._calculus)
+        self._spikes = np.zeros((1, layer.n_neurons), self._real)
+        self.fired: Ints = _NONE
+
+    def step(self, index: Ints) -> None:
+        rows = Rows(np.array([0, len(index)]), index, 1, 1, len(self._weight))
+        z = weighted(rows, slice(0, 1), self._weight)[:, 0]
+        if self._ring.size:
+            z = z + rows_sum(self._spikes, self._ring)
+        self._state, _, self._spikes = self._population.step(self._state, z, self._calculus)
+        self.fired = np.flatnonzero(self._spikes[0] > 0).astype(np.int32)
+
+
+class RunningStack:
+    """A stack of layers from rest on, with delayed copies of its inputs.
+
+    Args:
+        stack: layers, input side first; their weights are shared by all that run.
+        n_channels: input channels, delayed copies not counted.
+        delays: of the copies, in network steps.
+        steps_per_sample: network steps per input step; spikes arrive in the first.
+
+    Raises:
+        ValueError: synapses of a layer have delays.
+    """
+
+    def __init__(
+        self, stack: Sequence[Prepared], n_channels: int, delays: tuple[int, ...], steps_per_sample: int
+    ) -> None:
+        self._layers = [running(layer) for layer in stack]
+        self._n_channels, self._delays, self._per_sample = n_channels, delays, steps_per_sample
+        self._past: deque[Ints] = deque(maxlen=max(delays) // steps_per_sample + 1)
+        self._step = 0
+
+    @property
+    def fired(self) -> tuple[Ints, ...]:
+        """Per layer, the neurons that fired in the last step; they are overwritten by the next step."""
+        return tuple(layer.fired for layer in self._layers)
+
+    @property
+    def output(self) -> Ints:
+        """The outputs that spike in the step to come: those that fired in the last one."""
+        return self._layers[-1].fired
+
+    def step(self, channels: Ints) -> None:
+        """Advance by one network step.
+
+        Args:
+            channels: int32 input channels that spike, rising; read in the first network step of each input
+                step, and held until the last delayed copy has arrived.
+        """
+        if self._step % self._per_sample == 0:
+            self._past.append(channels)
+        index = self._arriving()
+        # From the last layer back: each reads what the one before fired in the step before.
+        for layer, before in zip(self._layers[:0:-1], self._layers[-2::-1], strict=True):
+            layer.step(before.fired)
+        self._layers[0].step(index)
+        self._step += 1
+
+    def _arriving(self) -> Ints:
+        """Return the inputs of the first layer that spike: copy k of channel c is k n_channels + c."""
+        if self._delays == (0,):
+            return self._past[-1] if self._step % self._per_sample == 0 else _NONE
+        present, copies = self._step // self._per_sample, []
+        for k, delay in enumerate(self._delays):
+            sent, within = divmod(self._step - delay, self._per_sample)
+            if within == 0 and sent >= 0:
+                copies.append(self._past[sent - present - 1] + np.int32(k * self._n_channels))
+        return np.concatenate(copies) if copies else _NONE

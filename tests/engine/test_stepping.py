@@ -1,0 +1,114 @@
+"""A stack that runs step by step fires as the same stack does in one pass."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.ours import rows_of
+from dse.engine.events import delayed, gather
+from dse.engine.forward import prepare
+from dse.engine.layers import weights
+from dse.engine.network import layer_spikes
+from dse.engine.stepping import RunningStack
+from dse.neurons import cuba_lif, lif, resonator
+from dse.neurons.fixed_point import quantise
+from dse.records import Arithmetic, Spikes
+
+N_STEPS = 24
+
+
+def stored(raster: np.ndarray) -> Spikes:
+    rows = rows_of(raster)
+    return Spikes(rows.offsets, rows.index, raster.shape[1], raster.shape[2], 1.0)
+
+
+def population(rng: np.random.Generator, neuron: str, n: int) -> Any:
+    decays = rng.integers(0, 4097, (2, n)).astype(np.int32)
+    if neuron == "lif":
+        return lif.Population(0.2, 3.0, 0.0, 1.0)
+    if neuron == "cuba_lif":
+        return cuba_lif.Population(*decays, int(rng.integers(1, 400)))
+    c, s = resonator.factors(rng.uniform(2.2, 20, n), rng.uniform(1, 4, n))
+    return resonator.Population(
+        rng.random(n) < 0.5, c, s, *decays, int(rng.integers(1, 400)), bool(rng.integers(2))
+    )
+
+
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    neuron=st.sampled_from(["cuba_lif", "resonator", "lif"]),
+    arithmetic=st.sampled_from(["integer", "float32", "ideal"]),
+    hidden=st.lists(st.integers(1, 70), min_size=0, max_size=3),
+    recurrent=st.booleans(),
+    delays=st.sampled_from([(0,), (0, 3, 7), (2,), (5, 1)]),
+    per_sample=st.sampled_from([1, 3]),
+    rate=st.sampled_from([0.0, 0.1, 1.0]),
+    scale=st.sampled_from([0.05, 1.0, 100.0]),
+)
+def test_steps_fire_as_one_pass_does(
+    seed: int,
+    neuron: str,
+    arithmetic: Arithmetic,
+    hidden: list[int],
+    recurrent: bool,
+    delays: tuple[int, ...],
+    per_sample: int,
+    rate: float,
+    scale: float,
+) -> None:
+    if neuron == "lif" and arithmetic == "integer":
+        arithmetic = "float32"
+    rng = np.random.default_rng(seed)
+    sizes = [9 * len(delays), *hidden, 3]
+    stack = []
+    for n_in, n in itertools.pairwise(sizes):
+        w = (scale * rng.normal(size=(n_in, n))).astype(np.float32)
+        ring = (scale * rng.normal(size=(n, n))).astype(np.float32) if recurrent else None
+        if arithmetic == "integer":
+            w, ring = quantise(w), None if ring is None else quantise(ring)
+        w[rng.random(w.shape) < 0.3] = 0
+        stack.append(prepare(weights(w, ring, population(rng, neuron, n)), arithmetic))
+    spikes: Spikes = stored(rng.random((1, N_STEPS + 4, 9)) < rate)
+    first = 2
+    rows = gather(spikes, np.array([0]), np.array([first]), N_STEPS, delays, per_sample)
+    expected = [fired.per_step()[0] for fired in layer_spikes(rows, stack)]
+    index = [fired.index for fired in layer_spikes(rows, stack)]
+    running = RunningStack(stack, 9, delays, per_sample)
+    counts, fired = [[] for _ in stack], [[] for _ in stack]
+    for t in range(N_STEPS * per_sample):
+        row = first + t // per_sample
+        running.step(spikes.channel[spikes.row_offsets[row] : spikes.row_offsets[row + 1]])
+        for k, of_layer in enumerate(running.fired):
+            counts[k].append(len(of_layer))
+            fired[k] += of_layer.tolist()
+    for k in range(len(stack)):
+        assert counts[k] == expected[k].tolist()
+        assert fired[k] == index[k].tolist()
+
+
+def test_the_last_spikes_come_out_a_step_later() -> None:
+    population = cuba_lif.Population(np.array([4096], np.int32), np.array([4096], np.int32), 32)
+    layer = prepare(weights(np.ones((1, 1), np.float32), None, population), "integer")
+    running = RunningStack([layer], 1, (0,), 1)
+    spike, none = np.zeros(1, np.int32), np.zeros(0, np.int32)
+    seen = []
+    for channels in (spike, none, spike):
+        seen.append(running.output.tolist())
+        running.step(channels)
+    assert seen == [[], [0], []]
+    rows = gather(stored(np.array([[[1], [0], [1]]])), np.array([0]), np.array([0]), 3)
+    assert delayed(layer.forward(rows).fired).per_step().tolist() == [[0, 1, 0]]
+
+
+def test_delays_of_synapses_are_refused() -> None:
+    population = cuba_lif.Population(np.array([9], np.int32), np.array([9], np.int32), 32)
+    late = weights(np.ones((1, 1), np.float32), None, population, np.ones((1, 1), np.int8))
+    with pytest.raises(ValueError, match="delays does not run step by step"):
+        RunningStack([prepare(late, "integer")], 1, (0,), 1)
