@@ -6,6 +6,14 @@ from dse.deploy.c.plan import Plan, SendOnDeltaPlan, is_endless
 from dse.deploy.c.text import filled, real, wrapped
 from dse.preprocessing import Pooling
 
+_WHOLE = """\
+/* The largest whole number up to x >= 0. */
+static double whole(double x)
+{
+    return x < 9007199254740992.0 ? (double)(int64_t)x : x;
+}
+"""
+
 
 def level_type(plan: Plan) -> str:
     """Return the type of the levels that an encoder keeps."""
@@ -34,7 +42,7 @@ def _send_on_delta(encoder: SendOnDeltaPlan) -> str:
         move = [f"{level} += d > 0 ? theta : -theta;"]
     else:
         move = ["const level_t moved = WHOLE_STEPS;", f"{level} += d > 0 ? moved : -moved;"]
-    real = ", ".join(real(x) for x in encoder.thresholds)
+    exact = ", ".join(real(x) for x in encoder.thresholds)
     whole = ", ".join(map(str, encoder.whole or ()))
     text = filled(
         "send_on_delta.c",
@@ -44,15 +52,15 @@ def _send_on_delta(encoder: SendOnDeltaPlan) -> str:
         move="".join(f"{' ' * 16}{line}\n" for line in move),
         channel=channel,
     )
-    both = "#ifdef DSE_REAL_SAMPLES\n#define THRESHOLDS " + real + "\n"
+    both = "#ifdef DSE_REAL_SAMPLES\n#define THRESHOLDS " + exact + "\n"
     if encoder.rule == "level":
-        both += "#define WHOLE_STEPS (theta * floor(size / theta))\n"
+        both += "#define WHOLE_STEPS (theta * whole(size / theta))\n"
     if whole:
         both += f"#else\n#define THRESHOLDS {whole}\n"
         if encoder.rule == "level":
             both += "#define WHOLE_STEPS (size / theta * theta)\n"
-    include = "#ifdef DSE_REAL_SAMPLES\n#include <math.h>\n#endif\n" if encoder.rule == "level" else ""
-    return include + both + "#endif\n\n" + text
+    floor = f"#ifdef DSE_REAL_SAMPLES\n{_WHOLE}#endif\n\n" if encoder.rule == "level" else ""
+    return floor + both + "#endif\n\n" + text
 
 
 def _pooling(plan: Plan, pools: Pooling) -> str:
@@ -65,7 +73,7 @@ def _pooling(plan: Plan, pools: Pooling) -> str:
         if (n == n[0]).all():
             sizes.append(f"{int(n[0])}u")
         else:
-            more.append(f"static const uint8_t n_{axis}[{length}] = {{{wrapped(map(str, n.tolist()))}}};\n")
+            more.append(f"static const uint8_t n_{axis}[{length}] = {{\n{wrapped(map(str, n.tolist()))}}};\n")
             sizes.append(f"n_{axis}[{first}]")
     channel = f"(uint16_t)((plane * {pools.height}u + j) * {pools.width}u + i)"
     if pools.needed > 1:

@@ -61,6 +61,15 @@ def compiler() -> list[str]:
     raise NoCompiler("no C compiler is installed: install gcc or clang, or pip install 'dse[targets]'")
 
 
+def has_compiler() -> bool:
+    """Return whether there is a C compiler."""
+    try:
+        compiler()
+    except NoCompiler:
+        return False
+    return True
+
+
 def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
     """Compile and link sources without a warning.
 
@@ -69,10 +78,44 @@ def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
         RunFailed: the first complaint of the compiler.
     """
     command = [*compiler(), *WARNINGS, *options, *map(str, sources), "-o", str(program)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines()
         raise RunFailed(f"the C compiler refuses the code: {lines[0] if lines else 'no message'}")
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Memory of dse.c as a compiler reports it.
+
+    ram_bytes: data and bss. flash_bytes: code, constants and data.
+    """
+
+    ram_bytes: int
+    flash_bytes: int
+
+
+def sizes(folder: Path) -> Sizes | None:
+    """Return the memory of the C in a folder as compiled here for size; None without the program `size`.
+
+    Raises:
+        NoCompiler: there is none.
+        RunFailed: the code does not compile.
+    """
+    if (size := shutil.which("size")) is None:
+        return None
+    with tempfile.TemporaryDirectory() as temporary:
+        code = Path(temporary) / "dse.o"
+        plain = ("-Os", "-c", "-fno-pie", "-fno-asynchronous-unwind-tables")
+        compiled([folder / "src" / "dse.c"], code, *plain)
+        done = subprocess.run([size, str(code)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        return None
+    text, data, bss = map(int, done.stdout.splitlines()[-1].split()[:3])
+    return Sizes(data + bss, text + data)
 
 
 def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> Played:

@@ -126,9 +126,9 @@ def tables(plan: Plan) -> list[Table]:
     """Return the weights, and the parameters that differ between neurons."""
     out = []
     for k, layer in enumerate(plan.layers, 1):
-        out += _matrix_tables(f"weights_{k}", layer.feed_forward)
+        out += matrix_tables(f"weights_{k}", layer.feed_forward)
         if layer.recurrent is not None:
-            out += _matrix_tables(f"recurrent_{k}", layer.recurrent)
+            out += matrix_tables(f"recurrent_{k}", layer.recurrent)
         out += _neuron_tables(k, layer)
     if is_delayed(plan):
         later = [(d, copy) for copy, d in enumerate(plan.delays) if d]
@@ -165,7 +165,8 @@ def is_delayed(plan: Plan) -> bool:
     return any(plan.delays)
 
 
-def _matrix_tables(name: str, matrix: Matrix) -> list[Table]:
+def matrix_tables(name: str, matrix: Matrix) -> list[Table]:
+    """Return a matrix as constant data."""
     q = matrix.q
     if matrix.form == "bytes":
         return [Table("int8_t", name, q.ravel())]

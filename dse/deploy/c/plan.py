@@ -170,14 +170,10 @@ def plan_of(bundle: Bundle) -> Plan:
         kind = bundle.sections.kinds["model"]
         raise Unsupported(f"C is written for spiking networks, and family {kind} is none")
     if network.arithmetic != "integer":
-        raise Unsupported(
-            f"C needs a network in integer arithmetic, and this one runs in {network.arithmetic}"
-        )
+        raise Unsupported(f"C needs a network in integer arithmetic, got {network.arithmetic} arithmetic")
     for layer in network.layers:
         if not has_kernel(neuron_of(layer.neuron).Populations):
-            raise Unsupported(
-                f"C is written for CUBA-LIF neurons and resonators, and neuron {layer.neuron} is neither"
-            )
+            raise Unsupported(f"C is written for CUBA-LIF neurons and resonators, got neuron {layer.neuron}")
     if max(*network.sizes, network.n_channels) > _MOST_CHANNELS:
         raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {max(network.sizes)}")
     if any(layer.delay is not None for layer in network.layers):

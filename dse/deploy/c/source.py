@@ -19,7 +19,7 @@ def write(plan: Plan, folder: Path, title: str, version: str) -> None:
 
     Args:
         plan: what the C does.
-        folder: it exists.
+        folder: it is empty or missing.
         title: a line about the classifier.
         version: of dse.
     """

@@ -13,6 +13,8 @@ from dse.deploy.reference import Reference, answered, decided
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import spikes_of_layers
 from dse.neurons import cuba_lif, parameters_of, resonator
+from dse.preprocessing import Pooling
+from dse.recordings.pooling import pooling
 from dse.records import Array, Dataset, Head, Layer, Network
 from dse.testing.small import places, spikes_of
 from tests.spaces import RASTER, sections
@@ -33,6 +35,13 @@ def bundle(network: Network, n_steps: int, **changes: Any) -> Bundle:
         input=Input("spikes", network.n_channels, 0, 0, n_steps, STEP_MS),
     )
     return replace(made, **changes)
+
+
+def pools_of(made: Bundle) -> Pooling:
+    """Return the pools of a bundle of events."""
+    preprocessing, taken = made.sections.preprocessing, made.input
+    assert preprocessing is not None and taken is not None
+    return pooling(preprocessing, taken.width, taken.height)
 
 
 def dataset(fired: Array, n_classes: int) -> Dataset:
@@ -87,7 +96,8 @@ def case(number: int) -> tuple[Bundle, Array]:
     per_sample = int(rng.choice([1, 1, 1, 2, 3]))
     delays = ((0,), (0,), (0, 3, 7), (2, 5), (0, 40), (1,))[number % 6]
     hidden = [int(rng.choice([1, 4, 17, 40])) for _ in range(number % 4)]
-    sizes = [n_channels * len(delays), *hidden, int(rng.choice([2, 3, 7]))]
+    n_outputs = int(rng.choice([3, 7] if number % 5 == 3 else [2, 3, 7]))
+    sizes = [n_channels * len(delays), *hidden, n_outputs]
     extreme, bits, pruned = number % 5 == 4, 2 + number % 7, (0.0, 0.5, 0.9)[number % 3]
     layers = []
     for depth, (before, n) in enumerate(pairwise(sizes)):
@@ -97,19 +107,27 @@ def case(number: int) -> tuple[Bundle, Array]:
         ring = None
         if not is_output and rng.random() < 0.5:
             ring = rng.normal(0, scale, (n, n)).astype(np.float32)
-        layers.append(_layer(weight, ring, rng, is_output, resonates=number % 3 == 1))
+        layers.append(_layer(weight, ring, rng, is_output, number % 3 == 1, number % 10 == 9))
     network = Network(tuple(layers), n_channels, delays, per_sample, "integer")
     network = rounded(network, bits, pruned)
     return _ruled(bundle(network, n_steps), number, rng), _recordings(rng, n_steps, n_channels)
 
 
 def _layer(
-    weight: Array, ring: Array | None, rng: np.random.Generator, is_output: bool, resonates: bool
+    weight: Array,
+    ring: Array | None,
+    rng: np.random.Generator,
+    is_output: bool,
+    resonates: bool,
+    sums: bool,
 ) -> Layer:
+    """Return a layer; one that sums does not decay."""
     n = len(weight)
     alike = rng.random() < 0.5
     decays = [rng.integers(0, 4097, 1 if alike else n).astype(np.int32) for _ in range(2)]
-    if rng.random() < 0.2:
+    if sums:
+        decays = [np.zeros(1, np.int32)] * 2
+    elif rng.random() < 0.2:
         decays[int(rng.integers(2))][:] = rng.choice([0, 4096])
     threshold = int(rng.choice([1, 40, 80, 320]))
     others = cuba_lif.Population(*(np.broadcast_to(d, n).copy() for d in decays), threshold)

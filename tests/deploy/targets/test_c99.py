@@ -1,17 +1,302 @@
-"""C on this machine: every spike and decision of random networks equals the engine's."""
+"""C on this machine: every spike and decision equals the engine's, and memory is what was stated."""
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from dse.deploy import bundle
+from dse.deploy.bundle import Bundle, Input
+from dse.deploy.c import host, memory, replay
+from dse.deploy.c.plan import plan_of
+from dse.deploy.evaluate import evaluate
+from dse.deploy.reference import Reference, of_recordings
+from dse.deploy.targets import TargetError, compare
 from dse.deploy.targets.c99 import C99
+from dse.neurons import lif, parameters_of
+from dse.records import Array, Layer, Network, Parameters
 from tests.deploy.c import nets
+from tests.spaces import sections
+
+N_NETS = 50
+SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+KEYS = "hidden: [3]"
+
+pytestmark = pytest.mark.skipif(not host.has_compiler(), reason="no C compiler is installed")
 
 
-@pytest.mark.parametrize("number", range(3))
-def test_spikes_and_decisions_equal(number: int, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    """Options of the compiler: sanitizers where it has them."""
+    source = tmp_path_factory.mktemp("sanitizers") / "empty.c"
+    source.write_text("int main(void)\n{\n    return 0;\n}\n")
+    try:
+        host.compiled([source], source.with_suffix(""), *SANITIZERS)
+    except host.RunFailed:
+        return ("-O0",)
+    return SANITIZERS
+
+
+@pytest.mark.parametrize("number", range(N_NETS))
+def test_random_networks_spike_and_decide_alike(
+    number: int, tmp_path: Path, checked: tuple[str, ...]
+) -> None:
     made, fired = nets.case(number)
     C99().write(made, tmp_path)
-    assert C99().verify(made, tmp_path, nets.reference(made, fired)).kind == "faithful"
+    plan, reference = plan_of(made), nets.reference(made, fired)
+    played = host.played(tmp_path, replay.of_spikes(reference), *checked)
+    verdict = compare(reference, replay.run_of(played, plan, reference))
+    assert verdict.kind == "faithful", verdict.reason
+    assert replay.same_input(played, reference)
+
+
+def test_the_nets_are_of_all_kinds() -> None:
+    plans = [plan_of(nets.case(number)[0]) for number in range(N_NETS)]
+    layers = [layer for plan in plans for layer in plan.layers]
+    matrices = [layer.feed_forward for layer in layers]
+    assert {m.form for m in matrices} == {"bytes", "words", "sparse"}
+    assert {m.bits for m in matrices} == set(range(2, 9))
+    assert {layer.state_bits for layer in layers} == {32, 64}
+    assert {len(plan.layers) for plan in plans} == {1, 2, 3, 4}
+    assert {plan.steps_per_sample for plan in plans} == {1, 2, 3}
+    assert any(plan.rule.joint for plan in plans) and any(plan.rule.least_total for plan in plans)
+
+
+def test_a_difference_is_seen(tmp_path: Path) -> None:
+    made, fired = nets.case(1)
+    C99().write(made, tmp_path)
+    reference = nets.reference(made, fired)
+    source = tmp_path / "src" / "dse.c"
+    text = source.read_text()
+    [line] = [x for x in text.splitlines() if x.strip().startswith("if (y > ")][:1] or [""]
+    assert line
+    source.write_text(text.replace(line, line.replace("> ", "> 9")))
+    verdict = C99().verify(made, tmp_path, reference)
+    assert verdict.kind == "approximate" and verdict.spikes_differ > 0
+
+
+# Recordings, from the first sample or event to the answer.
+
+SAMPLES: dict[str, Any] = {
+    "data": {"kind": "time_series", "file": "x.npz", "step_ms": 5, "columns": {"letter": "letter"}},
+    "task": {"target": "letter"},
+    "split": {"stratified": {"validation": 0.2}},
+    "model": {"kind": "snn"},
+    "training": {},
+}
+EVENTS: dict[str, Any] = {
+    **SAMPLES,
+    "data": {"kind": "events", "file": "x.npz", "width": 20, "height": 6, "x": "x", "y": "y",
+             "polarity": "polarity",
+             "columns": {"letter": "letter"}},
+}  # fmt: skip
+
+
+def network(n_channels: int, seed: int = 0) -> Network:
+    """Return a recurrent network with delays and two steps per sample that spikes a good deal."""
+    rng = np.random.default_rng(seed)
+
+    def layer(n_inputs: int, n: int, recurrent: bool) -> Layer:
+        weight = rng.normal(0.6, 1.0, (n, n_inputs)) * 3 / np.sqrt(n_inputs)
+        ring = rng.normal(0, 1, (n, n)).astype(np.float32) if recurrent else None
+        decays = (rng.integers(300, 3000, n).astype(np.int32) for _ in range(2))
+        parameters = parameters_of(nets.cuba_lif.Population(*decays, 80))
+        return Layer(weight.astype(np.float32), ring, parameters)
+
+    return Network((layer(2 * n_channels, 9, True), layer(9, 3, False)), n_channels, (0, 3), 2, "integer")
+
+
+def answers_of_main(folder: Path, text: str, *options: str) -> list[list[str]]:
+    """Return what the program of a folder prints for recordings."""
+    program = folder.parent / "touch"
+    host.compiled([folder / "main.c", folder / "src" / "dse.c"], program, f"-I{folder / 'src'}", *options)
+    done = subprocess.run([str(program)], input=text, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [line.split(",") for line in done.stdout.splitlines()[1:]]
+
+
+def csv(recordings: list[Array]) -> str:
+    """Return recordings as rows of numbers, an empty line between two."""
+    return "\n\n".join("\n".join(",".join(f"{x:.17g}" for x in row) for row in part) for part in recordings)
+
+
+def shipped(made: Bundle, folder: Path) -> Path:
+    """Return the folder of the C in a bundle that was stored and read again."""
+    bundle.write(made, folder / "bundle")
+    target = folder / "c99"
+    target.mkdir()
+    C99().write(bundle.read(folder / "bundle"), target)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("encoder", "window", "real"),
+    [
+        ({"thresholds": [1, 4]}, {"n_steps": 20, "at": "middle"}, False),
+        ({"thresholds": [0.5, 2.25], "reference": "level", "polarity": "merged"},
+         {"n_steps": 25, "at": "start"}, False),
+        ({"thresholds": [2.7, 6], "reference": "value"}, {"n_steps": 12, "at": "contact_onset"}, False),
+        ({"thresholds": [0.7, 1.9], "reference": "level"}, {"n_steps": 20, "at": "middle"}, True),
+        ({"thresholds": [0.3, 1.1]}, {"n_steps": 12, "at": "contact_onset", "onset_threshold": 2.5}, True),
+    ],
+)  # fmt: skip
+def test_samples_are_encoded_and_answered_as_by_evaluate(
+    encoder: dict[str, Any], window: dict[str, Any], real: bool, tmp_path: Path, checked: tuple[str, ...]
+) -> None:
+    rng = np.random.default_rng(2)
+    lengths = [25, 40, 31, 60]
+    signal = np.concatenate([np.cumsum(rng.normal(0, 3, (n, 4)), axis=0) for n in lengths])
+    signal = (signal if real else np.rint(signal)).astype(np.float32)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    np.savez(tmp_path / "touch.npz", signal=signal, offsets=offsets)
+    design = sections({**SAMPLES, "data": {**SAMPLES["data"], "offsets": "offsets"}, "window": window,
+                       "encoder": {"kind": "send_on_delta", **encoder}})  # fmt: skip
+    assert design.encoder is not None
+    made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
+    made = replace(made, sections=design, input=Input("samples", 4, 0, 0, window["n_steps"], 5.0))
+    folder = shipped(made, tmp_path)
+    reference = of_recordings(made, tmp_path / "touch.npz")
+    assert C99().verify(made, folder, reference).kind == "faithful"
+    assert len(reference.spikes_in) and all(map(len, reference.fired))
+    recordings = [signal[a:b] for a, b in pairwise(offsets)]
+    options = (*checked, "-DDSE_REAL_SAMPLES") if real else checked
+    printed = answers_of_main(folder, "a,b,c,d\n" + csv(recordings), *options)
+    assert_answers(printed, tmp_path, tmp_path / "touch.npz")
+
+
+@pytest.mark.parametrize(
+    ("preprocessing", "window"),
+    [
+        ({"bin_ms": 2, "pool": 2}, {"n_steps": 20, "at": "middle"}),
+        ({"bin_ms": 3, "pool": [4, 3], "stride": [2, 3], "padding": [1, 0], "pool_threshold": 2,
+          "polarity": "merge", "crop": [2, 0, 16, 6], "time_ms": [5, 70]}, {"n_steps": 15, "at": "start"}),
+        ({"bin_ms": 2, "pool": 2, "stride": 3, "polarity": "ignore_off", "exceeds": True},
+         {"n_steps": 20, "at": "contact_onset", "onset_threshold": 6}),
+    ],
+)  # fmt: skip
+def test_events_are_pooled_and_answered_as_by_evaluate(
+    preprocessing: dict[str, Any], window: dict[str, Any], tmp_path: Path, checked: tuple[str, ...]
+) -> None:
+    rng = np.random.default_rng(4)
+    n = 4
+    parts = []
+    for k in range(n):
+        t_us = np.sort(rng.integers(2**33 * k, 2**33 * k + 80_000, 900))
+        parts.append(
+            np.column_stack(
+                [t_us, rng.integers(0, 20, 900), rng.integers(0, 6, 900), rng.integers(0, 2, 900)]
+            )
+        )
+    events = np.concatenate(parts)
+    np.savez(
+        tmp_path / "touch.npz",
+        **dict(zip(("t_us", "x", "y", "polarity"), events.T, strict=True)),
+        offsets=900 * np.arange(n + 1),
+    )
+    design = sections({**EVENTS, "window": window, "preprocessing": preprocessing})
+    taken = Input("events", 0, 20, 6, window["n_steps"], float(preprocessing["bin_ms"]))
+    made = replace(nets.bundle(network(1), 1), sections=design, input=taken)
+    pools = nets.pools_of(made)
+    made = replace(nets.bundle(network(pools.n_channels), 1), sections=design, input=taken, read_out_ms=30.0)
+    folder = shipped(made, tmp_path)
+    reference = of_recordings(made, tmp_path / "touch.npz")
+    assert C99().verify(made, folder, reference).kind == "faithful"
+    assert len(reference.spikes_in) and all(map(len, reference.fired))
+    assert_answers(answers_of_main(folder, csv(parts), *checked), tmp_path, tmp_path / "touch.npz")
+
+
+def assert_answers(printed: list[list[str]], folder: Path, data_file: Path) -> None:
+    """Compare what a program printed with what `dse evaluate` answers."""
+    evaluation = evaluate(folder / "bundle", data_file)
+    assert [row[0] for row in printed] == [evaluation.classes[label] for label in evaluation.label]
+    assert np.allclose([float(row[1]) for row in printed], evaluation.time_ms)
+    assert [row[2] == "true" for row in printed] == evaluation.decided.tolist()
+
+
+def test_spikes_are_answered_as_by_the_engine(tmp_path: Path, checked: tuple[str, ...]) -> None:
+    made, fired = nets.case(10)
+    C99().write(made, tmp_path / "c99")
+    reference: Reference = nets.reference(made, fired)
+    printed = answers_of_main(tmp_path / "c99", csv(list(fired)), *checked)
+    assert [row[0] for row in printed] == [made.classes[label] for label in reference.label]
+    assert np.allclose([float(row[1]) for row in printed], reference.time_ms)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1,2\n", "line 1: a step must have 1 or 0 of every channel, and no more"),
+        ("", ""),
+        ("1\n0\n", "line 2: the recording is shorter than the window"),
+    ],
+)
+def test_bad_recordings_are_one_line(text: str, message: str, tmp_path: Path) -> None:
+    made = nets.bundle(network(1), 3)
+    C99().write(made, tmp_path / "c99")
+    program = tmp_path / "touch"
+    folder = tmp_path / "c99"
+    host.compiled([folder / "main.c", folder / "src" / "dse.c"], program, f"-I{folder / 'src'}")
+    done = subprocess.run([str(program)], input=text, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.strip()) == (2 if message else 0, message)
+
+
+# Memory.
+
+
+@pytest.mark.skipif(shutil.which("size") is None, reason="binutils are not installed")
+def test_the_compiler_reports_the_memory_that_was_stated(tmp_path: Path) -> None:
+    for number in range(0, N_NETS, 6):
+        made, _ = nets.case(number)
+        folder = tmp_path / str(number)
+        C99().write(made, folder)
+        plan, sizes = plan_of(made), host.sizes(folder)
+        assert sizes is not None and sizes.ram_bytes == memory.ram_bytes(plan)
+        assert sizes.flash_bytes > memory.table_bytes(plan)
+        assert f"| {sizes.ram_bytes} |" in (folder / "README.md").read_text()
+
+
+# Refusals.
+
+
+def _float(network: Network) -> Network:
+    return replace(network, arithmetic="float32")
+
+
+def _other_neuron(network: Network) -> Network:
+    layer = network.layers[-1]
+    population = lif.Lif().at(5.0)
+    return replace(
+        network, layers=(*network.layers[:-1], Layer(layer.weight, None, parameters_of(population), "lif"))
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (_float, "integer arithmetic, got float32"),
+        (_other_neuron, "CUBA-LIF neurons and resonators, got neuron lif"),
+        (lambda _: Parameters({"n_weights": np.array(3)}, 5), "family snn"),
+    ],
+)
+def test_what_c_cannot_hold_is_refused_with_the_reason(change: Any, reason: str, tmp_path: Path) -> None:
+    made = nets.bundle(network(5), 10)
+    made = replace(made, fitted=change(made.fitted))
+    assert reason in C99().refusal(made)
+    with pytest.raises(TargetError, match=reason):
+        C99().write(made, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made, fired = nets.case(0)
+    C99().write(made, tmp_path)
+    monkeypatch.setenv("CC", str(tmp_path / "none"))
+    with pytest.raises(TargetError, match="none"):
+        C99().verify(made, tmp_path, nets.reference(made, fired))

@@ -88,8 +88,8 @@ static int64_t window_start(int64_t t0_us)
         double n = 0;
         for (e = 0; e < n_events; e++) {
             const int64_t t = events[e].t_us - t0_us;
-            if (t < START_US || t >= END_US || events[e].x < CROP_X || events[e].x >= CROP_X + CROP_COLUMNS
-                || events[e].y < CROP_Y || events[e].y >= CROP_Y + CROP_ROWS) {
+            const uint32_t column = (uint32_t)events[e].x - CROP_X, row = (uint32_t)events[e].y - CROP_Y;
+            if (t < START_US || t >= END_US || column >= CROP_COLUMNS || row >= CROP_ROWS) {
                 continue;
             }
             if ((t - START_US) / BIN_US != bin) {

@@ -1,5 +1,7 @@
-static const uint${x_bits}_t first_x[$columns] = {$first_x};
-static const uint${y_bits}_t first_y[$rows] = {$first_y};
+static const uint${x_bits}_t first_x[$columns] = {
+$first_x};
+static const uint${y_bits}_t first_y[$rows] = {
+$first_y};
 $more
 void dse_start(int64_t t_us)
 {
@@ -11,6 +13,7 @@ $stop    net.started = 1;
 uint8_t dse_push(int64_t t_us, uint16_t x, uint16_t y, uint8_t polarity)
 {
     uint32_t column, row, i, j, i_end, j_end, plane;
+    (void)polarity;
     if (!net.started) {
         dse_start(t_us);
     }

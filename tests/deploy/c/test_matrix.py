@@ -1,0 +1,62 @@
+"""Stored weights: the smallest form, and nothing lost in it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dse.deploy.c.matrix import Matrix, stored
+from dse.deploy.c.memory import Table, matrix_tables
+from dse.records import Array
+
+
+def read_back(matrix: Matrix) -> Array:
+    """Return the weights that C reads, (input, neuron)."""
+    tables = {table.name: table.values for table in matrix_tables("w", matrix)}
+    n_inputs, n = matrix.weights.shape
+    out = np.zeros((n_inputs, matrix.row_length), np.int64)
+    if matrix.form == "bytes":
+        out[:] = tables["w"].reshape(n_inputs, n)
+    elif matrix.form == "words":
+        words = tables["w"].reshape(n_inputs, matrix.words_per_row)
+        for k in range(matrix.per_word):
+            field = (words >> (matrix.bits * k)) & (2**matrix.bits - 1)
+            out[:, k :: matrix.per_word] = (field ^ 2 ** (matrix.bits - 1)) - 2 ** (matrix.bits - 1)
+    else:
+        for i in range(n_inputs):
+            part = slice(int(tables["w_begin"][i]), int(tables["w_begin"][i + 1]))
+            out[i, tables["w_column"][part]] = tables["w"][part]
+    assert not out[:, n:].any()
+    return out[:, :n] << matrix.exponent
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kept", "form", "bits"),
+    [
+        (-128, 128, 1.0, "bytes", 8),
+        (-4, 4, 1.0, "words", 3),
+        (-2, 2, 1.0, "words", 2),
+        (-8, 8, 0.1, "sparse", 4),
+    ],
+)
+def test_weights_survive_their_form(low: int, high: int, kept: float, form: str, bits: int) -> None:
+    rng = np.random.default_rng(1)
+    weights = rng.integers(low, high, (40, 33)) * (rng.random((40, 33)) < kept)
+    weights[0, 0], weights[0, 1] = low, high - 1
+    matrix = stored(weights)
+    assert (matrix.form, matrix.bits) == (form, bits)
+    assert np.array_equal(read_back(matrix), weights)
+    assert matrix.table_bytes == sum(table.n_bytes for table in matrix_tables("w", matrix))
+
+
+def test_a_shared_exponent_saves_bits() -> None:
+    matrix = stored(np.array([[-128, 64], [0, -64]] * 20))
+    assert (matrix.exponent, matrix.bits) == (6, 2)
+    assert np.array_equal(read_back(matrix), matrix.weights)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 1), (3, 300)])
+def test_nothing_but_zeros(shape: tuple[int, int]) -> None:
+    matrix = stored(np.zeros(shape, np.int64))
+    assert not read_back(matrix).any()
+    assert all(isinstance(table, Table) and table.values.size for table in matrix_tables("w", matrix))
