@@ -1,4 +1,4 @@
-"""What delays of synapses need of other sections, as far as a file shows it."""
+"""What delays of inputs and of synapses need of other sections, as far as a file shows it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path as File
 from typing import Any
 
-from dse import registry
-from dse.config.locate import is_hardware_file, shipped_profiles
+import numpy as np
+
+from dse.config.chips import chips
 from dse.config.parts import Part
-from dse.config.yaml_lines import Path, parse
+from dse.config.yaml_lines import Path
 
 
 def delay_faults(
@@ -27,33 +28,33 @@ def delay_faults(
     if model is None or not model.good:
         return
     families = model.entries or {"": model}
+    window = sections.get("window")
+    lengths = _values(window, "n_steps") if window is not None and window.good else ()
+    known = [n for n in lengths if n is not None]
     longest: list[int] = []
     for kind, part in families.items():
+        keys = ("model", kind) if kind else ("model",)
+        of_inputs = [x for value in _values(part, "input_delays") for x in np.atleast_1d(value).tolist()]
+        if known and len(known) == len(lengths) and max(of_inputs, default=0) >= max(known):
+            text = f"must be below the steps of the window, {max(known)}: later spikes are lost"
+            yield (*keys, "input_delays"), f"model.input_delays {text}, got {max(of_inputs)}"
         delays = _values(part, "max_delay") or (0,)
         longest.append(min(delays))
         if not max(delays):
             continue
-        where: Path = ("model", *([kind] if kind else []), "max_delay")
-        if "window" in sections and sections["window"].good:
-            windows = _values(sections["window"], "n_steps")
-            steps = [n * min(_values(part, "steps_per_sample")) for n in windows if n is not None]
-            if steps and max(delays) >= min(steps):
-                text = f"must be below the network steps of the window, {min(steps)}: later spikes are lost"
-                yield where, f"model.max_delay {text}, got {max(delays)}"
+        where: Path = (*keys, "max_delay")
+        steps = [n * min(_values(part, "steps_per_sample")) for n in known]
+        if steps and max(delays) >= min(steps):
+            text = f"must be below the network steps of the window, {min(steps)}: later spikes are lost"
+            yield where, f"model.max_delay {text}, got {max(delays)}"
         if device != "cpu":
             yield where, f"model.max_delay must be 0 on execution.device {device}, got {max(delays)}"
     if not all(longest):
         return
-    kinds: dict[str, Any] = registry.known("hardware.kinds")
-    for index, name in enumerate(hardware):
-        path = base / name if is_hardware_file(name) else shipped_profiles().get(name)
-        if path is None or not path.is_file():
-            continue
-        profile = parse(path.read_text(encoding="utf-8"), name).data
-        cls = kinds.get(str(profile.get("kind"))) if isinstance(profile, dict) else None
-        if cls is not None and not cls.delays_synapses:
+    for chip in chips(hardware, base):
+        if not chip.kind.delays_synapses:
             text = f"cannot delay synapses (model.max_delay {min(longest)})"
-            yield ("hardware", index), f"hardware '{name}' {text}"
+            yield ("hardware", chip.place), f"hardware '{chip.name}' {text}"
 
 
 def _values(part: Part, key: str) -> tuple[Any, ...]:

@@ -11,15 +11,16 @@ import numpy as np
 
 from dse import registry
 from dse.config.axes import Axis, n_combinations
+from dse.config.chips import chips
 from dse.config.contracts import SamplerSettings
 from dse.config.device import missing, missing_package
 from dse.config.faults import known_names
-from dse.config.locate import hardware_names, is_hardware_file, shipped_profiles
+from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import Part, read_fixed, read_or_axis
 from dse.config.settings import Decision, Evaluation, ExecutionSettings, Precision, Reach, Search
 from dse.config.space import DecisionGrid, SearchSettings
 from dse.config.values import Report, blamed, echo, keys_of, read_fields
-from dse.config.yaml_lines import Raw, parse
+from dse.config.yaml_lines import Raw
 
 _BATCH = 8
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
@@ -108,9 +109,10 @@ def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path)
         neurons += named
     if set(neurons) != set(programmed_neurons(model)):
         return
-    for name in fixed_chips(names, base):
-        run = f"cannot run neuron {' or '.join(dict.fromkeys(neurons))}: its neurons cannot be programmed"
-        report(("hardware", names.index(name)), f"hardware '{name}' {run}")
+    run = f"cannot run neuron {' or '.join(dict.fromkeys(neurons))}: its neurons cannot be programmed"
+    for chip in chips(names, base):
+        if chip.is_fixed:
+            report(("hardware", chip.place), f"hardware '{chip.name}' {run}")
 
 
 def programmed_neurons(model: Part) -> list[str]:
@@ -118,23 +120,6 @@ def programmed_neurons(model: Part) -> list[str]:
     known: dict[str, Any] = registry.known("neurons")
     named = [name for part in model.entries.values() or [model] for name in part.components("neurons")]
     return [name for name in dict.fromkeys(named) if getattr(known[name], "programmed", False)]
-
-
-def fixed_chips(names: Sequence[str], base: Path) -> list[str]:
-    """Return those chips whose neurons cannot be programmed (arguments as in `check_neurons`)."""
-    kinds: dict[str, Any] = registry.known("hardware.kinds")
-    fixed = []
-    for name in names:
-        path = base / name if is_hardware_file(name) else shipped_profiles().get(name)
-        if path is None or not path.is_file():
-            continue
-        profile = parse(path.read_text(encoding="utf-8"), name).data
-        if not isinstance(profile, dict) or profile.get("programmable") is True:
-            continue
-        kind = kinds.get(str(profile.get("kind")))
-        if kind is not None and not kind.any_neuron:
-            fixed.append(name)
-    return fixed
 
 
 def check_steps(sections: Mapping[str, Part], report: Report) -> None:

@@ -6,8 +6,9 @@ import contextlib
 import itertools
 
 from dse.config import SearchSpace
+from dse.config.chips import chips
 from dse.config.contracts import placed, trains_in_cohorts
-from dse.config.goals import fixed_chips, programmed_neurons
+from dse.config.goals import programmed_neurons
 from dse.dataset import cache
 from dse.recordings.files import locate
 from dse.registry import Plugin
@@ -62,10 +63,11 @@ def _unpriced(space: SearchSpace) -> dict[str, object]:
     neurons = programmed_neurons(space.parts["model"])
     if not neurons or not space.hardware:
         return {}
-    if len(fixed_chips(space.hardware, space.source.parent)) < len(space.hardware):
+    fixed = [chip for chip in chips(space.hardware, space.source.parent) if chip.is_fixed]
+    if len(fixed) < len(space.hardware):
         return {}
-    chips = ", ".join(space.hardware)
-    return {"without_costs": f"neuron {', '.join(neurons)}: the neurons of {chips} cannot be programmed"}
+    names = ", ".join(space.hardware)
+    return {"without_costs": f"neuron {', '.join(neurons)}: the neurons of {names} cannot be programmed"}
 
 
 def _audited(space: SearchSpace) -> dict[str, object]:

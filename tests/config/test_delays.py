@@ -1,4 +1,4 @@
-"""Mistakes about delays of synapses in a search space: one line each, with its place, before any training."""
+"""Mistakes about delays in a search space: one line each, with its place, before any training."""
 
 from __future__ import annotations
 
@@ -26,6 +26,11 @@ def model(keys: str) -> tuple[str, str]:
             "tiny.yaml:14: model.max_delay must be below the network steps of the window, 16: later spikes "
             "are lost, got 16",
         ),
+        (
+            "input_delays: {choice: [[0], [0, 16]]}",
+            "tiny.yaml:14: model.input_delays must be below the steps of the window, 16: later spikes are "
+            "lost, got 16",
+        ),
         ("max_delay: 9, delayed_layers: last", "tiny.yaml:14: unknown model.delayed_layers 'last'"),
         (
             "max_delay: 9, input_delays: [0, 5]",
@@ -40,6 +45,8 @@ def test_keys(tmp_path: Path, keys: str, fault: str) -> None:
 
 def test_network_steps_count(tmp_path: Path) -> None:
     assert load_space(write_space(tmp_path, model("max_delay: 31, steps_per_sample: 2"))).n_designs
+    longer = ("n_steps: 16", "n_steps: {choice: [8, 17]}")  # one length of two is enough
+    assert load_space(write_space(tmp_path, model("input_delays: [0, 16]"), longer)).n_designs == 4
 
 
 def test_a_device_and_chips_without_them(tmp_path: Path) -> None:

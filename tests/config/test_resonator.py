@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from dse.config import ConfigError, load_space
+from dse.study.preview import preview
 from tests.spaces import write_space
 
 OLD = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
@@ -67,3 +68,7 @@ def test_a_chip_that_runs_none_of_the_neurons(tmp_path: Path) -> None:
 def test_a_chip_that_runs_some_of_the_designs(tmp_path: Path, model: str) -> None:
     space = load_space(write_space(tmp_path, (OLD, model), (CHIPS, "hardware: [loihi1_silicon]")))
     assert space.n_designs == (6 if "share" in model else 4)
+    without = "neuron resonator: the neurons of loihi1_silicon cannot be programmed"
+    assert preview(space)["without_costs"] == without
+    other = load_space(tmp_path / "tiny.yaml", {"hardware": "[loihi1_silicon, mcu_m4]"})
+    assert "without_costs" not in preview(other)
