@@ -12,7 +12,7 @@ from dse.config.yaml_lines import Raw, parse
 
 
 class Chip(NamedTuple):
-    """A profile of section `hardware`: its place in the section, its name, what its file holds, and its kind."""
+    """A profile of section `hardware`: its place there, its name, what its file holds, its kind."""
 
     place: int
     name: str
