@@ -31,6 +31,7 @@ class CortexM(Target):
 
     core: ClassVar[Core]
     extra: ClassVar[str] = "targets"
+    use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why C cannot hold the classifier, one sentence; '' if it can."""
