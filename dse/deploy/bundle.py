@@ -15,22 +15,26 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy import checks
+from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
+from dse.deploy.stream import Decision, Stream, Windows
 from dse.deploy.verdict import KINDS, Verdict
 from dse.engine.checks import check_network
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
-from dse.records import Array, Head, Network, Parameters
+from dse.records import Array, Block, Head, Network, Parameters
 from dse.store import StoreError
+
+__all__ = ["SCHEMA", "Bundle", "BundleError", "Input", "InputKind", "read", "sealed", "weights", "write"]
 
 _8_BIT = "_8bit"  # ends the names of 8-bit matrices
 _SCHEMA = "dse/bundle/"
@@ -41,67 +45,25 @@ _WEIGHTS = "weights.npz"
 _PLUGINS = "plugins"
 
 
-class BundleError(ValueError):
-    """A folder that is no bundle, a damaged one, or one of another schema, in one line."""
-
-
-InputKind = Literal["samples", "spikes", "events"]
-
-
 @dataclass(frozen=True)
-class Input:
-    """The recordings that a classifier takes, before encoder and preprocessing.
+class Bundle(Classifier):
+    """A classifier as its folder holds it."""
 
-    kind: samples, which an encoder turns into spikes; spikes; or events, which are preprocessed.
-    n_channels: numbers in a step of samples or spikes; 0 of events.
-    width, height: frame of events; 0 of others.
-    n_steps: length of the window in input steps.
-    step_ms: duration of an input step.
-    """
+    def stream(self, source: Iterable[Block | Array], windows: Windows | None = None) -> Iterator[Decision]:
+        """Yield decisions as samples or events arrive.
 
-    kind: InputKind
-    n_channels: int
-    width: int
-    height: int
-    n_steps: int
-    step_ms: float
+        Args:
+            source: per step the numbers of a sample, or 0 and 1 of a raster; or blocks of events.
+            windows: where windows begin; None: as in training (`dse.deploy.stream.Stream`).
 
-
-@dataclass(frozen=True)
-class Bundle:
-    """A classifier that can be deployed.
-
-    fitted: the trained network or parameters; the family of section model runs it.
-    sections: of its design, with the values that were fitted to the recordings.
-    classes: names of the classes of the whole network.
-    phi, theta: the decision rule; both None if the answer comes at a fixed time.
-    read_out_ms: that time; None for the end of the window.
-    heads: of a joint target; head: the one that answers, '' for all of them together.
-    plugins: the plugins with its components: names of modules, or paths of files.
-    input: what recordings it takes; None where the export could not tell.
-    targets: the verdict on each target that it was exported to, by name.
-    record: the design point, column -> value.
-    evidence: the origin of the numbers.
-    """
-
-    fitted: Network | Parameters
-    sections: Sections
-    classes: tuple[str, ...]
-    phi: float | None
-    theta: float | None
-    record: Mapping[str, object]
-    evidence: Mapping[str, Any]
-    read_out_ms: float | None = None
-    heads: tuple[Head, ...] = ()
-    head: str = ""
-    plugins: tuple[str, ...] = ()
-    input: Input | None = None
-    targets: Mapping[str, Verdict] = field(default_factory=dict)
-
-    @property
-    def n_outputs(self) -> int:
-        """Output neurons of a network: classes, of all heads."""
-        return sum(len(head.classes) for head in self.heads) or len(self.classes)
+        Raises:
+            BundleError: the bundle cannot run on a stream.
+            RecordingError: an item does not fit.
+        """
+        running = Stream(self, windows)
+        for item in source:
+            yield from running.push(item)
+        yield from running.end()
 
 
 def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = None) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from dse.deploy.bundle import Bundle, read
-from dse.deploy.reference import answered, decided, prepared
+from dse.deploy.decide import decided
+from dse.deploy.reference import answered, prepared
 from dse.hardware.counter import MeasuredPower, measured_power
 from dse.measure.confusion import confusion
 from dse.measure.objectives.accuracy import wilson_se

@@ -13,9 +13,7 @@ from dse import dataset, registry
 from dse.config.contracts import Recordings, Source
 from dse.dataset.assemble import New
 from dse.deploy.bundle import Bundle, BundleError
-from dse.measure import decision
-from dse.measure.heads import head_answers, head_slices, joint_label
-from dse.measure.run import read_out
+from dse.deploy.decide import decided
 from dse.models.snn.respond import spikes_of_layers
 from dse.recordings import RecordingError, npz
 from dse.recordings.event_files import EventFiles
@@ -137,36 +135,6 @@ def answered(bundle: Bundle, data: Dataset, data_file: str | Path) -> Response |
         if label.size and not (0 <= label.min() and label.max() < n):
             raise BundleError(f"{data_file}: the bundle must answer classes 0 to {n - 1}, got others")
     return response
-
-
-def decided(bundle: Bundle, data: Dataset, response: Response | Answers) -> tuple[Ints, Floats, Bools]:
-    """Return the label, the time of the answer in ms, and whether theta was reached, by the decision rule.
-
-    A label of -1 is a combination of the heads' answers that no training recording had.
-    """
-    if isinstance(response, Answers):
-        column = (
-            -1 if bundle.read_out_ms is None else int(np.abs(response.time_ms - bundle.read_out_ms).argmin())
-        )
-        label = response.label[:, column]
-        for head in bundle.heads:
-            if head.name == bundle.head:
-                label = head.of_class[label]
-        return label, np.full(len(label), response.time_ms[column]), np.ones(len(label), bool)
-    n, n_steps = response.output.shape[:2]
-    parts = dict(zip((x.name for x in bundle.heads), head_slices(data), strict=False))  # without heads: one
-    output = response.output[..., parts.get(bundle.head, slice(None))]
-    if bundle.phi is not None and bundle.theta is not None:
-        label, step, decided = decision.decide(output, bundle.phi, bundle.theta)
-        return label, (step + 1) * response.step_ms, decided
-    if bundle.read_out_ms is not None:
-        n_steps = min(n_steps, max(1, round(bundle.read_out_ms / response.step_ms)))
-    if parts and not bundle.head:
-        counts = output[:, :n_steps].sum(axis=1, dtype=np.int64)
-        label = joint_label(head_answers(data, counts), bundle.heads)
-    else:
-        label = read_out(output[:, :n_steps])
-    return label, np.full(n, n_steps * response.step_ms), np.ones(n, bool)
 
 
 def _spikes_of_windows(data: Dataset) -> Ints:

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from dse.config.contracts import RunningEncoder
-from dse.deploy.bundle import Bundle, BundleError, Input
-from dse.deploy.window import Classifier, OpenWindow, Verdict, classifier_of
+from dse.deploy.classifier import BundleError, Classifier, Input
+from dse.deploy.window import Opener, OpenWindow, Verdict, opener_of
 from dse.native.compiled import compiled
 from dse.preprocessing.bins import Bin, Bins
 from dse.recordings import RecordingError
@@ -74,26 +74,6 @@ class Decision(NamedTuple):
     decided: bool
 
 
-def stream(
-    bundle: Bundle, source: Iterable[Block | Array], windows: Windows | None = None
-) -> Iterator[Decision]:
-    """Yield decisions as samples or events arrive.
-
-    Args:
-        bundle: as read.
-        source: items as `Stream.push` takes them.
-        windows: as in `Stream`.
-
-    Raises:
-        BundleError: the bundle cannot run on a stream.
-        RecordingError: an item does not fit.
-    """
-    running = Stream(bundle, windows)
-    for item in source:
-        yield from running.push(item)
-    yield from running.end()
-
-
 class Stream:
     """A bundle on one stream.
 
@@ -108,7 +88,7 @@ class Stream:
         BundleError: the bundle cannot run on a stream; one sentence says why.
     """
 
-    def __init__(self, bundle: Bundle, windows: Windows | None = None, t0_us: int | None = None) -> None:
+    def __init__(self, bundle: Classifier, windows: Windows | None = None, t0_us: int | None = None) -> None:
         if bundle.input is None:
             raise BundleError(
                 "bundle.json must say what recordings the bundle takes (key input): export it again"
@@ -130,7 +110,7 @@ class Stream:
                 pools = pooling(settings, self._input.width, self._input.height)
                 self._bins = Bins(pools, settings.every_event, t0_us)
                 self._n_in = pools.n_channels
-            self._classifier = classifier_of(bundle, self._input)
+            self._classifier = opener_of(bundle, self._input)
             first = self._track()
         except ValueError as error:
             raise BundleError(str(error)) from None
@@ -265,7 +245,7 @@ class Stream:
         self._last_us = int(block.t_us[-1])
 
 
-def _usual(bundle: Bundle, recordings: Input) -> Windows:
+def _usual(bundle: Classifier, recordings: Input) -> Windows:
     """Return where windows begin as in training: of a stream, or of each recording that it is cut into."""
     window = bundle.sections.window
     if window.at == "contact_onset":
@@ -297,7 +277,7 @@ class _Track:
         begin: int,
         windows: Windows,
         most: float,
-        classifier: Classifier,
+        classifier: Opener,
         numbers: Iterator[int],
         step_ms: float,
         onset_threshold: float,

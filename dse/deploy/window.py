@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from dse.deploy.bundle import Bundle, BundleError, Input
-from dse.deploy.reference import decided
+from dse.deploy.classifier import BundleError, Classifier, Input
+from dse.deploy.decide import decided
 from dse.engine.stepping import RunningStack
 from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.models.snn.respond import layers_of
@@ -45,7 +45,7 @@ class OpenWindow(Protocol):
         """
 
 
-class Classifier(Protocol):
+class Opener(Protocol):
     """A classifier that opens windows.
 
     classes: names of its labels.
@@ -57,7 +57,7 @@ class Classifier(Protocol):
         """Return a window at its first step."""
 
 
-def classifier_of(bundle: Bundle, recordings: Input) -> Classifier:
+def opener_of(bundle: Classifier, recordings: Input) -> Opener:
     """Return the classifier of a bundle: a network that runs step by step, or one that needs whole windows.
 
     Args:
@@ -73,11 +73,11 @@ def classifier_of(bundle: Bundle, recordings: Input) -> Classifier:
     return _Whole(bundle, recordings)
 
 
-def _classes(bundle: Bundle) -> tuple[str, ...]:
+def _classes(bundle: Classifier) -> tuple[str, ...]:
     return next((head.classes for head in bundle.heads if head.name == bundle.head), bundle.classes)
 
 
-def _data(bundle: Bundle, spikes: Spikes) -> Dataset:
+def _data(bundle: Classifier, spikes: Spikes) -> Dataset:
     """Return one window as the only sample of a data set; families do not read positions in an answer."""
     zero = np.zeros(1, np.int32)
     return Dataset(
@@ -99,7 +99,7 @@ def shares(counts: Sequence[int]) -> tuple[float, float]:
 class _Stepwise:
     """A network; all windows share its weights."""
 
-    def __init__(self, bundle: Bundle, network: Network, recordings: Input) -> None:
+    def __init__(self, bundle: Classifier, network: Network, recordings: Input) -> None:
         self.classes = _classes(bundle)
         self._network, self._layers = network, layers_of(network)
         self.per_sample = network.steps_per_sample
@@ -175,7 +175,7 @@ class _Running:
 class _Whole:
     """A classifier that is shown a window when it is over, or when as much of it is there as it reads."""
 
-    def __init__(self, bundle: Bundle, recordings: Input) -> None:
+    def __init__(self, bundle: Classifier, recordings: Input) -> None:
         self.classes = _classes(bundle)
         self._bundle, self._recordings = bundle, recordings
         settings = bundle.sections.preprocessing

@@ -12,7 +12,8 @@ import pytest
 
 from dse.config import Sections
 from dse.deploy.bundle import Bundle, BundleError, Input
-from dse.deploy.reference import answered, decided, prepared
+from dse.deploy.decide import decided
+from dse.deploy.reference import answered, prepared
 from dse.deploy.stream import Decision, Stream, Windows
 from dse.models.training import Training
 from dse.recordings import RecordingError
@@ -177,6 +178,13 @@ def test_where_windows_begin() -> None:
 
 def _at_onset(of: Sections, threshold: float) -> Sections:
     return replace(of, window=replace(of.window, at="contact_onset", onset_threshold=threshold))
+
+
+def test_a_bundle_streams_a_source() -> None:
+    assert list(ramp(4).stream(ROWS)) == run(Stream(ramp(4)), ROWS)
+    assert list(ramp(4).stream(iter(ROWS), Windows("once", first=4))) == run(
+        Stream(ramp(4), Windows("once", first=4)), ROWS
+    )
 
 
 def test_silence_is_answered_without_confidence() -> None:

@@ -16,7 +16,8 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 
 from dse.deploy.bundle import Bundle, BundleError
-from dse.deploy.reference import Reference, decided
+from dse.deploy.decide import decided
+from dse.deploy.reference import Reference
 from dse.deploy.verdict import Verdict
 from dse.records import Bools, Floats, Ints, Network, Response
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.reference import Reference, answered, decided
+from dse.deploy.decide import decided
+from dse.deploy.reference import Reference, answered
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import spikes_of_layers
 from dse.neurons import cuba_lif, parameters_of, resonator

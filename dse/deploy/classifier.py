@@ -1,0 +1,74 @@
+"""A classifier that can be deployed, and the recordings that it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from dse.config import Sections
+from dse.deploy.verdict import Verdict
+from dse.records import Head, Network, Parameters
+
+
+class BundleError(ValueError):
+    """A folder that is no bundle, a damaged one, or one of another schema, in one line."""
+
+
+InputKind = Literal["samples", "spikes", "events"]
+
+
+@dataclass(frozen=True)
+class Input:
+    """The recordings that a classifier takes, before encoder and preprocessing.
+
+    kind: samples, which an encoder turns into spikes; spikes; or events, which are preprocessed.
+    n_channels: numbers in a step of samples or spikes; 0 of events.
+    width, height: frame of events; 0 of others.
+    n_steps: length of the window in input steps.
+    step_ms: duration of an input step.
+    """
+
+    kind: InputKind
+    n_channels: int
+    width: int
+    height: int
+    n_steps: int
+    step_ms: float
+
+
+@dataclass(frozen=True)
+class Classifier:
+    """A classifier that can be deployed.
+
+    fitted: the trained network or parameters; the family of section model runs it.
+    sections: of its design, with the values that were fitted to the recordings.
+    classes: names of the classes of the whole network.
+    phi, theta: the decision rule; both None if the answer comes at a fixed time.
+    read_out_ms: that time; None for the end of the window.
+    heads: of a joint target; head: the one that answers, '' for all of them together.
+    plugins: the plugins with its components: names of modules, or paths of files.
+    input: what recordings it takes; None where the export could not tell.
+    targets: the verdict on each target that it was exported to, by name.
+    record: the design point, column -> value.
+    evidence: the origin of the numbers.
+    """
+
+    fitted: Network | Parameters
+    sections: Sections
+    classes: tuple[str, ...]
+    phi: float | None
+    theta: float | None
+    record: Mapping[str, object]
+    evidence: Mapping[str, Any]
+    read_out_ms: float | None = None
+    heads: tuple[Head, ...] = ()
+    head: str = ""
+    plugins: tuple[str, ...] = ()
+    input: Input | None = None
+    targets: Mapping[str, Verdict] = field(default_factory=dict)
+
+    @property
+    def n_outputs(self) -> int:
+        """Output neurons of a network: classes, of all heads."""
+        return sum(len(head.classes) for head in self.heads) or len(self.classes)
