@@ -169,6 +169,14 @@ _NEURONS_AND_LOSSES = {
     "half resonators, cross-entropy": {**_RESONATOR, "share": 0.5},
 }
 _SMALL_SPEED = {"hidden": 150, "input_delays": [0, 2, 5, 10, 20, 40]}
+_TINY_SPEED = {**_SMALL_SPEED, **_RESONATOR, "hidden": 40}
+_TINY_BRAILLE = {**_CROSS_ENTROPY, "hidden": 40, "input_delays": [0]}
+
+
+def _taught(recordings: str, **keys: Any) -> dict[str, Any]:
+    """Return a teacher: the network of a set, with some other keys."""
+    return {"teacher": {"kind": "snn", **SETS[recordings].model, **keys}}
+
 
 CASES = (
     *(Case(name, design, keys) for name in SETS for design, keys in _NEURONS_AND_LOSSES.items()),
@@ -194,6 +202,10 @@ CASES = (
         {**_SMALL_SPEED, **_RESONATOR, "hidden_spike_penalty": 1e-5},
         _deltas(2, 8),
     ),
+    Case("6 speeds", "tiny, resonators", _TINY_SPEED, _deltas(2, 8)),
+    Case(
+        "6 speeds", "tiny, resonators, taught", _TINY_SPEED, _deltas(2, 8), _taught("6 speeds", **_RESONATOR)
+    ),
     Case("7 fabrics", "pruned, CUBA-LIF, spike rate", {"pruned": 0.73, "prune_epoch": 0.35}),
     Case(
         "7 fabrics", "pruned, resonators, cross-entropy", {"pruned": 0.73, "prune_epoch": 0.35, **_RESONATOR}
@@ -215,6 +227,13 @@ CASES = (
         "7 Braille letters",
         "small, half resonators",
         {**_RESONATOR, "share": 0.5, "hidden": 40, "input_delays": [0, 8, 32]},
+    ),
+    Case("7 Braille letters", "tiny, cross-entropy", _TINY_BRAILLE),
+    Case(
+        "7 Braille letters",
+        "tiny, cross-entropy, taught",
+        _TINY_BRAILLE,
+        training=_taught("7 Braille letters", **_CROSS_ENTROPY),
     ),
     Case(
         "36 objects",

@@ -224,7 +224,8 @@ class Family(Protocol):
     where their shapes or numbers are wrong: a bundle that is read may hold anything.
 
     A family whose answer is a `Response` spikes; any other gives `Answers` after several input lengths, with
-    the numbers that it stores and the operations that it does, counted by a rule that it states.
+    the numbers that it stores and the operations that it does, counted by a rule that it states. A family
+    with a method `scores` is a `Teacher`.
     """
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:

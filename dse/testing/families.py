@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dse import store
-from dse.config.contracts import CohortFamily, Family, FitRequest, placed, trains_in_cohorts
+from dse.config.contracts import CohortFamily, Family, FitRequest, Teacher, placed, trains_in_cohorts
 from dse.config.settings import Training
 from dse.measure.heads import head_sizes
 from dse.records import Answers, Dataset, Ints, Network, Outcome, Response
@@ -53,6 +53,8 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
         same(moved, outcome.validation),
         f"{name}.respond must answer the windows that begin at `dataset.start`, wherever that is",
     )
+    if isinstance(family, Teacher):
+        _check_scores(name, family, outcome, data)
     if trains_in_cohorts(family):
         _check_cohort(name, family, outcome, data, training)
 
@@ -121,6 +123,20 @@ def _check_labels(name: str, answers: Answers, data: Dataset) -> None:
         f"{name}: time_ms must rise to the whole window, {whole_ms} ms, got {time_ms}",
     )
     expect(label.shape[1] == len(time_ms), f"{name} must have an answer for each of {len(time_ms)} lengths")
+
+
+def _check_scores(name: str, family: Teacher, outcome: Outcome, data: Dataset) -> None:
+    scores = family.scores(outcome.network, data, data.validation)
+    shape = len(data.validation), sum(head_sizes(data))
+    expect(scores.shape == shape, f"{name}.scores must have the shape {shape}, got {scores.shape}")
+    expect(not np.isnan(scores).any(), f"{name}.scores must be numbers")
+    if not data.heads:
+        answers = outcome.validation
+        if isinstance(answers, Response):
+            label = answers.output.sum(axis=1, dtype=np.int64).argmax(axis=1)
+        else:
+            label = answers.label[:, -1]
+        expect(same(scores.argmax(axis=1), label), f"{name}.scores must be largest where {name} answers")
 
 
 def _check_causal(name: str, family: Family, outcome: Outcome, data: Dataset) -> None:
