@@ -40,7 +40,7 @@ test: $(TESTS) $(PEERS)
 test-gpu: $(GPU)
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
 
-# Norse and snnTorch, which run what target `nir` writes: some 10 MB.
+# Norse and snnTorch, which run what target `nir` writes, and brian2-loihi for target `loihi`: some 100 MB.
 peers: $(PEERS)
 
 setup: $(TESTS)
@@ -75,9 +75,10 @@ $(STUDY): pyproject.toml constraints.txt | $(BIN)/python
 $(TESTS): $(STUDY)
 	$(INSTALL) --no-build-isolation -e ".[test]"
 	@.ci/torch $(INSTALL)
+	@.ci/xylosim $(INSTALL)
 	@touch $@
 
-$(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt
+$(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt .ci/brian2_loihi.txt
 	@.ci/peers $(VENV)
 	@touch $@
 

@@ -19,7 +19,7 @@ from dse.engine.layers import Forward, Weights, check_inputs
 from dse.neurons import Population
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.fixed_point import STATE_SCALE
-from dse.records import Arithmetic, Array, Bools, Floats
+from dse.records import Arithmetic, Array, Floats, Ints
 
 P = TypeVar("P", bound=Population[Any])
 
@@ -39,7 +39,7 @@ class DefinedLayer:
         """Run the layer from rest over a batch; arguments as in `dse.engine.layers.CompiledLayer.forward`."""
         check_inputs(rows, self.weights.feed_forward.shape[0])
         n, t, h = rows.n_samples, rows.n_steps, self.n_neurons
-        fired = np.zeros((n, t, h), bool)
+        fired = np.zeros((n, t, h), np.uint8)
         voltage = np.zeros((n, t, h) if keep_voltage else (0, 0, 0))
         updates = np.zeros((n, t) if count else (0, 0), np.int32)
         peak = 0.0
@@ -53,8 +53,10 @@ class DefinedLayer:
             if count:
                 updates[part] = run.updates
                 peak = max(peak, run.peak)
-        index = np.nonzero(fired.reshape(n * t, h))[1].astype(np.int32)
-        offsets = np.concatenate([[0], np.cumsum(fired.sum(axis=2, dtype=np.int64))])
+        counts = fired.reshape(n * t, h)
+        row, neuron = np.nonzero(counts)
+        index = np.repeat(neuron, counts[row, neuron]).astype(np.int32)
+        offsets = np.concatenate([[0], np.cumsum(counts.sum(axis=1, dtype=np.int64))])
         return Forward(voltage, Rows(offsets, index, n, t, h), updates, peak)
 
     def _run(self, rows: Rows, samples: slice) -> _Run:
@@ -69,12 +71,12 @@ class DefinedLayer:
         # The state at rest does not count as the start of an update.
         rest = population.step(state, np.zeros((n, h), real), calculus).potential
         awake: Callable[[Any], Any] = getattr(population, "awake", lambda state: False)
-        run = _Run(np.zeros((n, t, h), bool), np.zeros((n, t, h), real), np.zeros((n, t), np.int32))
+        run = _Run(np.zeros((n, t, h), np.uint8), np.zeros((n, t, h), real), np.zeros((n, t), np.int32))
         scale = STATE_SCALE if self.arithmetic == "integer" else 1
         for step in range(t):
             z = drive[:, step] + rows_sum(spikes, ring) if ring.size else drive[:, step]
             state, potential, spikes = population.step(state, z, calculus)
-            run.fired[:, step] = spikes > 0
+            run.fired[:, step] = spikes
             run.potential[:, step] = potential
             run.updates[:, step] = ((potential != rest) | (z != 0) | awake(state)).sum(axis=1)
             highest = [np.abs(x).max(initial=0) / scale for x in state]
@@ -86,7 +88,7 @@ class DefinedLayer:
 class _Run:
     """What some samples gave: (sample, step, neuron) spikes and potential, (sample, step) updates."""
 
-    fired: Bools
+    fired: Ints
     potential: Floats
     updates: Array
     peak: float = 0.0

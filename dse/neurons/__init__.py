@@ -39,7 +39,8 @@ class Step(NamedTuple, Generic[S]):
 
     state: after the step, resets included; a new one, the old one is untouched.
     potential: (..., neuron) membrane potential before a reset, in weight units.
-    spikes: (..., neuron) 1 where a neuron spiked, else 0, of the potential's type: what leaves the layer.
+    spikes: (..., neuron) how often a neuron spiked, 0 or 1 of most kinds, of the potential's type: what
+        leaves the layer.
     """
 
     state: S
@@ -112,6 +113,7 @@ class Neuron(Protocol):
         as operations, which processors can be asked for.
     programmed: whether only processors and chips with programmable neurons run it.
     state_updates: numbers that are updated per neuron and step, where work is counted as operations.
+    most_spikes: of a hidden neuron in a step; an output spikes once at most.
     """
 
     Populations: ClassVar[type[Any]]
@@ -123,6 +125,7 @@ class Neuron(Protocol):
     on_chips: ClassVar[bool] = False
     programmed: ClassVar[bool] = False
     state_updates: ClassVar[int] = 1
+    most_spikes: ClassVar[int] = 1
 
     @classmethod
     def resonators(cls, parameters: Mapping[str, Array]) -> int:

@@ -6,23 +6,21 @@ x = 0, where >> rounds down, at step t:
 
     i[t] = D(sat(i[t-1] + z[t]), k_i)          current; z = weighted input spikes, which decay at once
     v[t] = sat(v_r[t-1] + sat(i[t] - (v_r[t-1] - D(v_r[t-1], k_v))))
-    s[t] = 1 if v[t] >= threshold else 0       equality fires
+    s[t] = floor(v[t] / threshold)             spikes: as often as v[t] reaches it, at most `most_spikes`
     v_r[t] = v[t] - s[t] threshold             reset by subtraction; i is not reset
 
-A layer hands its spikes on one step later. What the shifts round to:
+A hidden neuron spikes up to 31 times in a step, an output once: what it has left spikes in the next steps. A
+layer hands its spikes on one step later. What the shifts round to:
 - x > 0 loses floor(x / 2**k), but 1 at least; x < 0 loses ceil(|x| / 2**k). So every state reaches 0.
 - k_i = 0 would silence a neuron: its current is gone before it is added. So k_i is 1 at least.
 - k_v = 0 means a potential without memory.
 
-The chip lets a hidden neuron fire up to 31 times a step, an output once. A hidden threshold of 2**14 or more
-makes that once as well: v[t] - threshold is at most 2**15 - 1 - 2**14, below it. So `weight_shift` of
-hidden layers is the largest that 16 bits allow for the threshold; that of outputs is `OUTPUT_ROOM` less,
-which leaves room above the threshold: an output whose v[t] stays there fires in the next steps.
+The chip saturates i after every single spike, this definition after their sum. So that it matters nowhere,
+states have room for 32 thresholds and more: `weight_shift` is the largest that leaves the threshold at most
+2**10. Real arithmetic neither rounds nor loses the least step, but saturates.
 
-The chip saturates i after every single spike, this definition after their sum; `dse.deploy.targets.xylo`
-finds where that differs. Real arithmetic neither rounds nor loses the least step, but saturates.
-
-Backward in time reset and saturation are ignored, and rounding passes straight through.
+Backward in time reset and saturation are ignored, rounding passes straight through, and of the spikes of a
+step the first has the surrogate for its derivative.
 
 Source: SynSense's simulator xylosim 0.1.3, module v2, which `tests/golden/xylo.json` is a record of
 (REFERENCES.md).
@@ -44,10 +42,11 @@ from dse.registry import param, register
 STATE_BITS = 16
 WEIGHT_STEPS = 32
 """8-bit steps in a weight of 1 (dse.neurons.fixed_point)."""
-OUTPUT_ROOM = 3
-"""Bits that outputs have above their threshold, beyond those of hidden neurons."""
+MOST_SPIKES = 31
+"""Of a hidden neuron in a step."""
 
 LOWEST, HIGHEST = -(2 ** (STATE_BITS - 1)), 2 ** (STATE_BITS - 1) - 1
+_MOST_THRESHOLD = 2**10
 _MOST_WEIGHT_SHIFT = STATE_BITS - 8  # a shifted weight is a 16-bit number
 
 
@@ -65,12 +64,14 @@ class Population:
     current_shift, voltage_shift: k_i and k_v, (neuron,).
     threshold: of the integer potential.
     weight_shift: bits by which weights are shifted left.
+    most_spikes: of a neuron in a step.
     """
 
     current_shift: Ints
     voltage_shift: Ints
     threshold: int
     weight_shift: int
+    most_spikes: int
 
     @property
     def per_weight(self) -> int:
@@ -100,7 +101,9 @@ class Population:
         v = saturated(state.v + saturated(i - lost))
         potential = v / self.per_weight if integer else v
         # Half a unit below an integer threshold, equality fires.
-        spikes = calculus.fire(potential, (self.threshold - 0.5) / self.per_weight)
+        first = calculus.fire(potential, (self.threshold - 0.5) / self.per_weight)
+        whole = calculus.truncated(calculus.constant(potential) / self.to_threshold)
+        spikes = first + calculus.xp.clip(whole - 1, 0, self.most_spikes - 1)
         reset = calculus.constant(spikes * (self.threshold if integer else self.to_threshold))
         return Step(State(i, v - (calculus.truncated(reset) if integer else reset)), potential, spikes)
 
@@ -127,13 +130,14 @@ class XyloLif(Neuron):
     units = MappingProxyType({"threshold": "1/2**(5 + weight_shift)"})
     on_chips = True
     state_updates = 2
+    most_spikes = MOST_SPIKES
 
     threshold: float = param(
         4.0,
-        low=2,
-        high=1023,
+        low=1 / 8,
+        high=32,
         unit="weight",
-        doc="firing threshold; weights are limited to -4 to 3.97; powers of two leave most room above it",
+        doc="firing threshold; weights are limited to -4 to 3.97",
     )
     current_shift: tuple[int, ...] = param(
         (1, 2),
@@ -165,14 +169,13 @@ class XyloLif(Neuron):
         current = (self.output_current_shift,) if layer.is_output else self.current_shift
         voltage = (self.output_voltage_shift,) if layer.is_output else self.voltage_shift
         steps = self.threshold * WEIGHT_STEPS
-        shift = max(s for s in range(_MOST_WEIGHT_SHIFT + 1) if int(steps * 2**s) <= HIGHEST)
-        if layer.is_output:
-            shift = max(0, shift - OUTPUT_ROOM)
+        shift = max(s for s in range(_MOST_WEIGHT_SHIFT + 1) if steps * 2**s <= _MOST_THRESHOLD)
         return Population(
             current_shift=_drawn(current, layer.n_neurons, rng),
             voltage_shift=_drawn(voltage, layer.n_neurons, rng),
             threshold=int(steps * 2**shift),
             weight_shift=shift,
+            most_spikes=1 if layer.is_output else MOST_SPIKES,
         )
 
 

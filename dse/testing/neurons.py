@@ -64,7 +64,8 @@ def _check_steps(name: str, neuron: Neuron, arithmetic: Arithmetic) -> None:
             step.spikes.shape == shape and step.potential.shape == shape,
             f"a step of {name} must keep the shape {shape}, got {step.spikes.shape}",
         )
-        expect(np.isin(step.spikes, (0, 1)).all(), f"spikes of {name} must be 0 or 1")
+        numbers = range(neuron.most_spikes + 1)
+        expect(np.isin(step.spikes, numbers).all(), f"spikes of {name} must be 0 or {neuron.most_spikes}")
         expect(
             np.isfinite(np.asarray(step.potential, float)).all(),
             f"potentials of {name} must be finite, step {t}",

@@ -20,12 +20,16 @@ GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "xylo.json").read_te
 INTEGER = NumpyCalculus("integer")
 
 
-def one(current_shift: int, voltage_shift: int, threshold: int, weight_shift: int = 0) -> Population:
-    return Population(np.array([current_shift]), np.array([voltage_shift]), threshold, weight_shift)
+def one(
+    current_shift: int, voltage_shift: int, threshold: int, weight_shift: int = 0, most_spikes: int = 1
+) -> Population:
+    return Population(
+        np.array([current_shift]), np.array([voltage_shift]), threshold, weight_shift, most_spikes
+    )
 
 
 def run(population: Population, z: list[int]) -> list[tuple[int, int, int]]:
-    """Return i, potential before reset and spike after each step; z in 8-bit weight steps."""
+    """Return i, potential before reset and spikes after each step; z in 8-bit weight steps."""
     state, seen = population.initial_state((1,), INTEGER), []
     for drive in z:
         state, potential, spikes = population.step(state, np.array([drive / 32]), INTEGER)
@@ -51,6 +55,12 @@ def test_equality_fires_and_what_is_left_of_an_output_fires_again() -> None:
     assert run(one(1, 15, 30), [126, -63, 0]) == [(63, 63, 1), (0, 32, 1), (0, 1, 0)]
 
 
+def test_a_hidden_neuron_spikes_as_often_as_it_reaches_its_threshold() -> None:
+    # 124 >> 1: 62 reaches 20 three times and leaves 2; 2 - 1 + 31 reaches it once.
+    assert run(one(1, 15, 20, most_spikes=31), [124, 0]) == [(62, 62, 3), (31, 32, 1)]
+    assert [s for _, _, s in run(one(1, 15, 1, most_spikes=31), [126, 0])] == [31, 31]
+
+
 def test_states_saturate_at_16_bits() -> None:
     assert run(one(15, 0, HIGHEST), [127 * 256, 127 * 256])[-1][0] == HIGHEST - 1
     assert run(one(15, 15, HIGHEST), [-128 * 256] * 3)[-1][:2] == (LOWEST + 1, LOWEST)
@@ -71,6 +81,7 @@ def test_it_is_the_vendors_simulator(case: dict[str, Any]) -> None:
             np.array(case[f"{layer}voltage_shift"]),
             case[f"{layer}threshold"],
             case[f"{layer}weight_shift"],
+            1 if layer else 31,
         )
         state = population.initial_state((drive.shape[1],), INTEGER)
         for t, z in enumerate(drive):
@@ -80,27 +91,20 @@ def test_it_is_the_vendors_simulator(case: dict[str, Any]) -> None:
             assert state.v.tolist() == [row[t] for row in case[f"{layer}state_v"]]
 
 
-@given(
-    current=st.integers(1, 15),
-    voltage=st.integers(0, 15),
-    threshold=st.floats(2, 1023),
-    z=st.lists(st.integers(-(2**20), 2**20), max_size=30),
-)
-def test_a_hidden_neuron_never_reaches_its_threshold_twice(
-    current: int, voltage: int, threshold: float, z: list[int]
-) -> None:
+@given(threshold=st.floats(1 / 8, 32))
+def test_states_have_room_for_32_thresholds(threshold: float) -> None:
     layer = LayerSpec(n_neurons=1, is_output=False, steps_per_sample=1, step_ms=1.0)
-    neuron = XyloLif(threshold=threshold, current_shift=(current,), voltage_shift=(voltage,))
-    population = neuron.population(layer, np.random.default_rng(0))
-    assert 2**14 <= population.threshold < 2**15
-    assert population.to_threshold == pytest.approx(threshold, rel=2**-14)
-    assert all(v < 2 * population.threshold for _, v, _ in run(population, z))
+    population = XyloLif(threshold=threshold).population(layer, np.random.default_rng(0))
+    assert 2**9 - 1 < population.threshold <= 2**10
+    assert population.to_threshold == pytest.approx(threshold, rel=2**-9)
+    assert LOWEST <= -128 << population.weight_shift
+    assert population.most_spikes == 31
 
 
-def test_outputs_have_room_above_their_threshold() -> None:
+def test_an_output_spikes_once_in_a_step() -> None:
     layer = LayerSpec(n_neurons=2, is_output=True, steps_per_sample=1, step_ms=1.0)
     population = XyloLif(threshold=4.0).population(layer, np.random.default_rng(0))
-    assert (population.threshold, population.weight_shift) == (2048, 4)
+    assert (population.threshold, population.weight_shift, population.most_spikes) == (1024, 3, 1)
     assert population.current_shift.tolist() == [3, 3]
 
 

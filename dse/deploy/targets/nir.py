@@ -36,7 +36,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -49,6 +48,7 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Run, TargetError, Verdict, compare
+from dse.deploy.targets.peers import interpreter
 from dse.engine.events import gather
 from dse.models.snn.initialise import deployed
 from dse.models.snn.respond import spikes_of_layers
@@ -106,7 +106,7 @@ class Nir:
         assert isinstance(network, Network)
         verdicts, sentences = [], []
         for framework in FRAMEWORKS:
-            python = interpreter(framework)
+            python = interpreter(framework, "nir")
             if python is None:
                 sentences.append(f"{framework} is not installed")
                 continue
@@ -120,14 +120,6 @@ class Nir:
             return Verdict("not verified", " and ".join(sentences))
         worst = max(verdicts, key=lambda x: (x.kind != "faithful", x.decisions_differ, x.spikes_differ))
         return dataclasses.replace(worst, reason="" if worst.kind == "faithful" else "; ".join(sentences))
-
-
-def interpreter(framework: str) -> Path | None:
-    """Return the Python that has a framework and nir: this one, or that of `make peers`; None without any."""
-    if find_spec(framework) is not None and find_spec("nir") is not None:
-        return Path(sys.executable)
-    python = Path(sys.prefix) / "peers" / framework / "bin" / "python"
-    return python if python.is_file() else None
 
 
 def time_constant(decay: Ints) -> Floats:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dse.deploy.targets import TargetError, nir
-from dse.deploy.targets.nir import FRAMEWORKS, Nir, interpreter
+from dse.deploy.targets.nir import FRAMEWORKS, Nir
+from dse.deploy.targets.peers import interpreter
 from dse.records import Network, Parameters
 from tests.deploy import bundles
 
@@ -21,7 +22,7 @@ from tests.deploy import bundles
 def framework(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """One framework, the other being absent."""
     name = str(request.param)
-    if interpreter(name) is None:
+    if interpreter(name, "nir") is None:
         pytest.skip(f"{name} is not installed: `make peers` installs it")
     monkeypatch.setattr(nir, "FRAMEWORKS", (name,))
     return name
@@ -59,7 +60,7 @@ def test_rounded_states_are_nearly_equal(framework: str, tmp_path: Path) -> None
 
 
 def test_real_states_are_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if interpreter("norse") is None:
+    if interpreter("norse", "nir") is None:
         pytest.skip("norse is not installed: `make peers` installs it")
     monkeypatch.setattr(nir, "FRAMEWORKS", ("norse",))
     rng = np.random.default_rng(2)
@@ -84,7 +85,7 @@ print(json.dumps([nir.__version__, shapes, sorted(graph.edges), told, golden], d
 """
     versions = []
     for name in FRAMEWORKS:
-        python = interpreter(name)
+        python = interpreter(name, "nir")
         if python is None:
             pytest.skip(f"{name} is not installed: `make peers` installs it")
         done = subprocess.run(
@@ -142,7 +143,7 @@ def test_what_nir_cannot_hold_is_refused() -> None:
 
 def test_without_a_framework_nothing_is_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(6)
-    monkeypatch.setattr(nir, "interpreter", lambda framework: None)
+    monkeypatch.setattr(nir, "interpreter", lambda *names: None)
     found = verdict(tmp_path, bundles.bundle(bundles.network(rng)), rng)
     assert (found.kind, found.reason) == (
         "not verified",
@@ -151,7 +152,7 @@ def test_without_a_framework_nothing_is_verified(tmp_path: Path, monkeypatch: py
 
 
 def test_a_graph_that_a_framework_cannot_read_is_one_line(tmp_path: Path) -> None:
-    if interpreter("norse") is None:
+    if interpreter("norse", "nir") is None:
         pytest.skip("norse is not installed: `make peers` installs it")
     rng = np.random.default_rng(7)
     made = bundles.bundle(bundles.network(rng))

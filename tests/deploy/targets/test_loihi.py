@@ -1,0 +1,207 @@
+"""Files for Loihi: run by the recorded integers of Lava's simulator and by brian2-loihi."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.deploy import loihi_run
+from dse.deploy.bundle import Bundle
+from dse.deploy.targets import TargetError, Verdict, loihi
+from dse.deploy.targets.loihi import Loihi
+from dse.deploy.targets.peers import interpreter
+from dse.records import Parameters
+from tests.deploy import bundles
+from tests.golden import FILE
+
+TRACES = FILE.with_name("lava_nc_traces.npz")
+DECAYS = [1, 40, 123, 1024, 2000, 4095]
+needs_brian2 = pytest.mark.skipif(
+    interpreter("brian2_loihi") is None, reason="brian2-loihi is not installed: `make peers` installs it"
+)
+
+
+@pytest.fixture(autouse=True)
+def without_brian2(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start brian2-loihi, which takes seconds, only where a test is about it."""
+    if "brian2" not in request.node.name:
+        monkeypatch.setattr(loihi, "interpreter", lambda *names: None)
+
+
+def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> Verdict:
+    assert Loihi().refusal(made) == ""
+    reference = bundles.reference(made, bundles.spikes(rng, made.fitted.n_channels), folder)
+    (folder / "loihi").mkdir()
+    Loihi().write(made, folder / "loihi")
+    assert len(reference.fired[-1])
+    return Loihi().verify(made, folder / "loihi", reference)
+
+
+def layer(weights: Any, q: dict[str, int]) -> loihi_run.Layer:
+    n = len(weights)
+    decays = (np.full(n, q["d_u"]), np.full(n, q["d_v"]))
+    return loihi_run.Layer(weights.astype(np.int64), np.zeros_like(weights), None, *decays, q["vth"])
+
+
+@pytest.mark.skipif(not TRACES.exists(), reason="shared/reference/lava_nc_traces.npz is absent")
+def test_the_integers_are_those_that_lavas_simulator_was_recorded_with() -> None:
+    """Every state and spike of both layers of 25 cases; each layer was recorded one step later."""
+    golden, traces = np.load(FILE), np.load(TRACES)
+    index = json.loads(str(golden["index_json"]))
+    names = {key.split("/")[0] for key in traces.files if "/" in key}
+    assert len(names) == 25
+    for name in sorted(names):
+        spikes = golden[f"{name}/x"][0].T[:, None] > 0
+        for number in (1, 2):
+            one = layer(golden[f"{name}/quant/w{number}_int"], index[name]["int_params"])
+            steps = list(loihi_run.states(one, spikes))
+            for key, values in zip(("u", "v", "s"), zip(*steps, strict=True), strict=True):
+                recorded = traces[f"{name}/{key}{number}"][:, 1 : len(steps) + 1]
+                assert np.array_equal(np.array(values)[:, 0].T, recorded), f"{name}, {key}{number}"
+            spikes = loihi_run.later(np.array([fired for _, _, fired in steps]))
+
+
+def test_registers_of_24_bits_wrap_and_clip() -> None:
+    one = layer(np.array([[254]]), {"d_u": 1, "d_v": 0, "vth": 2**17 - 1})
+    states = zip(*loihi_run.states(one, np.ones((700, 1, 1), bool)), strict=True)
+    u, v, fired = (np.array(x).ravel() for x in states)
+    before = int(u[np.argmin(np.diff(u))])
+    assert before * 4095 // 4096 + 64 * 254 - 2**24 == u.min() < 0
+    assert v.min() == 1 - 2**23 and fired.any() and not fired.all()
+
+
+@pytest.mark.parametrize(
+    "features",
+    [
+        {},
+        {"sizes": (4, 7, 6, 5, 3), "delays": (0, 3, 7), "steps_per_sample": 2, "pruned": 0.5, "scale": 3.0},
+        {"sizes": (5, 9, 3), "recurrent": True, "scale": 0.3},
+    ],
+    ids=["plain", "deep, delayed, pruned and clipped", "recurrent"],
+)
+def test_it_spikes_as_the_engine_does(features: dict[str, Any], tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    verdict = verified(bundles.bundle(bundles.network(rng, decays=DECAYS, **features)), tmp_path, rng)
+    assert verdict.kind == "faithful" and verdict.n_recordings == 12
+
+
+@needs_brian2
+def test_brian2_loihi_runs_every_recording_with_delays_of_synapses_too(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    network = bundles.network(rng, (4, 7, 3), decays=DECAYS, recurrent=True)
+    late = [rng.integers(0, 9, x.weight.shape).astype(np.int8) for x in network.layers]
+    layers = tuple(replace(x, delay=d) for x, d in zip(network.layers, late, strict=True))
+    verdict = verified(bundles.bundle(replace(network, layers=layers)), tmp_path, rng)
+    assert verdict.kind == "faithful"
+    assert verdict.figures == {"brian2_loihi_recordings": 12}
+
+
+def test_the_file_alone_is_run(tmp_path: Path) -> None:
+    """A weight that is changed in the file changes the verdict; the script needs no dse."""
+    import h5py
+
+    rng = np.random.default_rng(3)
+    made = bundles.bundle(bundles.network(rng, decays=DECAYS))
+    first = verified(made, tmp_path, rng)
+    assert first.kind == "faithful" and first.figures == {"brian2_loihi_recordings": 0}
+    with h5py.File(tmp_path / "loihi" / "net.hdf5", "r+") as file:
+        file["layer/0/weight"][0] = 0
+    reference = bundles.reference(made, bundles.spikes(np.random.default_rng(3), 4), tmp_path)
+    assert Loihi().verify(made, tmp_path / "loihi", reference).kind == "approximate"
+    (tmp_path / "loihi" / "net.hdf5").write_bytes(b"no HDF5")
+    with pytest.raises(TargetError, match=r"loihi_run\.py cannot run"):
+        Loihi().verify(made, tmp_path / "loihi", reference)
+
+
+def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
+    import h5py
+
+    network = bundles.network(np.random.default_rng(5), decays=DECAYS, recurrent=True)
+    same = network.layers[1].parameters | {"decay_current": np.full(3, 77)}
+    layers = (network.layers[0], replace(network.layers[1], parameters=same))
+    made = bundles.bundle(replace(network, layers=layers))
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        Loihi().write(made, tmp_path / folder)
+    assert (tmp_path / "one" / "net.hdf5").read_bytes() == (tmp_path / "two" / "net.hdf5").read_bytes()
+    with h5py.File(tmp_path / "one" / "net.hdf5") as file:
+        assert [bytes(file[f"layer/{k}/type"][0]) for k in (0, 1)] == [b"dense_rec", b"dense"]
+        group = file["layer/0"]
+        assert group["weight"].dtype == np.float32 and group["weight"].shape == (7, 4)
+        assert group["weight_rec"].shape == (7, 7) and group["shape"][()].tolist() == [7]
+        weights = group["weight"][()]
+        assert (weights % 2 == 0).all() and -256 <= weights.min() and weights.max() <= 254
+        assert np.array_equal(
+            weights, 64 * np.clip(np.rint(network.layers[0].weight * 32) / 32, -4, 254 / 64)
+        )
+        neuron = file["layer/1/neuron"]
+        assert neuron["iDecay"][()] == 77 and neuron["type"][()] == b"CUBA" and neuron["refDelay"][()] == 1
+        assert neuron["vThMant"][()] == network.layers[1].parameters["threshold"]
+        assert file["layer/0/neuron/iDecay"].shape == (7,)
+        assert json.loads(file.attrs["decision"])["phi"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("decay_current", 0, "layer 2 has a current decay of 0, and the least of Loihi is 1/4096"),
+        ("decay_voltage", 4096, "layer 2 has a voltage decay of 1, and the most of Loihi is 4095/4096"),
+        ("threshold", 2**17, "layer 2 has the threshold 131072, and the most is 131071"),
+    ],
+)
+def test_what_registers_cannot_hold_is_refused(name: str, value: int, reason: str) -> None:
+    network = bundles.network(np.random.default_rng(0), decays=DECAYS)
+    parameters = network.layers[1].parameters | {name: np.array(value)}
+    layers = (network.layers[0], replace(network.layers[1], parameters=parameters))
+    assert Loihi().refusal(bundles.bundle(replace(network, layers=layers))) == reason
+
+
+def test_other_neurons_sizes_and_families_are_refused_with_the_reason() -> None:
+    rng = np.random.default_rng(0)
+    resonators = bundles.bundle(bundles.network(rng, resonates=True))
+    assert Loihi().refusal(resonators) == (
+        "loihi1_silicon cannot run resonators: its neurons cannot be programmed"
+    )
+    made = bundles.bundle(bundles.network(rng, decays=DECAYS))
+    assert "family snn is none" in Loihi().refusal(replace(made, fitted=Parameters({}, 4)))
+    real = replace(made, fitted=replace(made.fitted, arithmetic="ideal"))
+    assert Loihi().refusal(real) == "Loihi holds integers, and the network has ideal arithmetic"
+    large = bundles.network(rng, (5000, 2000, 3), decays=DECAYS)
+    assert "does not fit loihi1_silicon" in Loihi().refusal(bundles.bundle(large))
+
+
+def test_without_h5py_nothing_is_written_or_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    made = bundles.bundle(bundles.network(rng, decays=DECAYS))
+    reference = bundles.reference(made, bundles.spikes(rng, 4), tmp_path)
+    monkeypatch.setattr(loihi, "find_spec", lambda name: None)
+    with pytest.raises(TargetError, match=r"target loihi needs h5py: pip install 'dse\[h5\]'"):
+        Loihi().write(made, tmp_path)
+    assert Loihi().verify(made, tmp_path, reference) == Verdict("not verified", "h5py is not installed")
+
+
+def test_the_script_runs_without_dse(tmp_path: Path) -> None:
+    """By hand: 2 * 64 reaches above 1 * 64 at once, and 64 arrives late by a delay of 2."""
+    made = bundles.network(np.random.default_rng(0), (2, 2, 2))
+    neurons = {"decay_current": np.array(4096), "decay_voltage": np.array(4095), "threshold": np.array(1)}
+    first = replace(
+        made.layers[0],
+        weight=np.array([[1, 0], [0, 1]], np.float32) / 32,
+        delay=np.array([[0, 0], [0, 2]], np.int8),
+        parameters=neurons,
+    )
+    second = replace(made.layers[1], weight=np.eye(2, dtype=np.float32) / 32, parameters=neurons)
+    Loihi().write(bundles.bundle(replace(made, layers=(first, second))), tmp_path)
+    np.savez(tmp_path / "spikes.npz", spikes=[[0, 1, 0], [0, 1, 1]], n_recordings=1, n_steps=6)
+    files = ["net.hdf5", "spikes.npz", "fired.npz"]
+    subprocess.run([sys.executable, "-I", "run.py", *files], cwd=tmp_path, check=True)
+    with np.load(tmp_path / "fired.npz") as fired:
+        assert fired["fired_0"].tolist() == [[0, 1, 0], [0, 3, 1]]
+        assert fired["fired_1"].tolist() == [[0, 2, 0], [0, 4, 1]]

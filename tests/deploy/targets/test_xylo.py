@@ -1,0 +1,163 @@
+"""Specifications of Xylo, run in the vendor's simulator."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.targets import Verdict, xylo
+from dse.deploy.targets.xylo import Xylo
+from dse.neurons import LayerSpec, parameters_of
+from dse.neurons.xylo_lif import XyloLif
+from dse.records import Layer, Network, Parameters
+from tests.deploy import bundles
+
+needs_xylosim = pytest.mark.skipif(
+    importlib.util.find_spec("xylosim") is None, reason="xylosim is not installed: pip install 'dse[xylo]'"
+)
+
+
+def network(
+    rng: np.random.Generator,
+    sizes: tuple[int, ...] = (4, 9, 3),
+    *,
+    delays: tuple[int, ...] = (0,),
+    steps_per_sample: int = 1,
+    recurrent: bool = False,
+    pruned: float = 0.0,
+    scale: float = 1.0,
+    threshold: float = 1.0,
+) -> Network:
+    neuron = XyloLif(threshold=threshold, current_shift=(1, 3), voltage_shift=(0, 4))
+    layers = []
+    for k, (n_in, n) in enumerate(pairwise((sizes[0] * len(delays), *sizes[1:]))):
+        is_output = k == len(sizes) - 2
+        population = neuron.population(LayerSpec(n, is_output, steps_per_sample, 1.0), rng)
+
+        def matrix(rows: int, columns: int, size: float) -> Any:
+            kept = rng.random((rows, columns)) >= pruned
+            return (rng.normal(size / 4, size, (rows, columns)) * kept).astype(np.float32)
+
+        ring = matrix(n, n, scale / 4) if recurrent and not is_output else None
+        layers.append(Layer(matrix(n, n_in, scale), ring, parameters_of(population), "xylo_lif"))
+    return Network(tuple(layers), sizes[0], delays, steps_per_sample, "integer")
+
+
+def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> tuple[Verdict, int]:
+    """Return the verdict, and the most spikes of a neuron in a step."""
+    assert Xylo().refusal(made) == ""
+    reference = bundles.reference(made, bundles.spikes(rng, made.fitted.n_channels), folder)
+    (folder / "xylo").mkdir()
+    Xylo().write(made, folder / "xylo")
+    assert len(reference.fired[-1])
+    most = max(int(np.unique(x, axis=0, return_counts=True)[1].max()) for x in reference.fired)
+    return Xylo().verify(made, folder / "xylo", reference), most
+
+
+@needs_xylosim
+@pytest.mark.parametrize(
+    "features",
+    [
+        {},
+        {"sizes": (3, 8, 7, 6, 3), "delays": (0, 2, 5), "steps_per_sample": 2, "pruned": 0.5, "scale": 0.4},
+        {"sizes": (5, 12, 4), "recurrent": True, "threshold": 8.0, "scale": 3.0},
+        {"sizes": (5, 6, 5, 4), "recurrent": True, "threshold": 0.125, "scale": 0.05},
+    ],
+    ids=["plain", "deep, delayed and pruned", "recurrent and clipped", "low threshold"],
+)
+def test_it_spikes_as_the_engine_does(features: dict[str, Any], tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    verdict, most = verified(bundles.bundle(network(rng, **features)), tmp_path, rng)
+    assert verdict.kind == "faithful" and verdict.n_recordings == 12
+    assert most > 1, "hidden neurons spike several times in a step"
+
+
+@needs_xylosim
+def test_currents_that_leave_16_bits_between_two_spikes_of_a_step_differ(tmp_path: Path) -> None:
+    """9 times 127 << 8 and 9 times -128 << 8: the sum is small, and the chip saturates on the way."""
+    rng = np.random.default_rng(0)
+    made = network(rng, (16, 2, 2), threshold=0.125)
+    weight = np.tile(np.where(np.arange(16) < 8, 3.96875, -3.9375), (2, 1)).astype(np.float32)
+    layers = (replace(made.layers[0], weight=weight), made.layers[1])
+    verdict, _ = verified(bundles.bundle(replace(made, layers=layers)), tmp_path, rng)
+    assert verdict.kind == "approximate" and verdict.spikes_differ > 0
+
+
+def test_the_specification_is_that_of_the_layers_by_hand() -> None:
+    made = network(np.random.default_rng(1), (2, 2, 1, 2), recurrent=True)
+    weights = [np.array(x, np.float32) / 32 for x in ([[1, 2], [3, 4]], [[5, 6]], [[7], [-200]])]
+    rings = [np.array([[0, 9], [0, 0]], np.float32) / 32, np.zeros((1, 1), np.float32), None]
+    layers = [
+        replace(layer, weight=w, recurrent=r) for layer, w, r in zip(made.layers, weights, rings, strict=True)
+    ]
+    spec = xylo.specification(replace(made, layers=tuple(layers)))
+    assert spec["weights_in"] == [[1, 3, 0], [2, 4, 0]]
+    assert spec["weights_rec"] == [[0, 0, 5], [9, 0, 6], [0, 0, 0]]
+    assert spec["weights_out"] == [[0, 0], [0, 0], [7, -128]]
+    assert spec["threshold"] == [1024] * 3 and spec["threshold_out"] == [1024] * 2
+    assert [spec[f"weight_shift_{name}"] for name in ("in", "rec", "out")] == [5, 5, 5]
+
+
+@needs_xylosim
+def test_the_script_runs_without_dse(tmp_path: Path) -> None:
+    """One input, one neuron, one output, by hand: 124 decays to 62, 31, 16; thresholds of 40."""
+    spec = {
+        **{"weights_in": [[124]], "weights_rec": [[0]], "weights_out": [[100]]},
+        **{"dash_syn": [1], "dash_mem": [0], "threshold": [40]},
+        **{"dash_syn_out": [1], "dash_mem_out": [0], "threshold_out": [40]},
+        **{"weight_shift_in": 0, "weight_shift_rec": 0, "weight_shift_out": 0},
+    }
+    document = {"specification": spec, "hidden_layers": [1]}
+    (tmp_path / "xylo.json").write_text(json.dumps(document))
+    np.savez(tmp_path / "spikes.npz", spikes=[[1, 2, 0], [1, 2, 0]], n_recordings=2, n_steps=5)
+    script = Path(xylo.__file__).parents[1] / "xylo_run.py"
+    files = ["xylo.json", "spikes.npz", "fired.npz"]
+    subprocess.run([sys.executable, "-I", str(script), *files], cwd=tmp_path, check=True)
+    with np.load(tmp_path / "fired.npz") as fired:
+        # Two spikes at once: 248 -> 124 spikes 3 times and leaves 4, which decays at once; 62 once; 31 never.
+        assert fired["fired_0"].tolist() == [[1, 2, 0]] * 3 + [[1, 3, 0]]
+        # 300 -> 150; 150 + 100 -> 125: an output spikes once in a step.
+        assert fired["fired_1"].tolist() == [[1, 3, 0], [1, 4, 0]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"sizes": (17, 9, 3)}, "17 inputs, 16 at most"),
+        ({"sizes": (4, 9, 20)}, "20 outputs, 16 at most"),
+        ({"sizes": (4, 129, 3)}, "129 neurons in the first layer, 128 at most"),
+        ({"sizes": (4, 100, 300, 100, 3)}, "500 hidden neurons, 496 at most"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changes: dict[str, Any], reason: str) -> None:
+    made = bundles.bundle(network(np.random.default_rng(0), **changes))
+    assert reason in Xylo().refusal(made) and "does not fit xylo_imu" in Xylo().refusal(made)
+
+
+def test_other_neurons_and_families_are_refused_with_the_reason() -> None:
+    rng = np.random.default_rng(0)
+    made = bundles.bundle(bundles.network(rng))
+    assert Xylo().refusal(made) == (
+        "layer 1 has neurons 'cuba_lif', but Xylo's decay by bit shifts and reset by subtraction: train with "
+        "model.neuron: xylo_lif"
+    )
+    real = bundles.bundle(replace(network(rng), arithmetic="float32"))
+    assert "float32 arithmetic" in Xylo().refusal(real)
+    assert "family snn is none" in Xylo().refusal(replace(made, fitted=Parameters({}, 4)))
+
+
+def test_without_the_simulator_nothing_is_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(xylo, "find_spec", lambda name: None)
+    rng = np.random.default_rng(7)
+    verdict, _ = verified(bundles.bundle(network(rng)), tmp_path, rng)
+    assert (verdict.kind, verdict.reason) == ("not verified", "xylosim is not installed")
