@@ -128,6 +128,15 @@ class XyloLif(Neuron):
     arithmetics = ("integer", "float32", "ideal")
     exports = ("fixed_point",)
     units = MappingProxyType({"threshold": "1/2**(5 + weight_shift)"})
+    limits = MappingProxyType(
+        {
+            "current_shift": (1, 15),
+            "voltage_shift": (0, 15),
+            "threshold": (1, HIGHEST),
+            "weight_shift": (0, _MOST_WEIGHT_SHIFT),
+            "most_spikes": (1, MOST_SPIKES),
+        }
+    )
     on_chips = True
     state_updates = 2
     most_spikes = MOST_SPIKES

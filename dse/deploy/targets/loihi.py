@@ -60,6 +60,10 @@ class Loihi:
 
     label: ClassVar[str] = "Intel Loihi, netx HDF5 for Lava-DL"
     extra: ClassVar[str] = "h5"
+    use: ClassVar[str] = (
+        "`netx.hdf5.Network(net_config='targets/loihi/net.hdf5')` of Lava-DL; `python targets/loihi/run.py` "
+        "runs it without Lava"
+    )
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why Loihi cannot hold the classifier; '' if it can."""

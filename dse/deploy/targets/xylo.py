@@ -63,6 +63,10 @@ class Xylo:
 
     label: ClassVar[str] = "SynSense Xylo, specification for xylosim and Rockpool"
     extra: ClassVar[str] = "xylo"
+    use: ClassVar[str] = (
+        "`specification` in targets/xylo/xylo.json is what `XyloSim.from_specification` of Rockpool takes; "
+        "`python targets/xylo/run.py` runs it with xylosim alone"
+    )
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why Xylo cannot hold the classifier; '' if it can."""
