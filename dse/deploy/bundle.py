@@ -151,7 +151,8 @@ def read(folder: str | Path) -> Bundle:
     except BundleError:
         raise
     except (StoreError, ConfigError, registry.PluginError) as error:
-        raise BundleError(str(error)) from error
+        text = str(error)
+        raise BundleError(text if str(path) in text else f"{where}: {text}") from error
     except RecursionError:
         raise BundleError(f"{where}: is nested too deeply") from None
     except KeyError as error:

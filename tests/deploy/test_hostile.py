@@ -1,0 +1,412 @@
+"""Bundles that were damaged, edited, swapped or made up: one line, exit code 2, and no kernel sees them."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import store
+from dse.cli import main
+from dse.config import load_space
+from dse.deploy import bundle, checks
+from dse.deploy.bundle import BundleError, read, sealed, write
+from dse.deploy.export import export
+from dse.deploy.verify import export_targets
+from dse.records import Array
+from dse.study import explore
+from dse.testing.targets import small_bundle, small_recordings
+from tests import tiny_study
+from tests.plugins import with_targets
+
+Damage = Callable[[Path], None]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a bundle that has a target, and its recordings."""
+    folder = tmp_path_factory.mktemp("whole")
+    touch = small_recordings(folder / "touch.npz")
+    write(small_bundle(recurrent=True, delays=(0, 2)), folder / "bundle")
+    with pytest.MonkeyPatch.context() as patch:
+        with_targets.load(patch)
+        export_targets(folder / "bundle", ["arrays"], touch)
+    return folder
+
+
+@pytest.fixture
+def folder(whole: Path, tmp_path: Path) -> Path:
+    shutil.copytree(whole / "bundle", tmp_path / "b")
+    return tmp_path / "b"
+
+
+def document(**changes: Any) -> Damage:
+    """Change keys of bundle.json, `a__b` for a key within a; its checksum agrees."""
+
+    def damage(folder: Path) -> None:
+        content = json.loads((folder / "bundle.json").read_text())
+        for path, value in changes.items():
+            *parents, key = path.split("__")
+            part = content
+            for parent in parents:
+                part = part[parent]
+            if value is None:
+                del part[key]
+            else:
+                part[key] = value
+        (folder / "bundle.json").write_text(json.dumps(sealed(content)))
+
+    return damage
+
+
+def arrays(**changes: Any) -> Damage:
+    """Change arrays of weights.npz (`0_weight` for 0/weight); all checksums and 8-bit matrices agree."""
+
+    def damage(folder: Path) -> None:
+        stored = store.load_arrays(folder / "weights.npz")
+        for name, change in changes.items():
+            key = name.replace("_", "/", 1) if name[0].isdigit() else name
+            value = change(stored[key]) if callable(change) else change
+            stored.pop(key, None)
+            if value is not None:
+                stored[key] = np.asarray(value)
+        for key in [key for key in stored if key.endswith("_8bit")]:
+            base = stored.get(key.removesuffix("_8bit"))
+            if base is None:
+                del stored[key]
+            elif base.dtype.kind == "f":
+                stored[key] = np.rint(np.clip(np.nan_to_num(base), -4, 127 / 32) * 32).astype(np.int8)
+        store.save_arrays(folder / "weights.npz", stored)
+        forge(folder, "weights.npz")
+
+    return damage
+
+
+def forge(folder: Path, name: str) -> None:
+    """Make the checksums of a bundle agree with a file of it."""
+    files = json.loads((folder / "bundle.json").read_text())["files"]
+    document(files={**files, name: store.checksum(folder / name)})(folder)
+
+
+def with_value(value: float) -> Callable[[Array], Array]:
+    def change(array: Array) -> Array:
+        changed = np.array(array)
+        changed.flat[0] = value
+        return changed
+
+    return change
+
+
+def refused(folder: Path) -> str:
+    """Return the line with which a bundle is refused, by Python and by every command."""
+    with pytest.raises(BundleError) as caught:
+        read(folder)
+    line = str(caught.value)
+    assert line and "\n" not in line and str(folder) in line
+    return line
+
+
+DOCUMENTS = {
+    "files={}": (document(files={}), "key 'files' must list weights.npz"),
+    "files a list": (document(files=["weights.npz"]), "key 'files' must be a mapping, got a list"),
+    "schema a number": (document(schema=4), "is not a bundle of dse"),
+    "schema newer": (document(schema="dse/bundle/5"), "a newer version of dse wrote it"),
+    "schema much newer": (document(schema="dse/bundle/" + "9" * 5000), "a newer version of dse wrote it"),
+    "no classes": (document(classes=[]), "key 'classes' must name at least one class"),
+    "classes of numbers": (document(classes=[1, 2, 3]), "key 'classes' must be a list of texts"),
+    "a class too many": (document(classes=["a", "b", "c", "d"]), "last layer must have 4 neurons"),
+    "phi text": (document(decision__phi="2"), "key 'decision.phi' must be a number >= 0"),
+    "phi negative": (document(decision__phi=-1), "key 'decision.phi' must be a number >= 0 and finite"),
+    "phi NaN": (document(decision__phi=float("nan")), "key 'decision.phi' must be a number >= 0"),
+    "theta large": (document(decision__theta=2), r"key 'decision.theta' must be a number in \[0, 1\]"),
+    "theta missing": (document(decision__theta=None), "key 'decision.theta' is missing"),
+    "head unknown": (document(decision__head="speed"), "the head that answers must be one of none"),
+    "head a list": (document(decision__head=[]), "key 'decision.head' must be a text, got a list"),
+    "heads a mapping": (document(heads={}), "key 'heads' must be a list, got a mapping"),
+    "heads of others": (
+        document(heads=[{"name": "a", "classes": ["x"], "of_class": [0, 1, 0]}]),
+        r"must be a list of integers in \[0, 0\]",
+    ),
+    "heads of fewer": (
+        document(heads=[{"name": "a", "classes": ["x"], "of_class": [0]}]),
+        "head 'a' must name a class for each of the 3 joint",
+    ),
+    "record a list": (document(record=[]), "key 'record' must be a mapping"),
+    "evidence a text": (document(evidence="x"), "key 'evidence' must be a mapping"),
+    "sections a list": (document(sections=[]), "key 'sections' must be a mapping"),
+    "model a number": (document(sections__model=3), "model"),
+    "model unknown": (document(sections__model__kind="oracle"), "unknown model.kind 'oracle'"),
+    "window backwards": (document(sections__window={"n_steps": -5}), "window.n_steps"),
+    "plugins a text": (document(plugins="os"), "key 'plugins' must be a list of texts"),
+    "plugin outside": (document(plugins=["../evil.py"]), r"plugin \.\./evil\.py must be one of its files"),
+    "plugin unknown": (document(plugins=["no_such_module"]), "no module 'no_such_module' is installed"),
+    "plugin no name": (document(plugins=["a b"]), "must be the name of a module"),
+    "input a list": (document(input=[]), "input must be a mapping"),
+    "input of a kind": (document(input__kind="smells"), "key 'input.kind' must be one of samples, spikes"),
+    "targets a list": (document(targets=[]), "key 'targets' must be a mapping"),
+    "target outside": (document(targets={"../x": {}}), "targets/arrays"),
+    "verdict by hand": (document(targets__arrays__kind="perfect"), "must be one of faithful, approximate"),
+    "verdict endless": (document(targets__arrays__figures={"ram_bytes": float("inf")}), "must be a number"),
+    "verdict short": (document(targets__arrays__reason=None), "key 'targets.arrays.reason' is missing"),
+}
+NETWORKS = {
+    "recurrent of one": (arrays(**{"0_recurrent": np.ones((1, 1), np.float32)}), r"0/recurrent' must have"),
+    "recurrent flat": (arrays(**{"0_recurrent": np.ones(64, np.float32)}), "0/recurrent' must have shape"),
+    "weight flat": (arrays(**{"0_weight": np.ones(96, np.float32)}), "0/weight' must have shape"),
+    "weight narrow": (
+        arrays(**{"0_weight": np.ones((8, 11), np.float32)}),
+        r"\(neurons, 12\), got \(8, 11\)",
+    ),
+    "weight wide": (arrays(**{"1_weight": np.ones((3, 9), np.float32)}), r"\(neurons, 8\), got \(3, 9\)"),
+    "no neurons": (arrays(**{"0_weight": np.ones((0, 12), np.float32)}), "0/weight' must have shape"),
+    "NaN": (arrays(**{"0_weight": with_value(np.nan)}), "0/weight' must hold finite numbers"),
+    "infinity": (arrays(**{"1_weight": with_value(np.inf)}), "1/weight' must hold finite numbers"),
+    "text": (arrays(**{"0_weight": lambda x: x.astype(str)}), "must hold finite numbers, got type <U"),
+    "NaN recurrent": (arrays(**{"0_recurrent": with_value(np.nan)}), "0/recurrent' must hold finite"),
+    "threshold negative": (arrays(**{"0_threshold": np.array(-80)}), r"0/threshold' must be in \[1, "),
+    "threshold of many": (arrays(**{"0_threshold": np.full(8, 80)}), r"0/threshold' must have shape \(\)"),
+    "threshold real": (arrays(**{"0_threshold": np.array(80.5)}), "0/threshold' must be of kind i or u"),
+    "threshold text": (arrays(**{"0_threshold": np.array("80")}), "0/threshold' must be of kind i or u"),
+    "threshold missing": (arrays(**{"0_threshold": None}), "must have the parameters"),
+    "decay large": (arrays(**{"0_decay_current": with_value(4097)}), r"must be in \[0, 4096\], got 4097"),
+    "decay negative": (arrays(**{"1_decay_voltage": with_value(-1)}), r"must be in \[0, 4096\], got -1"),
+    "decays short": (arrays(**{"0_decay_voltage": lambda x: x[:5]}), r"\(\) or \(8,\), got \(5,\)"),
+    "decays real": (arrays(**{"0_decay_voltage": lambda x: x / 2}), "must be of kind i or u"),
+    "neuron unknown": (arrays(**{"0_neuron": np.array("squid")}), "neuron 'squid' is unknown"),
+    "neuron of others": (arrays(**{"0_neuron": np.array("resonator")}), "must have the parameters"),
+    "arithmetic": (arrays(arithmetic=np.array("decimal")), "arithmetic must be one of integer"),
+    "arithmetic a number": (arrays(arithmetic=np.array(3)), "arithmetic must be one of integer"),
+    "no layers": (arrays(n_layers=np.array(0)), "layers must hold at least the outputs"),
+    "layers negative": (arrays(n_layers=np.array(-3)), "layers must hold at least the outputs"),
+    "layers of text": (arrays(n_layers=np.array("two")), "invalid literal"),
+    "outputs missing": (arrays(n_layers=np.array(1)), "last layer must have 3 neurons, one per class, got 8"),
+    "layers beyond": (arrays(n_layers=np.array(10**9)), "Layer needs the array"),
+    "no delays": (arrays(delays=np.zeros(0, np.int64)), "delays must hold at least one"),
+    "delay negative": (arrays(delays=np.array([0, -2])), r"delays must be an integer in \[0, "),
+    "delay real": (arrays(delays=np.array([0.0, 2.5])), "delays must be an integer"),
+    "delay huge": (arrays(delays=np.array([0, 2**62])), r"delays must be an integer in \[0, "),
+    "delays many": (arrays(delays=np.arange(3)), r"must have shape \(neurons, 18\)"),
+    "steps per sample": (arrays(steps_per_sample=np.array(10**9)), "steps_per_sample must be an integer"),
+    "steps of none": (arrays(steps_per_sample=np.array(0)), "steps_per_sample must be an integer"),
+    "channels negative": (arrays(n_channels=np.array(-6)), "n_channels must be an integer"),
+    "channels of many": (arrays(n_channels=np.array([6, 6])), "size 1"),
+    "shared beyond": (arrays(**{"0_shared": np.full((8, 12), 10**6, np.int32)}), "0/shared' must be in"),
+    "delay beyond": (arrays(**{"0_delay": np.full((8, 12), 99, np.int8)}), r"0/delay' must be in \[0, 62\]"),
+    "delay of others": (arrays(**{"0_delay": np.zeros((8, 3), np.int8)}), "0/delay' must have shape"),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), DOCUMENTS.values(), ids=list(DOCUMENTS))
+def test_documents_that_disagree(folder: Path, damage: Damage, message: str) -> None:
+    damage(folder)
+    with pytest.raises(BundleError, match=message):
+        read(folder)
+    refused(folder)
+
+
+@pytest.mark.parametrize(("damage", "message"), NETWORKS.values(), ids=list(NETWORKS))
+def test_networks_that_disagree(folder: Path, damage: Damage, message: str) -> None:
+    damage(folder)
+    with pytest.raises(BundleError, match=message):
+        read(folder)
+    refused(folder)
+
+
+def test_paths_that_leave_the_folder(folder: Path) -> None:
+    digest = store.checksum(folder / "weights.npz")
+    files = json.loads((folder / "bundle.json").read_text())["files"]
+    shutil.copy(folder / "weights.npz", folder.parent / "weights.npz")
+    for name in ("../weights.npz", str(folder / "weights.npz"), "targets/../weights.npz", "a\\b", "x\0y", ""):
+        document(files={**files, name: digest})(folder)
+        assert "must be a path inside the bundle" in refused(folder)
+    document(files={**files, "w" * 5000: digest})(folder)
+    refused(folder)
+
+
+def test_files_that_are_no_files(folder: Path) -> None:
+    outside = folder.parent / "elsewhere"
+    for name in ("weights.npz", "bundle.json", "targets/arrays/network.npz", "targets/arrays", "targets"):
+        copy = folder.parent / f"copy of {name.replace('/', ' ')}"
+        shutil.copytree(folder, copy)
+        store.remove(outside)
+        os.rename(copy / name, outside)
+        (copy / name).symlink_to(outside)
+        assert "symbolic link" in refused(copy)
+    for name in ("weights.npz", "bundle.json"):
+        copy = folder.parent / f"pipe {name}"
+        shutil.copytree(folder, copy)
+        (copy / name).unlink()
+        os.mkfifo(copy / name)
+        assert "must be a regular file" in refused(copy)
+    (folder / "targets" / "arrays" / "more.c").write_text("int main(void) { return 1; }\n")
+    assert "more.c: is not listed in bundle.json" in refused(folder)
+
+
+def test_sizes_that_are_declared_are_not_believed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def pack(header: bytes, data: bytes) -> None:
+        content = dict(_members(folder / "weights.npz"))
+        content["0/weight.npy"] = header + data
+        with zipfile.ZipFile(folder / "weights.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, each in content.items():
+                archive.writestr(name, each)
+        forge(folder, "weights.npz")
+
+    whole = (folder / "weights.npz").read_bytes()
+    for shape in ((200_000, 200_000), (10**12,), (-1, 12)):
+        pack(_header({"descr": "<f4", "fortran_order": False, "shape": shape}), b"\0" * 384)
+        refused(folder)
+    pack(_header({"descr": "|O", "fortran_order": False, "shape": (2,)}), b"\0" * 16)
+    assert "must hold numbers or texts" in refused(folder)
+    pack(b"\x93NUMPY\x01\x00\xff\xff{", b"")
+    refused(folder)
+    (folder / "weights.npz").write_bytes(whole)
+    forge(folder, "weights.npz")
+    monkeypatch.setattr(checks, "MOST_BYTES", 1000)
+    assert "arrays must take at most 1000 bytes" in refused(folder)
+    monkeypatch.setattr(checks, "MOST_DOCUMENT_BYTES", 1000)
+    assert "must have at most 1000 bytes" in refused(folder)
+
+
+def _members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def _header(values: dict[str, Any]) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, values)
+    return stream.getvalue()
+
+
+def test_text_that_nests_for_ever(folder: Path) -> None:
+    (folder / "bundle.json").write_text("[" * 100_000)
+    refused(folder)
+    (folder / "bundle.json").write_text('{"schema": "dse/bundle/4", "files": ' + "[" * 900 + "]" * 900 + "}")
+    refused(folder)
+    (folder / "bundle.json").write_text('{"schema": ' + "9" * 5000 + "}")
+    refused(folder)
+
+
+def test_an_edit_is_seen(folder: Path) -> None:
+    path = folder / "bundle.json"
+    text = path.read_text()
+    path.write_text(text.replace('"phi": 2.0', '"phi": 3.0'))
+    assert "bundle.json: is damaged (its checksum differs)" in refused(folder)
+    path.write_text(text.replace("approximate", "faithful").replace('"n_recordings": 5', '"n_recordings": 9'))
+    assert "is damaged" in refused(folder)
+    content = json.loads(text)
+    del content["checksum"]
+    path.write_text(json.dumps(content))
+    assert "is damaged" in refused(folder)
+
+
+def test_parts_of_other_bundles(folder: Path, whole: Path) -> None:
+    other = folder.parent / "other"
+    write(small_bundle(), other)
+    shutil.copy(other / "weights.npz", folder / "weights.npz")
+    assert "weights.npz: is damaged (its checksum differs)" in refused(folder)
+    forge(folder, "weights.npz")
+    read(folder)  # a whole bundle of another net, but its target is not of it
+    with pytest.MonkeyPatch.context() as patch:
+        with_targets.load(patch)
+        assert main(["verify", str(folder), "--data", str(whole / "touch.npz"), "--json"]) == 4
+
+
+def test_every_byte_counts(folder: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(18)
+    names = ["bundle.json", "weights.npz", "targets/arrays/network.npz"]
+    for k in range(60):
+        name = names[k % len(names)]
+        content = bytearray((whole / "bundle" / name).read_bytes())
+        place = int(rng.integers(len(content)))
+        if k % 2:
+            del content[place:]
+        else:
+            content[place] ^= 1 << int(rng.integers(8))
+        (folder / name).write_bytes(content)
+        if json_of(bytes(content)) == json_of((whole / "bundle" / name).read_bytes()):
+            continue  # white space
+        refused(folder)
+        shutil.copy(whole / "bundle" / name, folder / name)
+    (folder / "weights.npz").unlink()
+    for command in (["evaluate"], ["verify"]):
+        assert main([*command, str(folder), "--data", str(whole / "touch.npz")]) == 2
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == 1 and "weights.npz: is missing" in lines[0]
+    assert main(["export", str(folder), "--target", "c99"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def json_of(content: bytes) -> Any:
+    try:
+        return json.loads(content)
+    except ValueError:
+        return content
+
+
+FAMILIES = """
+study: families
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label, speed: speed}}
+task: {target: [fabric, speed], joint: true}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model:
+  choice:
+    - {kind: knn, channels: each, window_ms: 20}
+    - {kind: naive_bayes, channels: each, window_ms: 20}
+    - {kind: elm, hidden: 8, window_ms: 20, windows: 4}
+    - {kind: mlp, hidden: [4], window_ms: 20, epochs: 3}
+    - {kind: hots, layers: 1, prototypes: 4, tau_ms: 20}
+    - {kind: cascade, hidden: [6], first_hidden: [5]}
+training: {epochs: 2, batch_size: 9}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+execution: {jobs: 1}
+"""
+
+
+def test_arrays_of_other_families_are_not_believed_either(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    with np.load(tmp_path / "tiny.npz") as file:
+        stored = dict(file)
+    np.savez(tmp_path / "tiny.npz", **stored, speed=np.arange(len(stored["label"])) % 2)
+    (tmp_path / "space.yaml").write_text(FAMILIES)
+    study = explore.run(load_space(tmp_path / "space.yaml"), tmp_path / "results", progress=False)
+    rng, accepted = np.random.default_rng(3), 0
+    for _, row in study.trials.iterrows():
+        export(study, row.to_dict(), tmp_path / "whole")
+        assert bundle.read(tmp_path / "whole").targets == {}
+        weights = store.load_arrays(tmp_path / "whole" / "weights.npz")
+        for k, name in enumerate(sorted(weights)):
+            folder = tmp_path / "b"
+            store.remove(folder)
+            shutil.copytree(tmp_path / "whole", folder)
+            store.save_arrays(folder / "weights.npz", weights | {name: _spoilt(weights[name], k, rng)})
+            forge(folder, "weights.npz")
+            code = main(["evaluate", str(folder), "--data", str(tmp_path / "tiny.npz"), "--json"])
+            printed = capsys.readouterr()
+            accepted += code == 0
+            assert code == 0 or (code == 2 and len(printed.err.splitlines()) == 1), (name, printed.err)
+    assert accepted <= 12  # numbers of the right shape that only answer otherwise
+
+
+def _spoilt(array: Array, k: int, rng: np.random.Generator) -> Array:
+    """Return an array of another shape, with NaN, of texts, or with numbers far out."""
+    if k % 4 == 0 or array.dtype.kind == "U":
+        return np.concatenate([array.reshape(-1), array.reshape(-1)[:1]])
+    if k % 4 == 1 and array.dtype.kind == "f":
+        return with_value(np.nan)(array)
+    if k % 4 == 2:
+        return array.astype(str)
+    return with_value(-(2**31) + int(rng.integers(9)))(array)
