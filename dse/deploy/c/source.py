@@ -220,12 +220,17 @@ static void deliver(uint32_t lag, uint32_t first)
     const uint32_t slot = net.slot >= lag ? net.slot - lag : net.slot + SLOTS - lag;
     uint32_t i;
     for (i = 0; i < WORDS; i++) {
-        uint32_t word = net.spikes[slot][i], input = first + 32u * i;
-        for (; word != 0; word >>= 1, input++) {
-            if ((word & 1u) != 0) {
-                reach_1(input);
-                net.awake_1 = 1;
-            }
+        uint32_t word = net.spikes[slot][i];
+        while (word != 0) {
+            const uint32_t bit = word & (0u - word); /* the lowest that is set */
+            uint32_t place = (uint32_t)((bit & 0xAAAAAAAAu) != 0);
+            place |= (uint32_t)((bit & 0xCCCCCCCCu) != 0) << 1;
+            place |= (uint32_t)((bit & 0xF0F0F0F0u) != 0) << 2;
+            place |= (uint32_t)((bit & 0xFF00FF00u) != 0) << 3;
+            place |= (uint32_t)((bit & 0xFFFF0000u) != 0) << 4;
+            reach_1(first + 32u * i + place);
+            net.awake_1 = 1;
+            word ^= bit;
         }
     }
 }

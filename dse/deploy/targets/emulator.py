@@ -24,7 +24,7 @@ import numpy as np
 from dse.deploy.targets import TargetError
 from dse.records import Ints
 
-FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror")
+FLAGS = ("-std=c99", "-O2")
 """Options of the compiler, which `instructions` of a profile rest on too."""
 FLASH, RAM, HOST = 0x0800_0000, 0x2000_0000, 0x6000_0000
 """Where a program lies: code and constants, variables, and what drives it."""
