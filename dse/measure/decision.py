@@ -492,3 +492,69 @@ def _tally(
                     cell[2] += step + 1
                     for m in range(work.shape[2]):
                         work_sum[j, p, q, m] += work[i, step, m]
+
+
+def right_at(output: ArrayLike, target: ArrayLike, phi: ArrayLike, theta: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether each sample is answered correctly at each phi and theta, (n, phi, theta).
+
+    Their means over samples are the accuracies of `surface`.
+
+    Args:
+        output: (n, T, class) uint8 output spikes.
+        target: (n,) true class.
+        phi: (phi,) spikes to wait for, >= 0, any order.
+        theta: (theta,) confidences in [0, 1], any order.
+
+    Raises:
+        ValueError: as of `surface`.
+    """
+    spikes, labels = _spikes(output), np.asarray(target)
+    phis, thetas = _grid("phi", phi, np.inf), _grid("theta", theta, 1.0)
+    by_phi, by_theta = np.argsort(phis, kind="stable"), np.argsort(thetas, kind="stable")
+    ascending = np.empty((len(spikes), len(phis), len(thetas)), dtype=np.bool_)
+    _right_at(
+        np.ascontiguousarray(spikes), labels.astype(np.int64), phis[by_phi], thetas[by_theta], ascending
+    )
+    right = np.empty_like(ascending)
+    right[:, by_phi[:, None], by_theta] = ascending
+    return right
+
+
+@compiled()
+def _right_at(output: Any, target: Any, phi: Any, theta: Any, right: Any) -> None:
+    """Write the answers of `right_at`; phi and theta ascend. The walk is that of `_tally`."""
+    n, n_steps, n_classes = output.shape
+    counts = np.empty(n_classes, dtype=np.int64)
+    total = np.empty(n_steps, dtype=np.int64)
+    confidence = np.empty(n_steps, dtype=np.float64)
+    winner = np.empty(n_steps, dtype=np.int64)
+    reached = np.empty(theta.size, dtype=np.int64)
+    for i in range(n):
+        counts[:] = 0
+        spikes, n_active = 0, 0
+        for t in range(n_steps):
+            before = spikes
+            for k in range(n_classes):
+                counts[k] += output[i, t, k]
+                spikes += output[i, t, k]
+            if spikes > before:
+                best = 0
+                for k in range(1, n_classes):
+                    if counts[k] > counts[best]:
+                        best = k
+                total[n_active], winner[n_active] = spikes, best
+                confidence[n_active] = counts[best] / spikes
+                n_active += 1
+        at_end = winner[n_active - 1] if n_active > 0 else 0
+        enough = 0
+        reached[:] = 0
+        for p in range(phi.size):
+            while enough < n_active and total[enough] <= phi[p]:
+                enough += 1
+            at = enough
+            for q in range(theta.size):
+                at = max(at, reached[q])
+                while at < n_active and confidence[at] < theta[q]:
+                    at += 1
+                reached[q] = at
+                right[i, p, q] = (winner[at] if at < n_active else at_end) == target[i]

@@ -39,10 +39,26 @@ class Draws(NamedTuple):
 
     columns: their names; `<column>_low` and `<column>_high` of the table are the ends of every sample.
     of: rows -> column -> (draw, row).
+    ends: rows -> column -> least and largest value in any sample, (row,) each, of columns whose ends are not
+        in the table.
     """
 
     columns: Sequence[str]
     of: Callable[[pd.DataFrame], Mapping[str, Floats]]
+    ends: Callable[[pd.DataFrame], Mapping[str, tuple[Floats, Floats]]] = lambda rows: {}
+
+
+class Drawn(NamedTuple):
+    """Samples of the rows that may be on a front.
+
+    rows: (k,) their positions in the table.
+    on_front: (draw, k) whether each is non-dominated in a sample.
+    values: column -> (draw, k).
+    """
+
+    rows: Ints
+    on_front: Bools
+    values: Mapping[str, Floats]
 
 
 def skyline(
@@ -68,7 +84,7 @@ def skyline(
     """
     rows, notes = comparable(frame, goals, where, by)
     costs = costs_of(rows, checked_goals(goals))
-    group = group_numbers(rows, _front_columns(rows, by))
+    group = group_numbers(rows, front_columns(rows, by))
     on_front = non_dominated_by_group(costs, group)
     order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
     return Skyline(rows[on_front].iloc[order], notes)
@@ -160,16 +176,31 @@ def front_share(
             draw's front. Sampled only for rows whose ranges leave them a chance.
         by: as in `skyline`.
     """
+    share = np.zeros(len(frame))
+    drawn = front_draws(frame, goals, draws, by)
+    if drawn.rows.size:
+        share[drawn.rows] = drawn.on_front.mean(axis=0)
+    return share
+
+
+def front_draws(
+    frame: pd.DataFrame,
+    goals: Sequence[tuple[str, str]],
+    draws: Draws,
+    by: str | Sequence[str] | None = None,
+) -> Drawn:
+    """Return in which samples each row that may be on the front is on it; arguments as of `front_share`."""
     checked = checked_goals(goals)
     costs = costs_of(frame, checked)
-    group = group_numbers(frame, _front_columns(frame, by))
+    group = group_numbers(frame, front_columns(frame, by))
     uncertain = {place: goal for place, goal in enumerate(checked) if goal.column in draws.columns}
     if not uncertain:
-        return non_dominated_by_group(costs, group).astype(np.float64)
-    share = np.zeros(len(frame))
-    possible = _possible(costs, {place: _range(frame, goal) for place, goal in uncertain.items()}, group)
+        return Drawn(np.arange(len(frame)), non_dominated_by_group(costs, group)[None], {})
+    known = draws.ends(frame)
+    ends = {place: _range(frame, goal, known) for place, goal in uncertain.items()}
+    possible = _possible(costs, ends, group)
     if not len(possible):
-        return share
+        return Drawn(possible, np.zeros((1, 0), dtype=bool), {})
     drawn = draws.of(frame.iloc[possible])
     values = {place: goal.sign * drawn[goal.column] for place, goal in uncertain.items()}
     costs, group = costs[possible], group[possible]
@@ -178,21 +209,25 @@ def front_share(
     left = _possible(costs, ranges, group)
     costs, group, values = costs[left], group[left], {place: x[:, left] for place, x in values.items()}
     n_draws = len(next(iter(values.values())))
-    times = np.zeros(len(costs))
+    on_front = np.zeros((n_draws, len(left)), dtype=bool)
     for draw in range(n_draws):
         for place, x in values.items():
             costs[:, place] = x[draw]
         here = np.isfinite(costs).all(axis=1)
-        times[here] += non_dominated_by_group(costs[here], group[here])
-    share[possible[left]] = times / n_draws
-    return share
+        on_front[draw, here] = non_dominated_by_group(costs[here], group[here])
+    return Drawn(possible[left], on_front, {name: x[:, left] for name, x in drawn.items()})
 
 
 _ROUNDING = 1e-9  # of a range's ends, relative: draws at an end are computed in another order
 
 
-def _range(frame: pd.DataFrame, goal: Goal) -> tuple[Floats, Floats]:
+def _range(
+    frame: pd.DataFrame, goal: Goal, known: Mapping[str, tuple[Floats, Floats]]
+) -> tuple[Floats, Floats]:
     """Return the least and the largest cost of each row in any sample; without a range, infinities."""
+    if goal.column in known:
+        low, high = np.sort([goal.sign * x for x in known[goal.column]], axis=0)
+        return low, high
     if not {f"{goal.column}_low", f"{goal.column}_high"} <= set(frame):
         return np.full(len(frame), -np.inf), np.full(len(frame), np.inf)
     ends = np.sort([goal.sign * numbers(frame, f"{goal.column}_{end}") for end in ("low", "high")], axis=0)
@@ -265,7 +300,7 @@ def front_ends(
     return Skyline(rows.iloc[places].assign(end=ends)[list(names)], leaky + unmeasured)
 
 
-def _front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
+def front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
     """Return the columns whose values have separate fronts: `by`, and hardware if there are several."""
     names = _as_list(by)
     several = "hardware" in rows and rows["hardware"].nunique() > 1

@@ -11,7 +11,7 @@ import pandas as pd
 from dse.records import Bools, Floats
 from dse.skyline.admissible import leave_out_leaky, leave_out_misfits, leave_out_unmeasured
 from dse.skyline.constraints import Budget, matches, named_columns, split_budgets
-from dse.skyline.front import Draws, comparable, front_share
+from dse.skyline.front import Drawn, Draws, comparable, front_draws
 from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.table import numbers
 
@@ -56,6 +56,31 @@ def pick(
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
     """
+    limits = split_budgets(budgets)[0]
+    rows, ranking, notes = _candidates(frame, budgets, maximise, tie_breaks)
+    feasible = _feasible(rows, limits)
+    if feasible.any():
+        best = np.lexsort((*ranking, ~feasible))[0]
+        return Pick(rows.iloc[int(best)], rows.iloc[:0], notes)
+    return Pick(None, _nearest(rows, limits, ranking).iloc[:n_nearest], notes)
+
+
+def contestants(
+    frame: pd.DataFrame,
+    budgets: Sequence[str],
+    maximise: str = "accuracy",
+    tie_breaks: Sequence[tuple[str, str]] = (),
+) -> pd.DataFrame:
+    """Return the rows within the budgets that `pick` chooses from, best first; arguments as of `pick`."""
+    rows, ranking, _ = _candidates(frame, budgets, maximise, tie_breaks)
+    order = np.lexsort(tuple(ranking)) if len(rows) else np.zeros(0, np.int64)
+    return rows.iloc[order[_feasible(rows, split_budgets(budgets)[0])[order]]]
+
+
+def _candidates(
+    frame: pd.DataFrame, budgets: Sequence[str], maximise: str, tie_breaks: Sequence[tuple[str, str]]
+) -> tuple[pd.DataFrame, Floats, list[str]]:
+    """Return the rows that can be picked under any limits, the keys that rank them, and notes."""
     limits, conditions = split_budgets(budgets)
     named = named_columns(budgets)
     goals = checked_goals([(maximise, "max"), *tie_breaks])
@@ -67,13 +92,7 @@ def pick(
     empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
     compared = [maximise, *(limit.column for limit in limits)]
     rows, unmeasured = leave_out_unmeasured(rows, list(dict.fromkeys(compared)))
-    notes = leaky + misfits + empty + unmeasured
-    ranking = _ranking(rows, goals, limits)
-    feasible = _feasible(rows, limits)
-    if feasible.any():
-        best = np.lexsort((*ranking, ~feasible))[0]
-        return Pick(rows.iloc[int(best)], rows.iloc[:0], notes)
-    return Pick(None, _nearest(rows, limits, ranking).iloc[:n_nearest], notes)
+    return rows, _ranking(rows, goals, limits), leaky + misfits + empty + unmeasured
 
 
 def _ranking(rows: pd.DataFrame, goals: Sequence[Goal], limits: Sequence[Budget]) -> Floats:
@@ -117,8 +136,9 @@ def sure_pick(
 ) -> Pick:
     """Return the pick among the rows that meet the conditions in a fraction `confidence` of the samples.
 
-    In that fraction of the samples a row must be within each budget, and on the front of `maximise` and the
-    tie breaks. Its numbers are those of the table, with the column `front_share`.
+    In that fraction of the samples a row must be within all budgets at once, and on the front of `maximise`
+    and the tie breaks. Its numbers are those of the table, with the columns `front_share`, the fraction of
+    samples in which it is on the front, and `confidence`, that in which it is within all budgets too.
 
     Args:
         frame: design points.
@@ -136,25 +156,70 @@ def sure_pick(
     limits, conditions = split_budgets(budgets)
     goals = [(maximise, "max"), *tie_breaks]
     among = comparable(frame, goals, conditions, by, named_columns(budgets))
-    share = front_share(among.rows, goals, draws, by)
-    sure = share >= confidence
-    rows = among.rows.assign(front_share=share)[sure]
-    costs = draws.of(rows) if sure.any() else {}
+    drawn = front_draws(among.rows, goals, draws, by)
+    within = _within(drawn, among.rows.iloc[drawn.rows], limits)
+    share, joint = np.zeros(len(among.rows)), np.zeros(len(among.rows))
+    if drawn.rows.size:
+        share[drawn.rows] = drawn.on_front.mean(axis=0)
+        joint[drawn.rows] = (drawn.on_front & within).mean(axis=0)
+    rows = among.rows.assign(front_share=share, confidence=joint)
+    on_front, sure = share >= confidence, joint >= confidence
+    chosen = sure if sure.any() else on_front
+    bounds = _bounds(drawn, chosen, limits, confidence)
+    bounded = pick(rows[chosen].assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
+    notes = [*among.notes, *bounded.notes]
+    # Columns are those of the table; misses are those of the bounds.
+    if sure.any():
+        row = None if bounded.row is None else rows.iloc[rows.index.tolist().index(bounded.row.name)]
+        nearest = bounded.nearest
+    else:
+        row = None
+        nearest = bounded.nearest
+        if not on_front.any():
+            surest = f"; the most certain one is in {share.max():.0%}" if len(share) else ""
+            notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the samples{surest}")
+        elif bounded.row is not None:
+            nearest = rows[on_front].sort_values("confidence", ascending=False, kind="stable").head(n_nearest)
+            most = nearest["confidence"].iloc[0]
+            notes.insert(0, f"no design meets all budgets at once in more than {most:.0%} of the samples")
+    return Pick(row, nearest.assign(**{name: rows[name].reindex(nearest.index) for name in bounds}), notes)
+
+
+def _within(drawn: Drawn, rows: pd.DataFrame, limits: Sequence[Budget]) -> Bools:
+    """Return in which samples each row is within all limits at once, (draw, row)."""
+    within = np.ones(drawn.on_front.shape, dtype=bool)
+    for limit in limits:
+        values = drawn.values.get(limit.column)
+        within &= limit.met(numbers(rows, limit.column) if values is None else values)
+    return within
+
+
+def _bounds(drawn: Drawn, among: Bools, limits: Sequence[Budget], confidence: float) -> dict[str, Floats]:
+    """Return the bounds that a fraction of the samples of limited columns keep, (row,), of some rows."""
+    chosen = among[drawn.rows]
     bounds = {}
     for limit in limits:
-        if limit.column in costs and limit.direction:
-            # The bound of that fraction of the samples: the k-th best of them.
-            better = np.sort(costs[limit.column], axis=0)[:: 1 if limit.direction == "min" else -1]
+        if limit.column in drawn.values and limit.direction and chosen.any():
+            values = drawn.values[limit.column][:, chosen]
+            better = np.sort(values, axis=0)[:: 1 if limit.direction == "min" else -1]
             bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
-    bounded = pick(rows.assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
-    notes = [*among.notes, *bounded.notes]
-    if not sure.any():
-        surest = f"; the most certain one is in {share.max():.0%}" if len(share) else ""
-        notes.insert(0, f"no design is non-dominated in {confidence:.0%} of the samples{surest}")
-    # Columns are those of the table; misses are those of the bounds.
-    nearest = bounded.nearest.assign(**{name: rows[name].reindex(bounded.nearest.index) for name in bounds})
-    row = None if bounded.row is None else rows.iloc[rows.index.tolist().index(bounded.row.name)]
-    return Pick(row, nearest, notes)
+    return bounds
+
+
+def optimism(values: Floats, errors: Floats) -> float:
+    """Return by how much the best of many rows is overestimated, for having been chosen as the best.
+
+    The whole choice is repeated in every resample: the chosen row's value there, less its value here, which
+    plays the truth. The mean over resamples is what the choice adds.
+
+    Source: Efron, J. Am. Stat. Assoc. 78, 1983 (optimism of an apparent value by the bootstrap).
+
+    Args:
+        values: (row,) to maximise, in the order in which ties are decided.
+        errors: (draw, row) values of resamples less those of the table.
+    """
+    chosen = (values + errors).argmax(axis=1)
+    return float(errors[np.arange(len(errors)), chosen].mean())
 
 
 def budgeted(budgets: Sequence[str]) -> list[str]:

@@ -17,7 +17,7 @@ import types
 import typing
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -56,8 +56,8 @@ def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
         np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
 
 
-def load_arrays(path: Path) -> dict[str, Array]:
-    """Return the arrays of an .npz.
+def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, Array]:
+    """Return the arrays of an .npz; only those among `names`, if given, are read.
 
     Raises:
         StoreError: the file is missing or damaged.
@@ -65,7 +65,7 @@ def load_arrays(path: Path) -> dict[str, Array]:
     try:
         # Opened here: numpy leaves a damaged file open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            return {name: archive[name] for name in archive.files if names is None or name in names}
     except DAMAGED_ARCHIVE as error:
         raise StoreError(f"{path}: cannot be read: {error}") from error
 

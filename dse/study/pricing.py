@@ -132,7 +132,7 @@ def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.
     """
     if not hardware:
         return [read_table(path) for path in paths]
-    _must_be_studies(paths, "--hardware needs")
+    check_studies(paths, "--hardware needs")
     return [points(path, hardware) for path in paths]
 
 
@@ -188,7 +188,7 @@ def draws(
     Raises:
         StoreError: a frame is not from a study, or none of the columns depends on hardware.
     """
-    _must_be_studies(paths, "sampling needs")
+    check_studies(paths, "sampling needs")
     columns = [name for name in dict.fromkeys(names) if name in DRAWN]
     if not columns:
         raise StoreError(
@@ -277,7 +277,12 @@ def _places(folder: Path, answers: Sequence[_points.Answered], rows: pandas.Data
     return places
 
 
-def _must_be_studies(paths: Sequence[str | Path], who: str) -> None:
+def check_studies(paths: Sequence[str | Path], who: str) -> None:
+    """Check that paths are folders of studies.
+
+    Raises:
+        StoreError: one is not; `who` begins the reason.
+    """
     for path in paths:
         if not Path(path).is_dir():
             raise StoreError(

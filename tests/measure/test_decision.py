@@ -367,3 +367,18 @@ def test_each_length_is_read_at_its_own_setting(chosen_on, other):
         answers = decide(more[:, : lengths[k]], phi, theta)
         assert time_ms[k] == pytest.approx((answers.step + 1).mean())
         assert accuracy[k] == (answers.label == more_target).mean()
+
+
+@given(st.integers(0, 2**31))
+def test_single_answers_average_to_the_surface(seed):
+    rng = np.random.default_rng(seed)
+    n, n_steps, n_classes = rng.integers(1, 6), rng.integers(1, 12), rng.integers(1, 4)
+    output = (rng.random((n, n_steps, n_classes)) < 0.3).astype(np.uint8)
+    target = rng.integers(0, n_classes, n)
+    phi, theta = np.array([3.0, 0.0, 1.0]), np.array([0.5, 1.0, 0.0])
+    right = decision.right_at(output, target, phi, theta)
+    surface = decision.surface(output, target, phi, theta, 1.0)
+    np.testing.assert_allclose(right.mean(axis=0), surface.accuracy)
+    for i in range(n):
+        one = decision.surface(output[i : i + 1], target[i : i + 1], phi, theta, 1.0)
+        assert (right[i] == (one.accuracy == 1)).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 
 from dse.cli import main
 from dse.hardware.profile import load
+from dse.study import resampling
+from dse.study.record import load_records
 from dse.study.results import open as open_study
 from tests.page_data import held
 from tests.spaces import write_space
@@ -193,3 +196,41 @@ def test_battery_life_that_is_not_known(results: Path, capsys: Captured) -> None
     assert any("power_mw is NaN" in note for note in notes), "nobody published what it draws when idle"
     crowded = answered(capsys, "skyline", str(results), "--contacts-per-hour", "1e9")["rows"]
     assert all(row["power_mw"] is None for row in crowded), "contacts overlap"
+
+
+def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results: Path) -> None:
+    points = open_study(results).points()
+    for trial, rows in points.groupby("trial"):
+        [record] = load_records(results, int(str(trial)))
+        index, right = resampling._right(results, record, rows)
+        assert len(index) == record.samples["validation"]
+        np.testing.assert_allclose(right.mean(axis=0), rows["accuracy"].to_numpy())
+
+
+def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(
+    results: Path, capsys: Captured
+) -> None:
+    rows = answered(capsys, "skyline", str(results))["rows"]
+    assert all(0 <= row["front_probability"] <= 1 for row in rows)
+    assert len({row["front_probability"] for row in rows}) > 1
+    assert answered(capsys, "skyline", str(results))["rows"] == rows
+    picked = answered(capsys, "pick", str(results))
+    [row] = picked["rows"]
+    assert row["accuracy_corrected"] < row["accuracy"]
+    note = next(note for note in picked["notes"] if "corrected for that choice" in note)
+    assert f"{row['accuracy']:.3f}" in note and f"{row['accuracy_corrected']:.3f}" in note
+    [sure] = answered(capsys, "pick", str(results), "--confidence", "0.5", "--budget", "energy_uj <= 1e9")[
+        "rows"
+    ]
+    assert 0.5 <= sure["confidence"] <= sure["front_share"]
+
+
+def test_a_study_without_its_answers_says_why_there_are_no_probabilities(
+    results: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    shutil.copytree(results, tmp_path / "copy")
+    for path in (tmp_path / "copy").rglob("response.npz"):
+        path.unlink()
+    document = answered(capsys, "skyline", str(tmp_path / "copy"))
+    assert any(note.startswith("no front_probability: ") for note in document["notes"])
+    assert "front_probability" not in document["rows"][0]

@@ -14,6 +14,8 @@ from dse.cli.options import add_duty, add_hardware
 if TYPE_CHECKING:
     from dse.skyline.goals import Goal
 
+_DRAWS = 200
+
 GROUP = "choose"
 HELP = "print the skyline: the non-dominated design points of studies or of any tables"
 
@@ -49,7 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=draws,
         metavar="N",
         help="sample the chip's uncertain numbers N times; column front_share is the fraction of samples in "
-        "which a point stays non-dominated",
+        "which a point stays non-dominated. Column front_probability, of studies, also varies recordings and "
+        f"seeds; N is the number of its samples too (default: {_DRAWS})",
     )
     add_format(parser, FORMATS)
 
@@ -59,7 +62,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     import pandas
 
     from dse.skyline import front
-    from dse.study import pricing
+    from dse.store import StoreError
+    from dse.study import pricing, resampling
 
     frames = pricing.tables(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
@@ -77,7 +81,22 @@ def answer(arguments: argparse.Namespace) -> Answer:
         share = front.front_share(candidates, objectives, drawing, by)
         rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
         shown = [*shown, "front_share"]
-    return Answer(records(rows), skyline.notes, shown)
+    notes = list(skyline.notes)
+    if any(name in resampling.ACCURACIES for name, _ in objectives) and all(
+        Path(path).is_dir() for path in arguments.results
+    ):
+        try:
+            drawing = resampling.draws(
+                arguments.results, frames, arguments.hardware, objectives, arguments.draws or _DRAWS
+            )
+            candidates = front.comparable(frame, objectives, arguments.where, by).rows
+            share = front.front_share(candidates, objectives, drawing, by)
+        except StoreError as error:
+            notes.append(f"no front_probability: {error}")
+        else:
+            rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
+            shown = [*shown, "front_probability"]
+    return Answer(records(rows), notes, shown)
 
 
 def objectives_of(text: str | None, results: str) -> list[Goal]:

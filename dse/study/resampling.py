@@ -1,0 +1,261 @@
+"""How accuracies of design points vary with the recordings and the seeds that they were measured on.
+
+Each run stores its answer to every validation recording. A resample weights the recordings at random, all
+runs alike, so that designs which fail on the same recordings vary together; seeds vary by what the repeats of
+all trials show together. Points at other precisions, whose single answers are not stored, vary as the same
+point at the trained precision does.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dse import store
+from dse.measure import decision
+from dse.measure.objectives.accuracy import wilson_se
+from dse.measure.on_chips import DRAWN
+from dse.records import Array, Bools, Floats, Ints
+from dse.seeds import generator
+from dse.skyline.front import Draws
+from dse.skyline.pick import optimism
+from dse.skyline.posterior import posterior_samples
+from dse.skyline.table import group_numbers, numbers
+from dse.study import pricing
+from dse.study.record import RunRecord, load_records
+
+if TYPE_CHECKING:
+    import pandas
+
+ACCURACIES = ("accuracy", "accuracy_strict", "accuracy_shifted", "accuracy_shifted_min")
+"""Columns that are resampled, if the table has them."""
+
+_SEED = 20261122
+_WITHIN_SE = 5.0  # standard errors within which every sample is
+_ANSWERS = ("index", "target", "output", "shape", "step_ms", "label", "time_ms")
+
+
+def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
+    """Return resampled accuracies less the measured ones, (draw, row), of design points of a study.
+
+    Args:
+        folder: of the study.
+        rows: of its points, with all columns that identify them.
+        n_draws: number of resamples; the same ones for all designs, and at every call.
+
+    Raises:
+        StoreError: an artefact is missing or damaged.
+    """
+    sampled = np.zeros((n_draws, len(rows)))
+    seed_variance, n_free = 0.0, 0
+    groups = list(rows.groupby("trial", sort=False).indices.values())
+    trials, repeats = rows["trial"].to_numpy(np.int64), rows["repeats"].to_numpy(np.int64)
+    for places in groups:
+        of_trial = rows.iloc[places]
+        records = load_records(folder, int(trials[places[0]]))[: repeats[places[0]]]
+        right = [_right(folder, record, of_trial) for record in records]
+        of_runs = np.stack(
+            [_resampled(record, *answers, n_draws) for record, answers in zip(records, right, strict=True)]
+        )
+        sampled[:, places] = of_runs.mean(axis=0)
+        if len(records) > 1:
+            # What differs between runs beyond the recordings that they were measured on is the seed's.
+            measured = np.stack([answers.mean(axis=0) for _, answers in right])
+            of_seeds = measured.var(axis=0, ddof=1).mean() - of_runs.var(axis=0, ddof=1).mean()
+            seed_variance += of_seeds * (len(records) - 1)
+            n_free += len(records) - 1
+    if n_free and seed_variance > 0:
+        rng = generator(_SEED, {}, "seeds")
+        scale = np.sqrt(seed_variance / rng.chisquare(n_free, n_draws))  # pooled, as of Student's t
+        for places in groups:
+            trial, n_runs = trials[places[0]], repeats[places[0]]
+            unit = generator(_SEED, {}, "seed of a trial", int(trial)).standard_normal(n_draws)
+            sampled[:, places] += (unit * scale / np.sqrt(n_runs))[:, None]
+    return sampled
+
+
+def draws(
+    paths: Sequence[str | Path],
+    frames: Sequence[pandas.DataFrame],
+    hardware: Sequence[str],
+    goals: Sequence[tuple[str, str]],
+    n_draws: int,
+    names: Sequence[str] = (),
+) -> Draws:
+    """Return the joint sampler of accuracies, over recordings and seeds, and of hardware's uncertain numbers.
+
+    Accuracies are samples of what is probably true (`dse.skyline.posterior`).
+
+    Args:
+        paths: studies.
+        frames: their points; a row is identified by its position in the concatenation of all frames.
+        hardware: as in `pricing.points`.
+        goals: of the front.
+        n_draws: number of samples.
+        names: further columns, such as those with a budget.
+
+    Raises:
+        StoreError: a frame is not from a study, or nothing among the columns is uncertain.
+    """
+    pricing.check_studies(paths, "sampling needs")
+    columns = list(dict.fromkeys([*(name for name, _ in goals), *names]))
+    accuracies = [name for name in columns if name in ACCURACIES]
+    on_chips = [name for name in columns if name in DRAWN and all("hardware" in x for x in frames)]
+    if not accuracies:
+        return pricing.draws(paths, frames, hardware, columns, n_draws)
+    chips = pricing.draws(paths, frames, hardware, on_chips, n_draws) if on_chips else None
+    starts = np.cumsum([0, *map(len, frames)])
+    others = [name for name, _ in goals if name not in accuracies]
+
+    def of(rows: pandas.DataFrame) -> dict[str, Floats]:
+        study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
+        sampled = np.empty((n_draws, len(rows)))
+        for number in np.unique(study):
+            is_of_study = study == number
+            sampled[:, is_of_study] = errors(Path(paths[number]), rows[is_of_study], n_draws)
+        by = [name for name in ("task", "hardware") if name in rows]
+        group = group_numbers(rows, by)
+        trial = group_numbers(rows.assign(study=study), ["study", "trial"])
+        costs = np.stack([np.zeros(len(rows)), *(numbers(rows, name) for name in others)], axis=1)[:, 1:]
+        samples: dict[str, Floats] = dict(chips.of(rows)) if chips else {}
+        for name in accuracies:
+            measured, scaled = numbers(rows, name), sampled * _scale(rows, name)
+            values = np.empty_like(scaled)
+            for number in np.unique(group):
+                here = np.flatnonzero(group == number)
+                values[:, here] = posterior_samples(
+                    measured[here], costs[here], trial[here], scaled[:, here], generator(_SEED, {}, "prior")
+                )
+            low, high = ends(rows)[name]
+            samples[name] = np.clip(values, low, high)
+        return samples
+
+    def ends(rows: pandas.DataFrame) -> dict[str, tuple[Floats, Floats]]:
+        study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
+        se = np.empty(len(rows))
+        for number in np.unique(study):
+            se[study == number] = _largest_se(Path(paths[number]), rows[study == number])
+        within = {name: _WITHIN_SE * se * _scale(rows, name) for name in accuracies}
+        return {name: (numbers(rows, name) - x, numbers(rows, name) + x) for name, x in within.items()}
+
+    return Draws([*accuracies, *(chips.columns if chips else ())], of, ends)
+
+
+def optimism_of(folder: Path, contestants: pandas.DataFrame, maximise: str, n_draws: int) -> float:
+    """Return by how much the accuracy of the best of some points is too high for having been chosen.
+
+    Args:
+        folder: of the study.
+        contestants: the points that the choice was among, best first, with all columns that identify them.
+        maximise: one of `ACCURACIES`.
+        n_draws: number of resamples.
+
+    Raises:
+        StoreError: as in `errors`.
+    """
+    values = numbers(contestants, maximise)
+    se = _largest_se(folder, contestants) * _scale(contestants, maximise)
+    near = values >= values[0] - _WITHIN_SE * (se + se[0])  # worse ones are never chosen
+    rows = contestants[near]
+    sampled = errors(folder, rows, n_draws) * _scale(rows, maximise)
+    return optimism(values[near], sampled)
+
+
+def _resampled(record: RunRecord, index: Ints, right: Bools, n_draws: int) -> Floats:
+    """Return a run's accuracies with recordings weighted at random, less their mean, (draw, point).
+
+    Weights are exponential (the Bayesian bootstrap). Two answers of the run's own, one right and one wrong,
+    keep accuracies of 0 and 1 uncertain.
+
+    Source: Rubin, Ann. Stat. 9, 1981.
+
+    Args:
+        record: of the run.
+        index: (n,) numbers of the recordings.
+        right: (n, point) whether the answer is right.
+        n_draws: number of resamples.
+    """
+    weights = np.stack([_weights(int(i), n_draws) for i in index], axis=1)
+    rng = generator(_SEED, {}, "own answers", record.trial, record.repeat)
+    own = rng.exponential(size=(n_draws, 2))
+    sums = weights @ right.astype(np.float32) + own[:, :1]
+    accuracy = sums / (weights.sum(axis=1) + own.sum(axis=1))[:, None]
+    return np.asarray(accuracy - accuracy.mean(axis=0), np.float64)
+
+
+@functools.lru_cache(maxsize=1 << 16)
+def _weights(recording: int, n_draws: int) -> Floats:
+    """Return the weights of a recording in every resample, the same for all runs, (draw,)."""
+    rng = generator(_SEED, {}, "recording", recording)
+    return rng.standard_exponential(n_draws, dtype=np.float32)
+
+
+def _largest_se(folder: Path, rows: pandas.DataFrame) -> Floats:
+    """Return an upper bound of the standard error of each point's accuracy, (row,)."""
+    accuracy = numbers(rows, "accuracy")
+    se = np.nan_to_num(numbers(rows, "accuracy_se")) if "accuracy_se" in rows else np.zeros(len(rows))
+    trials = rows["trial"].to_numpy(np.int64)
+    for places in rows.groupby("trial", sort=False).indices.values():
+        record = store.read_json(store.run_folder(folder, int(trials[places[0]]), 0) / "record.json")
+        n = max(int(record["samples"]["validation"]), 1)
+        se[places] += wilson_se(np.rint(np.nan_to_num(accuracy[places]) * n), n)
+    return se
+
+
+def _scale(rows: pandas.DataFrame, name: str) -> Floats:
+    """Return how many times as uncertain as the plain accuracy an accuracy is, (row,), by standard errors."""
+    if name == "accuracy" or not {f"{name}_se", "accuracy_se"} <= set(rows):
+        return np.ones(len(rows))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = numbers(rows, f"{name}_se") / numbers(rows, "accuracy_se")
+    return np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 4.0), 1.0)
+
+
+def _right(folder: Path, record: RunRecord, rows: pandas.DataFrame) -> tuple[Ints, Bools]:
+    """Return the recordings that a run was validated on, (n,), and which it answers right, (n, row)."""
+    path = store.run_folder(folder, record.trial, record.repeat) / "response.npz"
+    arrays = store.load_arrays(path, _ANSWERS)
+    right = np.zeros((len(arrays["index"]), len(rows)), dtype=bool)
+    tasks = rows["task"].to_numpy(object) if record.heads else np.full(len(rows), "", object)
+    first = 0
+    for head in record.heads or (None,):
+        n_classes = len(head.classes) if head else len(record.classes)
+        here = np.flatnonzero(tasks == (head.name if head else ""))
+        if len(here):
+            of_class = head.of_class if head else np.arange(n_classes)
+            outputs = slice(first, first + n_classes)
+            right[:, here] = _right_at(arrays, of_class, outputs, rows.iloc[here])
+        first += n_classes
+    return arrays["index"], right
+
+
+def _right_at(arrays: dict[str, Array], of_class: Ints, outputs: slice, rows: pandas.DataFrame) -> Bools:
+    """Return whether the answers to one target are right at some of its points, (n, row)."""
+    target = of_class[arrays["target"]]
+    phi, theta, after_ms = (
+        rows[name].to_numpy(np.float64, na_value=np.nan) if name in rows else np.full(len(rows), np.nan)
+        for name in ("phi", "theta", "read_out_ms")
+    )
+    right = np.empty((len(target), len(rows)), dtype=bool)
+    if "label" in arrays:  # a classifier without output spikes
+        place = np.abs(arrays["time_ms"] - np.nan_to_num(after_ms, nan=np.inf)[:, None]).argmin(axis=1)
+        place[np.isnan(after_ms)] = len(arrays["time_ms"]) - 1
+        return np.asarray(of_class[arrays["label"]][:, place] == target[:, None])
+    shape = tuple(arrays["shape"].tolist())
+    spikes = np.unpackbits(arrays["output"], count=int(np.prod(shape))).reshape(shape)[..., outputs]
+    decides = ~np.isnan(phi)
+    if decides.any():
+        phis, phi_place = np.unique(phi[decides], return_inverse=True)
+        thetas, theta_place = np.unique(theta[decides], return_inverse=True)
+        right[:, decides] = decision.right_at(spikes, target, phis, thetas)[:, phi_place, theta_place]
+    steps = np.where(
+        np.isnan(after_ms), shape[1], np.rint(np.nan_to_num(after_ms) / float(arrays["step_ms"]))
+    )
+    for n_steps in np.unique(steps[~decides]):
+        label = spikes[:, : int(n_steps)].sum(axis=1, dtype=np.int64).argmax(axis=1)
+        right[:, ~decides & (steps == n_steps)] = (label == target)[:, None]
+    return right

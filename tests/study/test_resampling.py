@@ -1,0 +1,130 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.skyline.front import Draws, front_share
+from dse.skyline.pareto import non_dominated
+from dse.skyline.pick import optimism
+from dse.skyline.posterior import posterior_samples
+from dse.study import resampling
+
+GOALS = [("accuracy", "max"), ("n_weights", "min"), ("latency_ms", "min")]
+
+
+class Population:
+    """Designs with known true accuracies, and a study of them on few recordings and seeds.
+
+    Recordings are harder or easier for all designs; a seed moves all points of a run.
+    """
+
+    def __init__(self, number, n_trials=40, n_recordings=300, repeats=3, spread=0.2):
+        rng = np.random.default_rng([7, number])
+        self.repeats = repeats
+        weights, latency = rng.uniform(0, 3, n_trials).round(3), np.array([1.0, 2.0, 3.0])
+        skill = 1 + (1 - np.exp(-weights)) + rng.normal(0, spread, n_trials)
+        skill = skill[:, None] - 0.6 * (1 - latency / 3) + rng.normal(0, 0.05, (n_trials, 3))
+        seeds = rng.normal(0, 0.15, (n_trials, repeats))
+        ease = rng.normal(0, 1.5, n_recordings)
+        level = skill[:, None, :] + seeds[:, :, None]
+        chance = 1 / (1 + np.exp(-(level[:, :, None, :] + ease[:, None])))
+        self.right = rng.random((n_trials, repeats, n_recordings, 1)) < chance
+        all_ease = np.quantile(rng.normal(0, np.hypot(1.5, 0.15), 20_000), np.linspace(0.005, 0.995, 100))
+        self.truth = (1 / (1 + np.exp(-(skill[..., None] + all_ease)))).mean(axis=2).ravel()
+        self.rows = pd.DataFrame(
+            {
+                "trial": np.repeat(np.arange(n_trials), 3),
+                "point": np.tile(np.arange(3), n_trials),
+                "repeats": repeats,
+                "accuracy": self.right.mean(axis=(1, 2)).ravel(),
+                "n_weights": np.repeat(weights, 3),
+                "latency_ms": np.tile(latency, n_trials),
+            }
+        )
+
+    def errors(self, n_draws, monkeypatch):
+        def right(folder, record, rows):
+            answers = self.right[record.trial, record.repeat][:, rows["point"].to_numpy()]
+            return np.arange(len(answers)), answers
+
+        def records(folder, trial):
+            return [SimpleNamespace(trial=trial, repeat=repeat) for repeat in range(self.repeats)]
+
+        monkeypatch.setattr(resampling, "_right", right)
+        monkeypatch.setattr(resampling, "load_records", records)
+        return resampling.errors("", self.rows, n_draws)
+
+
+@pytest.fixture(scope="module")
+def populations():
+    with pytest.MonkeyPatch.context() as patch:
+        return [(p := Population(number), p.errors(100, patch)) for number in range(30)]
+
+
+def test_stated_probabilities_of_the_front_are_true_as_often(populations):
+    """Of the points said to be on the front with about 90 %, 85 to 95 % are; 50 % means 40 to 60 %."""
+    stated, true = [], []
+    for population, errors in populations:
+        rows = population.rows
+        costs = rows[["n_weights", "latency_ms"]].to_numpy()
+        trial = rows["trial"].to_numpy()
+
+        def of(rows, errors=errors, costs=costs, trial=trial):
+            here = rows.index.to_numpy()
+            samples = posterior_samples(
+                rows["accuracy"].to_numpy(),
+                costs[here],
+                trial[here],
+                errors[:, here],
+                np.random.default_rng(0),
+            )
+            return {"accuracy": samples}
+
+        stated.append(front_share(rows, GOALS, Draws(["accuracy"], of)))
+        true.append(non_dominated(np.column_stack([-population.truth, costs])))
+    share, on_front = np.concatenate(stated), np.concatenate(true)
+
+    def truth_of(low, high):
+        return on_front[(share >= low) & (share < high)].mean()
+
+    assert 0.85 <= truth_of(0.85, 0.95) <= 0.95
+    assert 0.4 <= truth_of(0.4, 0.6) <= 0.6
+    assert truth_of(0.97, 1.1) > 0.95
+    assert truth_of(0.0, 0.03) < 0.05
+
+
+def test_the_corrected_accuracy_of_the_best_is_the_true_one_on_average(populations):
+    gained, corrected_by = [], []
+    for population, errors in populations:
+        measured = population.rows["accuracy"].to_numpy()
+        best = measured.argmax()
+        gained.append(measured[best] - population.truth[best])
+        corrected_by.append(optimism(measured, errors))
+    assert np.mean(corrected_by) == pytest.approx(
+        np.mean(gained), abs=2.5 * np.std(gained) / np.sqrt(len(gained))
+    )
+    assert np.mean(corrected_by) > 0.01
+
+
+def test_resamples_spread_as_measurements_do(populations):
+    """Errors of resamples and true errors have the same size: recordings and seeds are both in them."""
+    resampled = [errors.std(axis=0).mean() for _, errors in populations]
+    true = [p.rows["accuracy"].to_numpy() - p.truth for p, _ in populations]
+    assert np.mean(resampled) == pytest.approx(np.sqrt(np.mean(np.square(true))), rel=0.15)
+
+
+def test_resamples_do_not_depend_on_the_rows_beside(populations, monkeypatch):
+    population, _ = populations[0]
+    errors = population.errors(20, monkeypatch)
+    rows = population.rows
+    population.rows = rows.iloc[::-1]
+    np.testing.assert_allclose(population.errors(20, monkeypatch), errors[:, ::-1], rtol=1e-5, atol=1e-7)
+    population.rows = rows
+
+
+def test_an_accuracy_of_one_is_uncertain():
+    record = SimpleNamespace(trial=0, repeat=0)
+    errors = resampling._resampled(record, np.arange(50), np.ones((50, 1), dtype=bool), 200)
+    assert 0.005 < errors.std() < 0.04
+    assert abs(errors.mean()) < 1e-9
