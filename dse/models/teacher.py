@@ -90,7 +90,8 @@ class Teachers:
         outcome: Any
         if trains_in_cohorts(teacher):
             designs = [FitRequest(teacher, training, rngs)]
-            ((_, outcome),) = teacher.fit_cohort(data, designs, rngs, self._device, self._threads)
+            device = "cpu" if getattr(teacher, "cpu_only", False) else self._device
+            ((_, outcome),) = teacher.fit_cohort(data, designs, rngs, device, self._threads)
             if isinstance(outcome, Exception):
                 raise outcome
         else:
