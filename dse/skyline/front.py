@@ -113,12 +113,12 @@ def comparable(
         ExpressionError: as in `skyline`.
     """
     names = [goal.column for goal in checked_goals(goals)]
-    conditions = _as_list(where or None)
+    conditions = as_list(where or None)
     named = {*named, *named_columns(conditions)}
     rows = frame
     for condition in split_budgets(conditions)[1]:
         rows = rows[matches(condition, rows)]
-    rows, copies = leave_out_copies(rows, {*named, *names, *_as_list(by)})
+    rows, copies = leave_out_copies(rows, {*named, *names, *as_list(by)})
     rows, leaky = leave_out_leaky(rows, named)
     rows, misfits = leave_out_misfits(rows, named)
     for condition in conditions:
@@ -284,7 +284,7 @@ def front_ends(
     Raises:
         ExpressionError: an unknown column, or one that holds no numbers.
     """
-    fronts = _as_list(by)
+    fronts = as_list(by)
     for name in (*design, *fronts):
         column(frame, name)
     rows, leaky = leave_out_leaky(frame, frozenset())
@@ -302,10 +302,11 @@ def front_ends(
 
 def front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
     """Return the columns whose values have separate fronts: `by`, and hardware if there are several."""
-    names = _as_list(by)
+    names = as_list(by)
     several = "hardware" in rows and rows["hardware"].nunique() > 1
     return [*names, *(["hardware"] if several and "hardware" not in names else [])]
 
 
-def _as_list(by: str | Sequence[str] | None) -> list[str]:
+def as_list(by: str | Sequence[str] | None) -> list[str]:
+    """Return columns, given as one name, several or None, as a list."""
     return [by] if isinstance(by, str) else list(by or [])

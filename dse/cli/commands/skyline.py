@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from dse.skyline.goals import Goal
 
 _DRAWS = 200
+_IN_MEMORY = 4_000_000  # rows of a table that is read whole
 
 GROUP = "choose"
 HELP = "print the skyline: the non-dominated design points of studies or of any tables"
@@ -61,16 +62,19 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
     import pandas
 
-    from dse.skyline import front
+    from dse.skyline import blocks, front
     from dse.store import StoreError
     from dse.study import pricing, resampling
 
-    frames = pricing.tables(arguments.results, arguments.hardware)
+    by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     objectives = objectives_of(arguments.objectives, arguments.results[0])
+    if (large := _large(arguments)) is not None:
+        skyline = blocks.parquet_skyline(large, objectives, arguments.where, by)
+        return Answer(records(skyline.rows), skyline.notes, columns(skyline.rows, objectives))
+    frames = pricing.tables(arguments.results, arguments.hardware)
     frame = pricing.on_duty(
         pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
     )
-    by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     skyline = front.skyline(frame, objectives, arguments.where, by)
     rows, shown = skyline.rows, columns(skyline.rows, objectives)
     shown += [name for name in ("power_mw", "battery_h") if name in rows and name not in shown]
@@ -97,6 +101,27 @@ def answer(arguments: argparse.Namespace) -> Answer:
             rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
             shown = [*shown, "front_probability"]
     return Answer(records(rows), notes, shown)
+
+
+def _large(arguments: argparse.Namespace) -> Path | None:
+    """Return the file of a table that is too large for memory, if its front needs nothing but its columns."""
+    import pyarrow.parquet
+
+    path = Path(arguments.results[0])
+    file = path / "points.parquet" if path.is_dir() else path
+    others = (
+        arguments.hardware,
+        arguments.draws,
+        arguments.contacts_per_hour is not None,
+        arguments.battery_mwh,
+    )
+    if len(arguments.results) > 1 or any(others) or file.suffix != ".parquet" or not file.is_file():
+        return None
+    try:
+        n_rows = pyarrow.parquet.read_metadata(file).num_rows
+    except (OSError, ValueError):  # the reader of tables says why
+        return None
+    return file if n_rows > _IN_MEMORY else None
 
 
 def objectives_of(text: str | None, results: str) -> list[Goal]:

@@ -1,0 +1,123 @@
+"""The front of tables too large for memory, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from dse.records import Bools
+from dse.skyline.constraints import ExpressionError, matches, named_columns, split_budgets
+from dse.skyline.front import Skyline, as_list, skyline
+from dse.skyline.goals import Goal, checked_goals, costs_of
+from dse.skyline.pareto import non_dominated_by_group
+from dse.skyline.table import group_numbers
+
+BLOCK = 1 << 18
+"""Rows of a block of a file."""
+
+_OF_CLASS = ("fits", "transductive", "hardware")  # rows that differ in them may be excluded separately
+
+
+def skyline_of_blocks(
+    blocks: Iterable[pd.DataFrame],
+    goals: Sequence[tuple[str, str]],
+    where: str | None = None,
+    by: str | Sequence[str] | None = None,
+) -> Skyline:
+    """Return the front of all blocks together, as `dse.skyline.front.skyline`, in memory for a block.
+
+    The index is the position of a row in all blocks together.
+
+    Args:
+        blocks: tables of design points with the same columns.
+        goals: (column, 'max' or 'min') pairs.
+        where: condition, as of `skyline`.
+        by: columns whose values have separate fronts.
+
+    Raises:
+        ExpressionError: as in `skyline`; or there is no block.
+    """
+    checked = checked_goals(goals)
+    pending: list[pd.DataFrame] = []
+    n_rows, n_pending, n_held = 0, 0, 0
+    for block in blocks:
+        placed = block.set_axis(pd.RangeIndex(n_rows, n_rows + len(block)))
+        pending.append(placed[_needed(placed, checked, where, by)])
+        n_rows, n_pending = n_rows + len(block), n_pending + len(pending[-1])
+        if n_pending > max(2 * n_held, BLOCK):
+            held = pd.concat(pending)
+            pending = [held[_needed(held, checked, where, by)]]
+            n_held = n_pending = len(pending[0])
+    if not pending:
+        raise ExpressionError("a front needs at least one block of points")
+    rows = skyline(pd.concat(pending), goals, where, by).rows
+    return Skyline(rows, [f"{n_rows} points, compared in blocks"])
+
+
+def _needed(
+    frame: pd.DataFrame, goals: Sequence[Goal], where: str | None, by: str | Sequence[str] | None
+) -> Bools:
+    """Return the rows that can be on the front, or decide which ones may be compared, (row,).
+
+    A row can be on the front if it meets the conditions, and none of its class dominates it: what excludes
+    one row of a class excludes all. The first row of each class shows that the class exists.
+    """
+    conditions = [where] if where else []
+    rest = split_budgets(conditions)[1]
+    meets_rest, meets = np.ones(len(frame), dtype=bool), np.ones(len(frame), dtype=bool)
+    for condition in rest:
+        meets_rest &= matches(condition, frame)
+    for condition in conditions:
+        meets &= matches(condition, frame)
+    names = dict.fromkeys([*as_list(by), *(name for name in _OF_CLASS if name in frame)])
+    group = group_numbers(frame, list(names))
+    needed = np.zeros(len(frame), dtype=bool)
+    candidates = np.flatnonzero(meets_rest)
+    needed[candidates[np.unique(group[candidates], return_index=True)[1]]] = True
+    costs = costs_of(frame, goals)
+    compared = np.flatnonzero(meets & np.isfinite(costs).all(axis=1))
+    needed[compared[non_dominated_by_group(costs[compared], group[compared])]] = True
+    return needed
+
+
+def parquet_skyline(
+    path: Path,
+    goals: Sequence[tuple[str, str]],
+    where: str | None = None,
+    by: str | Sequence[str] | None = None,
+) -> Skyline:
+    """Return the front of a Parquet file; only the columns that decide it are read whole.
+
+    Args:
+        path: the file.
+        goals: (column, 'max' or 'min') pairs.
+        where: condition, as of `skyline`.
+        by: columns whose values have separate fronts.
+
+    Raises:
+        ExpressionError: as in `skyline`.
+    """
+    import pyarrow.parquet
+
+    with pyarrow.parquet.ParquetFile(path) as file:
+        deciding = {*(name for name, _ in goals), *named_columns([where] if where else []), *as_list(by)}
+        names = [name for name in file.schema_arrow.names if name in {*deciding, *_OF_CLASS}]
+        front = skyline_of_blocks(_blocks(file, names), goals, where, by)
+        places = np.sort(front.rows.index.to_numpy())
+        parts, start = [], 0
+        for block in _blocks(file, None):
+            here = places[(places >= start) & (places < start + len(block))]
+            if len(here):
+                parts.append(block.iloc[here - start].set_axis(here))
+            start += len(block)
+    rows = pd.concat(parts) if parts else block.iloc[:0]
+    return Skyline(rows.loc[front.rows.index], front.notes)
+
+
+def _blocks(file: Any, names: list[str] | None) -> Iterator[pd.DataFrame]:
+    for batch in file.iter_batches(BLOCK, columns=names):
+        yield batch.to_pandas()
