@@ -79,7 +79,7 @@ def of_recordings(bundle: Bundle, data_file: str | Path, *, repair: bool = False
         inputs=None if is_spikes else new.recordings,
         first_step=new.first + data.start,
         dataset=data,
-        spikes_in=_spikes_of_windows(data),
+        spikes_in=spikes_of_windows(data),
         fired=tuple(spikes_of_layers(network, data, data.test)) if isinstance(network, Network) else (),
         label=decisions[0],
         time_ms=decisions[1],
@@ -137,7 +137,7 @@ def answered(bundle: Bundle, data: Dataset, data_file: str | Path) -> Response |
     return response
 
 
-def _spikes_of_windows(data: Dataset) -> Ints:
+def spikes_of_windows(data: Dataset) -> Ints:
     """Return recording, step and channel of every input spike of the windows, (n_spikes, 3) int32."""
     spikes, parts = data.spikes, [np.zeros((0, 3), np.int32)]
     for i, sample in enumerate(data.test.tolist()):

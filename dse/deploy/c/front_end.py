@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dse.deploy.c.plan import Plan, SendOnDeltaPlan, is_endless
+from dse.deploy.c.plan import Frame, SendOnDeltaPlan, is_endless
 from dse.deploy.c.text import filled, real, wrapped
 from dse.preprocessing import Pooling
 
@@ -15,7 +15,7 @@ static double whole(double x)
 """
 
 
-def level_type(plan: Plan) -> str:
+def level_type(plan: Frame) -> str:
     """Return the type of the levels that an encoder keeps."""
     if plan.encoder is None:
         return ""
@@ -26,7 +26,7 @@ def level_type(plan: Plan) -> str:
     )
 
 
-def front_end(plan: Plan) -> str:
+def front_end(plan: Frame) -> str:
     """Return the functions that take what is pushed; '' where that is spikes."""
     if plan.encoder is not None:
         return _send_on_delta(plan.encoder)
@@ -63,7 +63,7 @@ def _send_on_delta(encoder: SendOnDeltaPlan) -> str:
     return floor + both + "#endif\n\n" + text
 
 
-def _pooling(plan: Plan, pools: Pooling) -> str:
+def _pooling(plan: Frame, pools: Pooling) -> str:
     x, y, columns, rows = pools.crop
     n_x, n_y = pools.n_x[x : x + columns], pools.n_y[y : y + rows]
     more = []

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from dse.deploy.c.matrix import Matrix
-from dse.deploy.c.plan import LayerPlan, Plan, is_endless
+from dse.deploy.c.plan import Frame, LayerPlan, Plan, is_endless
 from dse.deploy.c.text import wrapped
 from dse.neurons import resonator
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array, Ints
 
 _BYTES = {
-    "int64_t": 8,
-    "int32_t": 4,
-    "uint32_t": 4,
-    "level_t": 4,
-    "uint16_t": 2,
-    "int16_t": 2,
-    "uint8_t": 1,
-    "int8_t": 1,
+    **{"double": 8, "int64_t": 8, "uint64_t": 8},
+    **{"float": 4, "int32_t": 4, "uint32_t": 4, "level_t": 4},
+    **{"uint16_t": 2, "int16_t": 2, "uint8_t": 1, "int8_t": 1},
 }
 
 
@@ -36,8 +33,13 @@ class Member:
     purpose: str = ""
 
     @property
+    def width(self) -> int:
+        """Bytes of one number."""
+        return _BYTES[self.kind]
+
+    @property
     def n_bytes(self) -> int:
-        return _BYTES[self.kind] * math.prod(self.lengths)
+        return self.width * math.prod(self.lengths)
 
     @property
     def text(self) -> str:
@@ -61,9 +63,20 @@ class Table:
     @property
     def text(self) -> str:
         """Its definition."""
-        hexadecimal = self.kind == "uint32_t" and int(self.values.max(initial=0)) > 2**16
-        numbers = (f"0x{x:x}u" if hexadecimal else str(x) for x in self.values.tolist())
+        if self.kind in ("float", "double"):
+            numbers = [_exact(x, self.kind) for x in self.values.ravel()]
+        elif self.kind == "uint32_t" and int(self.values.max(initial=0)) > 2**16:
+            numbers = [f"0x{x:x}u" for x in self.values.tolist()]
+        else:
+            numbers = [str(x) for x in self.values.tolist()]
         return f"static const {self.kind} {self.name}[{self.values.size}] = {{\n{wrapped(numbers)}}};\n"
+
+
+def _exact(x: np.floating[Any], kind: str) -> str:
+    """Return a constant of exactly this number; numpy's shortest decimals read back as it."""
+    text = str(np.float32(x) if kind == "float" else np.float64(x))
+    number = text if any(c in text for c in ".en") else f"{text}.0"
+    return f"{number}f" if kind == "float" else number
 
 
 def members(plan: Plan) -> list[Member]:
@@ -98,6 +111,13 @@ def members(plan: Plan) -> list[Member]:
             Member("uint32_t", "sample", (), "input steps since dse_reset()"),
             Member("uint16_t", "slot", (), "of this step in `spikes`"),
         ]
+    out += front_end_members(plan)
+    return sorted(out, key=lambda m: -m.width)
+
+
+def front_end_members(plan: Frame) -> list[Member]:
+    """Return the variables of what makes the input spikes."""
+    out = []
     if plan.encoder is not None:
         places = (len(plan.encoder.thresholds), plan.encoder.n_sensors)
         out += [Member("level_t", "level", places, "last sent"), Member("uint8_t", "begun")]
@@ -111,13 +131,17 @@ def members(plan: Plan) -> list[Member]:
             out.append(Member("int64_t", "stop_us", (), "events from here on are too late"))
         if plan.pooling.counts_needed:
             out.append(Member("uint8_t", "events", (plan.n_channels,), "of every pool in this bin"))
-    return sorted(out, key=lambda m: -_BYTES[m.kind])
+    return out
 
 
 def ram_bytes(plan: Plan) -> int:
     """Return the size of all variables: what the compiler reports as data and bss."""
-    listed = members(plan)
-    widest = max(_BYTES[m.kind] for m in listed)
+    return struct_bytes(members(plan))
+
+
+def struct_bytes(listed: Sequence[Member]) -> int:
+    """Return the size of variables that lie in a row, the widest first."""
+    widest = max(m.width for m in listed)
     used = sum(m.n_bytes for m in listed)
     return -(-used // widest) * widest
 

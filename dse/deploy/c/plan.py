@@ -107,13 +107,11 @@ class Rule:
     joint: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True)
-class Plan:
-    """All that the C needs of a bundle.
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """What surrounds a classifier: its input, its window and the names of its answers.
 
-    n_channels: of the input spikes. n_steps: input steps of the window. steps_per_sample: network steps each.
-    delays: of the copies of the inputs, network steps.
-    step_ms: duration of an input step.
+    n_channels: of the input spikes. n_steps: input steps of the window. step_ms: duration of an input step.
     window: where it begins in a recording: start, middle or contact_onset. onset_threshold: of the contact.
     front_end: what is pushed. no_front_end: why spikes are pushed although the design has an encoder or
         preprocessing; '' where it does not apply.
@@ -121,13 +119,9 @@ class Plan:
         from the first event to the last.
     """
 
-    layers: tuple[LayerPlan, ...]
     n_channels: int
     n_steps: int
-    steps_per_sample: int
-    delays: tuple[int, ...]
     step_ms: float
-    rule: Rule
     classes: tuple[str, ...]
     window: str
     onset_threshold: float
@@ -137,6 +131,25 @@ class Plan:
     pooling: Pooling | None = None
     t0_us: int | None = None
     n_bins: int | None = None
+
+    @property
+    def channel_words(self) -> int:
+        """Words of 32 bits with a bit per channel."""
+        return -(-self.n_channels // 32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Frame):
+    """All that the C of a spiking network needs of a bundle.
+
+    steps_per_sample: network steps per input step.
+    delays: of the copies of the inputs, network steps.
+    """
+
+    layers: tuple[LayerPlan, ...]
+    steps_per_sample: int
+    delays: tuple[int, ...]
+    rule: Rule
 
     @property
     def network_steps(self) -> int:
@@ -149,18 +162,13 @@ class Plan:
         return max(self.delays) // self.steps_per_sample + 1
 
     @property
-    def channel_words(self) -> int:
-        """Words of 32 bits with a bit per channel."""
-        return -(-self.n_channels // 32)
-
-    @property
     def counts_bytes(self) -> int:
         """Bytes of an output's spike count."""
         return 2 if self.network_steps < 2**16 else 4
 
 
 def plan_of(bundle: Bundle) -> Plan:
-    """Return the plan of a bundle.
+    """Return the plan of a bundle of a spiking network.
 
     Raises:
         Unsupported: C cannot hold its classifier; the reason.
@@ -168,7 +176,7 @@ def plan_of(bundle: Bundle) -> Plan:
     network = bundle.fitted
     if not isinstance(network, Network):
         kind = bundle.sections.kinds["model"]
-        raise Unsupported(f"C is written for spiking networks, and family {kind} is none")
+        raise Unsupported(f"family {kind} is no single spiking network")
     if network.arithmetic != "integer":
         raise Unsupported(f"C needs a network in integer arithmetic, got {network.arithmetic} arithmetic")
     for layer in network.layers:
@@ -178,20 +186,32 @@ def plan_of(bundle: Bundle) -> Plan:
         raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {max(network.sizes)}")
     if any(layer.delay is not None for layer in network.layers):
         raise Unsupported("delays of single synapses are not written in C")
-    if bundle.input is None:
-        raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
-    network_steps = bundle.input.n_steps * network.steps_per_sample
-    front_end, no_front_end, encoder, pools = _front_end(bundle, bundle.input)
-    trials = _trials(bundle)
+    frame = frame_of(bundle)
+    network_steps = frame.n_steps * network.steps_per_sample
     return Plan(
+        **vars(frame),
         layers=tuple(_layer(layer, network_steps) for layer in network.layers),
-        n_channels=network.n_channels,
-        n_steps=bundle.input.n_steps,
         steps_per_sample=network.steps_per_sample,
         delays=network.delays,
+        rule=_rule(bundle, network_steps, network.sizes[-1], frame.step_ms / network.steps_per_sample),
+    )
+
+
+def frame_of(bundle: Bundle) -> Frame:
+    """Return what surrounds the classifier of a bundle.
+
+    Raises:
+        Unsupported: the bundle does not say what recordings it takes.
+    """
+    if bundle.input is None:
+        raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
+    front_end, no_front_end, encoder, pools = _front_end(bundle, bundle.input)
+    trials = _trials(bundle)
+    return Frame(
+        n_channels=bundle.fitted.n_channels,
+        n_steps=bundle.input.n_steps,
         step_ms=bundle.input.step_ms,
-        rule=_rule(bundle, network_steps, network.sizes[-1], bundle.input.step_ms / network.steps_per_sample),
-        classes=_classes(bundle),
+        classes=next((x.classes for x in bundle.heads if x.name == bundle.head), bundle.classes),
         window=bundle.sections.window.at,
         onset_threshold=bundle.sections.window.onset_threshold,
         front_end=front_end,
@@ -246,10 +266,6 @@ def _rule(bundle: Bundle, network_steps: int, n_outputs: int, step_ms: float) ->
             0, n_outputs, None, Fraction(0), steps - 1, tuple(zip(firsts, sizes, strict=False)), joint
         )
     return Rule(first, n, None, Fraction(0), steps - 1)
-
-
-def _classes(bundle: Bundle) -> tuple[str, ...]:
-    return next((x.classes for x in bundle.heads if x.name == bundle.head), bundle.classes)
 
 
 def _front_end(bundle: Bundle, taken: Input) -> tuple[FrontEnd, str, SendOnDeltaPlan | None, Pooling | None]:

@@ -88,14 +88,15 @@ int main(void)
         }
 #endif
         case ANSWER: {
-            uint16_t i;
+            const uint32_t n = DSE_OUTPUTS;
+            uint32_t i;
             put(-1);
             put(dse_decision());
             put((int32_t)dse_steps());
             put(dse_confident());
-            put(DSE_OUTPUTS);
-            for (i = 0; i < DSE_OUTPUTS; i++) {
-                put((int32_t)dse_count(i));
+            put((int32_t)n);
+            for (i = 0; i < n; i++) {
+                put((int32_t)dse_count((uint16_t)i));
             }
             break;
         }

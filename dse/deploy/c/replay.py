@@ -8,7 +8,7 @@ import numpy as np
 
 from dse.deploy.c import host
 from dse.deploy.c.host import Played
-from dse.deploy.c.plan import Plan
+from dse.deploy.c.plan import Frame, Plan
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Run
 from dse.recordings import EventSource, trials_of
@@ -24,7 +24,7 @@ def of_spikes(reference: Reference) -> list[Ints]:
     return [host.of_spikes(np.bincount(x[:, 1], minlength=n_steps), x[:, 2]) for x in parts]
 
 
-def of_recordings(reference: Reference, plan: Plan) -> list[Ints] | None:
+def of_recordings(reference: Reference, plan: Frame) -> list[Ints] | None:
     """Return the commands that push what was recorded; None where C makes no spikes of it."""
     inputs, n_steps = reference.inputs, reference.dataset.n_steps
     starts = reference.first_step.tolist()
@@ -40,7 +40,7 @@ def of_recordings(reference: Reference, plan: Plan) -> list[Ints] | None:
     return None
 
 
-def reals(reference: Reference, plan: Plan) -> bool:
+def reals(reference: Reference, plan: Frame) -> bool:
     """Return whether samples must be pushed as floating point: they, or the thresholds, are not whole."""
     if plan.encoder is None or not isinstance(reference.inputs, Signals):
         return False
@@ -49,7 +49,7 @@ def reals(reference: Reference, plan: Plan) -> bool:
     return plan.encoder.whole is None or not whole
 
 
-def _of_events(source: EventSource, i: int, plan: Plan, first: int, n_steps: int) -> Ints:
+def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: int) -> Ints:
     blocks = [(x.t_us, x.x, x.y, x.polarity) for x in source.blocks(i)]
     events = tuple(np.concatenate(column) for column in zip(*blocks, strict=True))
     t0_us = 0 if trials_of(source) is not None else int(events[0][0])
@@ -58,13 +58,13 @@ def _of_events(source: EventSource, i: int, plan: Plan, first: int, n_steps: int
     return host.of_events(events, t0_us, begin_us, plan.pooling.bin_us, first, n_steps)
 
 
-def run_of(played: Played, plan: Plan, reference: Reference) -> Run:
+def run_of(played: Played, plan: Frame, reference: Reference) -> Run:
     """Return what C did as a run; labels of unknown combinations are -1, as in a reference."""
     return Run(
         label=np.where(played.label == -2, -1, played.label),
         time_ms=played.steps * reference.step_ms,
         decided=played.confident,
-        fired=[_of_layer(played, k + 1) for k in range(len(plan.layers))],
+        fired=[_of_layer(played, k + 1) for k in range(len(plan.layers) if isinstance(plan, Plan) else 0)],
     )
 
 

@@ -1,79 +1,37 @@
-"""The C of a plan: one header, one source, a program that reads a recording, and how to build them."""
+"""The C of a spiking network: one source."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
-import numpy as np
-
+from dse.deploy.c.files import Code
 from dse.deploy.c.front_end import front_end, level_type
 from dse.deploy.c.memory import is_delayed, members, ram_bytes, states, table_bytes, tables
 from dse.deploy.c.neurons import layer_text, leaks, rows
 from dse.deploy.c.plan import Plan
-from dse.deploy.c.text import filled, indented, real, string
+from dse.deploy.c.text import filled, indented, string
 
 
-def write(plan: Plan, folder: Path, title: str, version: str) -> None:
-    """Write the files of a plan into an empty folder.
-
-    Args:
-        plan: what the C does.
-        folder: it is empty or missing.
-        title: a line about the classifier.
-        version: of dse.
-    """
-    title = title.replace("*/", "* /")
-    for place in ("src", "examples/touch"):
-        (folder / place).mkdir(parents=True)
-    project = "dse_touch"
-    for name, text in (
-        ("src/dse.h", header(plan, title)),
-        ("src/dse.c", source(plan, title)),
-        ("main.c", program(plan, title)),
-        ("CMakeLists.txt", filled("CMakeLists.txt", project=project)),
-        ("library.properties", filled("library.properties", project=project, version=version)),
-        ("examples/touch/touch.ino", filled(f"touch_{plan.front_end}.ino", title=title)),
-        ("README.md", readme(plan, title)),
-    ):
-        (folder / name).write_text(text, encoding="utf-8")
-
-
-def header(plan: Plan, title: str) -> str:
-    """Return dse.h."""
-    declaration, comment, defines, kept = {
-        "samples": (
-            _PUSH_SAMPLES,
-            "a sample of every sensor",
-            _samples_defines(plan),
-            "; levels of the encoder stay",
-        ),
-        "events": (_PUSH_EVENTS, "every event of the step", "#define DSE_EVENTS\n", "; bins go on"),
-        "spikes": ("", "dse_push_spike(channel) of every spike of the step", "", ""),
-    }[plan.front_end]
-    text = filled(
-        "dse.h",
-        title=title,
-        n_channels=plan.n_channels,
-        n_classes=len(plan.classes),
+def code(plan: Plan) -> Code:
+    """Return a spiking network as C."""
+    sizes = "-".join(str(n) for n in (plan.n_channels, *(layer.n_neurons for layer in plan.layers)))
+    return Code(
+        frame=plan,
+        source=source(plan),
         n_outputs=plan.layers[-1].n_neurons,
-        n_steps=plan.n_steps,
         steps_per_sample=plan.steps_per_sample,
-        step_ms=real(plan.step_ms),
-        push_comment=comment,
-        push_declaration=declaration,
-        defines=defines,
-        reset_comment=kept,
+        ram_bytes=ram_bytes(plan),
+        table_bytes=table_bytes(plan),
+        what=f"A {sizes} network of spiking neurons: integers only",
     )
-    return text.replace("dse_push(...);               dse_push_spike", "dse_push_spike")
 
 
-def source(plan: Plan, title: str) -> str:
+def source(plan: Plan) -> str:
     """Return dse.c."""
     names = "\n        ".join(string(name) for name in plan.classes)
     return filled(
         "dse.c",
-        title=title,
+        title="TITLE",
         ram_bytes=ram_bytes(plan),
         table_bytes=table_bytes(plan),
         network_steps=plan.network_steps,
@@ -91,100 +49,6 @@ def source(plan: Plan, title: str) -> str:
         n_outputs=plan.layers[-1].n_neurons,
         names=names,
         n_classes=len(plan.classes),
-    )
-
-
-def program(plan: Plan, title: str) -> str:
-    """Return main.c, which reads recordings from stdin."""
-    at = plan.window
-    onset = plan.onset_threshold
-    constants = [
-        f"#define WINDOW_AT_{at.upper()}",
-        f"#define ONSET {real(float(np.float32(onset)) if plan.front_end == 'samples' else float(onset))}",
-    ]
-    if plan.pooling is not None:
-        x, y, columns, rows = plan.pooling.crop
-        constants += [
-            f"#define BIN_US {plan.pooling.bin_us}",
-            f"#define START_US {plan.pooling.start_us}",
-            f"#define END_US {min(plan.pooling.end_us, 2**62)}",
-            f"#define CROP_X {x}",
-            f"#define CROP_Y {y}",
-            f"#define CROP_COLUMNS {columns}",
-            f"#define CROP_ROWS {rows}",
-        ]
-        if plan.t0_us is not None:
-            constants += [
-                "#ifndef RECORDED /* trials begin at 0; recordings with their first event */",
-                f"#define T0_US {plan.t0_us}",
-                f"#define N_BINS {plan.n_bins}",
-                "#endif",
-            ]
-    return filled(f"main_{plan.front_end}.c", title=title, constants="\n".join(constants))
-
-
-def readme(plan: Plan, title: str) -> str:
-    """Return README.md of the folder."""
-    sizes = "-".join(str(n) for n in (plan.n_channels, *(layer.n_neurons for layer in plan.layers)))
-    rows = {
-        "samples": "a row per sample: one number per sensor, separated by commas",
-        "events": "a row per event: time in us, x, y, polarity (1 ON, 0 OFF)",
-        "spikes": "a row per step: 1 or 0 of every channel",
-    }[plan.front_end]
-    why = f"\nSpikes are pushed because {plan.no_front_end}.\n" if plan.no_front_end else ""
-    if plan.encoder is not None:
-        why = (
-            "\nSamples are whole numbers; `-DDSE_REAL_SAMPLES` makes them `float`, and the encoder then "
-            "computes in `double`.\n"
-            if plan.encoder.whole is not None
-            else "\nThe encoder's thresholds are no multiples of 1/32: it computes in `double`, the network "
-            "in integers.\n"
-        )
-    window = {
-        "start": "begins with the recording",
-        "middle": "lies in the middle of the recording",
-        "contact_onset": "begins at the contact",
-    }[plan.window]
-    return filled(
-        "README.md",
-        title=title,
-        sizes=sizes,
-        rows=rows,
-        why=why,
-        window=window,
-        n_steps=plan.n_steps,
-        step_ms=real(plan.step_ms),
-        ram_bytes=ram_bytes(plan),
-        table_bytes=table_bytes(plan),
-    )
-
-
-_PUSH_SAMPLES = """\
-/* One sample of every sensor: the spikes that it gives belong to this step. */
-void dse_push(const dse_sample_t *sample);
-"""
-_PUSH_EVENTS = """\
-/* Bins are counted from a time; without a call, from the first event. */
-void dse_start(int64_t t_us);
-
-/* An event, in the order of time; polarity: 1 ON, 0 OFF. Returns 0, and does nothing, if it belongs to a
- * later step: dse_step() first. */
-uint8_t dse_push(int64_t t_us, uint16_t x, uint16_t y, uint8_t polarity);
-"""
-
-
-def _samples_defines(plan: Plan) -> str:
-    if plan.encoder is None:
-        return ""
-    reals = (
-        "#ifndef DSE_REAL_SAMPLES /* the thresholds are not on an integer grid */\n"
-        "#define DSE_REAL_SAMPLES\n#endif\n"
-    )
-    always = "" if plan.encoder.whole is not None else reals
-    return (
-        f"#define DSE_SENSORS {plan.encoder.n_sensors}u\n{always}"
-        "#ifdef DSE_REAL_SAMPLES\ntypedef float dse_sample_t; /* the encoder computes in double */\n"
-        "#else\ntypedef int32_t dse_sample_t; /* magnitude below 2^24 */\n#endif\n"
     )
 
 

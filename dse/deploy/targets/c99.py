@@ -9,10 +9,12 @@ from typing import ClassVar
 
 import dse
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import host, replay, source
-from dse.deploy.c.plan import Unsupported, plan_of
+from dse.deploy.c import counting_source, files, host, replay, source
+from dse.deploy.c.counting import CountingPlan, counting_plan_of
+from dse.deploy.c.plan import Plan, Unsupported, plan_of
 from dse.deploy.reference import Reference
 from dse.deploy.targets import TargetError, Verdict, compare
+from dse.records import Network
 from dse.registry import register
 
 
@@ -28,7 +30,7 @@ class C99:
     def refusal(self, bundle: Bundle) -> str:
         """Return why C cannot hold the classifier, one sentence; '' if it can."""
         try:
-            plan_of(bundle)
+            _planned(bundle)
         except Unsupported as error:
             return str(error)
         return ""
@@ -36,10 +38,10 @@ class C99:
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
         try:
-            plan = plan_of(bundle)
+            plan = _planned(bundle)
         except Unsupported as error:
             raise TargetError(str(error)) from None
-        source.write(plan, folder, _title(bundle), dse.__version__)
+        files.write(_code(plan), folder, _title(bundle), dse.__version__)
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
         """Compile the files here, run them on recordings, compare all spikes and decisions.
@@ -47,7 +49,7 @@ class C99:
         Raises:
             TargetError: there is no compiler, or the files do not compile or run.
         """
-        plan = plan_of(bundle)
+        plan = _planned(bundle)
         recorded = replay.of_recordings(reference, plan)
         real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
         try:
@@ -64,4 +66,17 @@ class C99:
 
 def _title(bundle: Bundle) -> str:
     study = bundle.evidence.get("study", "dse")
-    return f"{study}: a classifier of {', '.join(plan_of(bundle).classes)}"
+    return f"{study}: a classifier of {', '.join(_planned(bundle).classes)}"
+
+
+def _planned(bundle: Bundle) -> Plan | CountingPlan:
+    """Return the plan of a bundle.
+
+    Raises:
+        Unsupported: C cannot hold its classifier.
+    """
+    return plan_of(bundle) if isinstance(bundle.fitted, Network) else counting_plan_of(bundle)
+
+
+def _code(plan: Plan | CountingPlan) -> files.Code:
+    return source.code(plan) if isinstance(plan, Plan) else counting_source.code(plan)

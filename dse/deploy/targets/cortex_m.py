@@ -13,7 +13,7 @@ from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.host import Played
 from dse.deploy.c.matrix import Matrix
-from dse.deploy.c.plan import Plan, plan_of
+from dse.deploy.c.plan import Plan, Unsupported, plan_of
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Target, Verdict, compare
 from dse.deploy.targets.c99 import C99
@@ -35,7 +35,11 @@ class CortexM(Target):
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why C cannot hold the classifier, one sentence; '' if it can."""
-        return C99().refusal(bundle)
+        try:
+            plan_of(bundle)
+        except Unsupported as error:
+            return str(error)
+        return ""
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""

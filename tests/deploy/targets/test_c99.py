@@ -282,7 +282,7 @@ def _other_neuron(network: Network) -> Network:
     [
         (_float, "integer arithmetic, got float32"),
         (_other_neuron, "CUBA-LIF neurons and resonators, got neuron lif"),
-        (lambda _: Parameters({"n_weights": np.array(3)}, 5), "family snn"),
+        (lambda _: Parameters({"n_weights": np.array(3)}, 5), "family snn is not written in C"),
     ],
 )
 def test_what_c_cannot_hold_is_refused_with_the_reason(change: Any, reason: str, tmp_path: Path) -> None:

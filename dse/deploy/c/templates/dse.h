@@ -1,5 +1,5 @@
 /* $title
- * Written by dse: do not edit. Integers only, static memory only, no other header than <stdint.h>.
+ * Written by dse: do not edit. Static memory only, no other header than <stdint.h>.
  *
  *     dse_init();                      a recording begins
  *     for every step of $step_ms ms:

@@ -1,0 +1,113 @@
+/* $title
+ * Written by dse: do not edit. Static data: $ram_bytes bytes; tables: $table_bytes bytes.
+ *
+ * Family $family: the spikes of every counting window are counted, and the answer comes at the end of the last one.
+ */
+#include "dse.h"
+
+#ifdef DSE_TRACE
+#define SPIKE(layer, neuron) dse_trace((uint8_t)(layer), (uint16_t)(neuron), net.step)
+#else
+#define SPIKE(layer, neuron) ((void)0)
+#endif
+
+#define STEPS ${n_steps}u /* steps of a window */
+
+$tables
+/* All memory that there is. */
+static struct {
+$members} net;
+
+void dse_push_spike(uint16_t channel)
+{
+    const uint32_t bit = (uint32_t)1 << (channel & 31u);
+    if (${bound}net.step >= STEPS || (net.spikes[0][channel >> 5] & bit) != 0) {
+        return;
+    }
+    net.spikes[0][channel >> 5] |= bit;
+    net.pushed = 1;
+    SPIKE(0, channel);
+    if (net.window < ${n_windows}u && rows[net.window] >= 0) {
+        net.counts[$place]++;
+    }
+}
+
+$classify
+void dse_step(void)
+{
+    uint32_t i;
+$advance    if (net.step >= STEPS) {
+        return;
+    }
+    net.step++;
+    if (net.window < ${n_windows}u && net.step == ends[net.window]) {
+        net.window++;
+        if (net.window == ${n_windows}u) {
+            net.label = labels[classify()];
+            net.answered = net.step;
+        }
+    }
+    if (net.pushed) {
+        for (i = 0; i < ${channel_words}u; i++) {
+            net.spikes[0][i] = 0;
+        }
+$clear        net.pushed = 0;
+    }
+}
+
+$front_end
+void dse_reset(void)
+{
+    uint32_t i;
+    for (i = 0; i < ${n_features}u; i++) {
+        net.counts[i] = 0;
+    }
+    for (i = 0; i < ${channel_words}u; i++) {
+        net.spikes[0][i] = 0;
+    }
+$clear    net.pushed = 0;
+    net.step = 0;
+    net.window = 0;
+    net.label = DSE_UNDECIDED;
+}
+
+void dse_init(void)
+{
+$init    dse_reset();
+}
+
+int16_t dse_decision(void)
+{
+    return net.label;
+}
+
+uint8_t dse_confident(void)
+{
+    return 1;
+}
+
+uint32_t dse_steps(void)
+{
+    return net.label == DSE_UNDECIDED ? net.step : net.answered;
+}
+
+uint32_t dse_count(uint16_t output)
+{
+    (void)output;
+    return 0;
+}
+
+const char *dse_class_name(int16_t label)
+{
+    static const char names[] = $names;
+    const char *name = names;
+    int16_t i;
+    if (label < 0 || label >= ${n_classes}) {
+        return label == DSE_NO_CLASS ? "none" : "undecided";
+    }
+    for (i = 0; i < label; i++) {
+        while (*name++ != '\0') {
+        }
+    }
+    return name;
+}

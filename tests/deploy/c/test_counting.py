@@ -1,0 +1,91 @@
+"""Classifiers of counts as C: the answers of the engine, in the memory that was stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.config.settings import Training
+from dse.deploy.bundle import Bundle, Input
+from dse.deploy.c import counting_source, host
+from dse.deploy.c.counting import counting_plan_of
+from dse.deploy.decide import decided
+from dse.deploy.reference import Reference, answered, spikes_of_windows
+from dse.deploy.targets.c99 import C99
+from dse.deploy.targets.cortex_m import CortexM4
+from dse.models.counts.elm import ELM
+from dse.models.counts.knn import KNN
+from dse.models.counts.mlp import MLP
+from dse.models.counts.naive_bayes import NaiveBayes
+from dse.testing.small import dataset, generators
+from tests.spaces import RASTER, sections
+
+pytestmark = pytest.mark.skipif(not host.has_compiler(), reason="no C compiler is installed")
+
+
+def fitted(model: Any, read_out_ms: float | None = None) -> tuple[Bundle, Reference]:
+    """Return the bundle of a trained classifier, and what it answers to recordings it was not trained on."""
+    data = dataset(n_samples=120, n_steps=40, n_channels=9)
+    data = replace(data, test=np.concatenate([data.validation, data.test]))
+    outcome = model.fit(data, Training(), generators(1))
+    design = replace(sections(RASTER), model=model)
+    design = replace(design, kinds={**design.kinds, "model": type(model).__name__.lower()})
+    made = Bundle(
+        fitted=outcome.network,
+        sections=design,
+        classes=data.classes,
+        phi=None,
+        theta=None,
+        record={},
+        evidence={},
+        read_out_ms=read_out_ms,
+        input=Input("spikes", 9, 0, 0, 40, 5.0),
+    )
+    label, time_ms, sure = decided(made, data, answered(made, data, "made up"))
+    return made, Reference(
+        inputs=None,
+        first_step=data.start[data.test],
+        dataset=data,
+        spikes_in=spikes_of_windows(data),
+        fired=(),
+        label=label,
+        time_ms=time_ms,
+        decided=sure,
+        n_steps=40,
+        step_ms=5.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "read_out_ms"),
+    [
+        (KNN(), None),
+        (KNN(window_ms=15, channels="each", k=7), 55.0),
+        (NaiveBayes(), 101.0),
+        (NaiveBayes(window_ms=5, channels="each"), None),  # more than 128 features: sums in pairs of pairs
+        (MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2), None),
+        (ELM(window_ms=20, windows=3, hidden=30), None),
+        (ELM(window_ms=35, windows=9, hidden=30, precision="float32"), 80.0),
+    ],
+)
+def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, tmp_path: Path) -> None:
+    made, reference = fitted(model, read_out_ms)
+    C99().write(made, tmp_path)
+    verdict = C99().verify(made, tmp_path, reference)
+    assert verdict.kind == "faithful" and verdict.n_recordings == reference.n_recordings
+    assert len(set(reference.label.tolist())) > 1
+    if "ram_bytes" in verdict.figures:
+        assert verdict.figures["ram_bytes"] == counting_source.code(counting_plan_of(made)).ram_bytes
+    assert "no single spiking network" in CortexM4().refusal(made)
+
+
+@pytest.mark.parametrize(
+    ("model", "reason"),
+    [(KNN(weights="distance"), "square roots"), (ELM(nonlinearity="tanh"), "nonlinearity tanh")],
+)
+def test_what_needs_a_library_is_refused(model: Any, reason: str) -> None:
+    assert reason in C99().refusal(fitted(model)[0])
