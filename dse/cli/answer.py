@@ -28,6 +28,7 @@ class Answer:
     text: shown in place of a table.
     code: exit code.
     all_rows: whether a terminal shows every row, however many.
+    is_printed: whether the command has printed its result, all but the notes.
     sections: further answers by title; CSV and Parquet hold the rows of the first alone.
     """
 
@@ -37,6 +38,7 @@ class Answer:
     text: str = ""
     code: int = 0
     all_rows: bool = False
+    is_printed: bool = False
     sections: Mapping[str, Answer] = field(default_factory=dict)
 
 
@@ -55,6 +57,10 @@ def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table
 
 def show(answer: Answer, command: str, form: str | None) -> None:
     """Print an answer to stdout; notes follow a table, and go to stderr with other formats."""
+    if answer.is_printed:
+        for note in answer.notes:
+            print(note, file=sys.stderr)
+        return
     if form is None:
         form = "table" if answer.text or sys.stdout.isatty() else "csv"
     if form == "json":

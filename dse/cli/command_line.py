@@ -62,13 +62,17 @@ def _users_mistakes() -> tuple[type[Exception], ...]:
     """Return the errors whose text is written for users; imported only after an error."""
     from dse.dashboard.views import ViewError
     from dse.deploy.bundle import BundleError
+    from dse.native.extras import MissingExtra
     from dse.recordings import RecordingError
     from dse.report.compare import SetupError
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.table import TableError
     from dse.store import StoreError
 
-    return ExpressionError, BundleError, RecordingError, SetupError, TableError, StoreError, ViewError
+    return (
+        *(ExpressionError, BundleError, RecordingError, SetupError, TableError, StoreError, ViewError),
+        MissingExtra,
+    )
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -117,6 +117,11 @@ class Stream:
         self._tracks = [] if self._cut else [first]
 
     @property
+    def input(self) -> Input:
+        """What it takes."""
+        return self._input
+
+    @property
     def step_ms(self) -> float:
         """Duration of an input step."""
         return self._input.step_ms

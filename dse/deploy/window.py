@@ -162,7 +162,7 @@ class _Running:
     def step(self, channels: Ints, t_us: Ints | None) -> Verdict | None:
         for _ in range(self._classifier.per_sample):
             self._n_steps += 1
-            output = self._stack.output.tolist()
+            output = set(self._stack.output.tolist())
             for neuron in output:
                 self._counts[neuron] += 1
             verdict = self._classifier.verdict(self._counts, self._n_steps, bool(output))

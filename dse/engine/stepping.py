@@ -27,7 +27,7 @@ _NONE = np.zeros(0, np.int32)
 class RunningLayer(Protocol):
     """A layer between two steps.
 
-    fired: numbers of the neurons that fired in the last step, rising.
+    fired: numbers of the neurons that fired in the last step, rising; several times where they did.
     """
 
     fired: Ints
@@ -102,7 +102,9 @@ class _Defined:
         if self._ring.size:
             z = z + rows_sum(self._spikes, self._ring)
         self._state, _, self._spikes = self._population.step(self._state, z, self._calculus)
-        self.fired = np.flatnonzero(self._spikes[0] > 0).astype(np.int32)
+        counts = self._spikes[0].astype(np.uint8)
+        neurons = np.flatnonzero(counts)
+        self.fired = np.repeat(neurons, counts[neurons]).astype(np.int32)
 
 
 class RunningStack:

@@ -15,6 +15,9 @@ from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.decide import decided
 from dse.deploy.reference import answered, prepared
 from dse.deploy.stream import Decision, Stream, Windows
+from dse.models.counts.elm import ELM
+from dse.models.counts.knn import KNN
+from dse.models.surfaces.hots import HOTS
 from dse.models.training import Training
 from dse.recordings import RecordingError
 from dse.records import Block, Network, Rasters, Signals
@@ -205,8 +208,6 @@ def test_a_stream_is_cut_as_recordings_are() -> None:
 
 
 def test_another_family_answers_when_its_input_is_complete() -> None:
-    from dse.models.counts.knn import KNN
-
     data = small.dataset()
     family = KNN(window_ms=4 * data.spikes.step_ms)
     fitted = family.fit(data, Training(), small.generators(1)).network
@@ -236,6 +237,42 @@ def test_another_family_answers_when_its_input_is_complete() -> None:
         [(step, decision)] = seen
         assert (decision.answer, decision.time_ms) == (made.classes[label[i]], time_ms[i])
         assert (step, decision.confidence) == (7, None)
+
+
+OF_EVENTS = {"bin_ms": 20, "pool": [4, 1]}
+RATES = {"kind": "receptors", "full_scale": 1.0, "low": [0.0] * 40, "high": [1.0] * 40}
+
+
+@pytest.mark.parametrize(
+    ("family", "changes"),
+    [
+        (HOTS(prototypes=4, radius=1), {"preprocessing": {**OF_EVENTS, "every_event": True}}),
+        (
+            ELM(),
+            {"preprocessing": OF_EVENTS, "encoder": RATES, "window": {"n_steps": 50, "jitter_steps": 3}},
+        ),
+    ],
+)
+def test_families_get_events_and_encoded_events_as_a_whole(
+    family: Any, changes: dict[str, Any], shared_data: Path
+) -> None:
+    recordings = Input("events", 0, 80, 1, 50, 20.0)
+    design = replace(sections({**NEUTOUCH, **changes}), model=family)
+    n_channels = 40 if design.encoder is None else design.encoder.n_channels(40)
+    rule = {"phi": None, "theta": None, "read_out_ms": 600.0, "input": recordings}
+    made = bundles.bundle(bundles.network(np.random.default_rng(0), (n_channels, 4)), **rule)
+    made = replace(made, sections=design)
+    new = prepared(made, shared_data / NEUTOUCH["data"]["file"])
+    some, few = np.arange(0, 200, 6), np.arange(3, 200, 25)
+    data = replace(new.dataset, target=np.arange(len(new.dataset.target)) % 4, train=some, validation=few)
+    made = replace(made, fitted=family.fit(data, Training(), small.generators(1)).network)
+    data = replace(data, test=few)
+    label, time_ms, _ = decided(made, data, answered(made, data, ""))
+    assert len(set(label.tolist())) > 1
+    for k, i in enumerate(few):
+        windows = Windows("once", first=int(new.first[i] + data.start[i]))
+        [decision] = run(Stream(made, windows), items(new.recordings, i))
+        assert (decision.answer, decision.time_ms) == (made.classes[label[k]], time_ms[k])
 
 
 def test_memory_is_flat() -> None:

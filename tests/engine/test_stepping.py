@@ -16,7 +16,7 @@ from dse.engine.forward import prepare
 from dse.engine.layers import weights
 from dse.engine.network import layer_spikes
 from dse.engine.stepping import RunningStack
-from dse.neurons import cuba_lif, lif, resonator
+from dse.neurons import cuba_lif, lif, resonator, xylo_lif
 from dse.neurons.fixed_point import quantise
 from dse.records import Arithmetic, Spikes
 
@@ -32,6 +32,9 @@ def population(rng: np.random.Generator, neuron: str, n: int) -> Any:
     decays = rng.integers(0, 4097, (2, n)).astype(np.int32)
     if neuron == "lif":
         return lif.Population(0.2, 3.0, 0.0, 1.0)
+    if neuron == "xylo_lif":
+        shifts = rng.integers(1, 5, (2, n))
+        return xylo_lif.Population(*shifts, int(rng.integers(1, 400)), 1, int(rng.integers(1, 32)))
     if neuron == "cuba_lif":
         return cuba_lif.Population(*decays, int(rng.integers(1, 400)))
     c, s = resonator.factors(rng.uniform(2.2, 20, n), rng.uniform(1, 4, n))
@@ -43,7 +46,7 @@ def population(rng: np.random.Generator, neuron: str, n: int) -> Any:
 @settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    neuron=st.sampled_from(["cuba_lif", "resonator", "lif"]),
+    neuron=st.sampled_from(["cuba_lif", "resonator", "lif", "xylo_lif"]),
     arithmetic=st.sampled_from(["integer", "float32", "ideal"]),
     hidden=st.lists(st.integers(1, 70), min_size=0, max_size=3),
     recurrent=st.booleans(),

@@ -1,0 +1,140 @@
+"""`dse stream`: decisions as samples or events arrive."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from dse.cli.answer import Answer
+from dse.cli.numbers import positive
+
+if TYPE_CHECKING:
+    from dse.deploy.bundle import Bundle
+    from dse.deploy.sources import End
+    from dse.deploy.stream import Decision, Windows
+
+GROUP = "deploy"
+HELP = "decide as samples or events arrive: from a pipe, a file, a serial port or recordings"
+_COLUMNS = (
+    *("recording", "window", "begin_ms", "time_ms", "answer"),
+    *("confidence", "margin", "decided"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("bundle", metavar="BUNDLE", help="folder written by `dse pick --export`")
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help="text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event "
+        "(t_us x y polarity); an empty line ends a recording; -: standard input (default)",
+    )
+    parser.add_argument(
+        "--serial", metavar="PORT", help="read the lines from this serial port, e.g. /dev/ttyACM0"
+    )
+    parser.add_argument(
+        "--baud", type=positive, default=115_200, metavar="N", help="of the serial port (default: 115200)"
+    )
+    parser.add_argument(
+        "--data", metavar="RECORDINGS", help="play recordings in the format of the training data"
+    )
+    parser.add_argument(
+        "--realtime", action="store_true", help="play a file or recordings at their own pace, not at once"
+    )
+    parser.add_argument(
+        "--window",
+        choices=("once", "restart", "onset"),
+        help="where windows begin: once, at --first; restart: the next with the step after an answer; onset: "
+        "at each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset, "
+        "or restart; of --data: where `dse evaluate` has the window)",
+    )
+    parser.add_argument(
+        "--every", type=positive, metavar="K", help="sliding windows: one begins every K steps of the input"
+    )
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        metavar="STEP",
+        help="step of the first window (default: 0)",
+    )
+    parser.add_argument("--json", action="store_true", help="print a JSON object per line (default: CSV)")
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Print decisions as they fall; return what is left to say at the end of the input."""
+    from dse.deploy.bundle import read
+    from dse.deploy.sources import End
+    from dse.recordings import RecordingError
+
+    sources = [name for name in ("file", "serial", "data") if getattr(arguments, name)]
+    if len(sources) > 1:
+        raise RecordingError(f"a stream must have one source, got {' and '.join(sources)}")
+    windows = _windows(arguments)
+    recording, n_open = 0, 0
+    if not arguments.json:
+        print(",".join(_COLUMNS), flush=True)
+    with ExitStack() as files, contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends a stream
+        for item in _decisions(read(arguments.bundle), arguments, windows, files):
+            if isinstance(item, End):
+                recording, n_open = recording + 1, n_open + item.n_open
+            else:
+                _print(item, recording, arguments.json)
+    notes = [f"the input ended before {n_open} windows had an answer"] if n_open else []
+    return Answer([], notes, is_printed=True)
+
+
+def _windows(arguments: argparse.Namespace) -> Windows | None:
+    from dse.deploy.stream import Windows
+    from dse.recordings import RecordingError
+
+    if arguments.every and arguments.window:
+        raise RecordingError("--every is a rule of its own and excludes --window")
+    if arguments.first < 0:
+        raise RecordingError(f"--first must be >= 0, got {arguments.first}")
+    if arguments.every:
+        return Windows("every", arguments.every, arguments.first)
+    if arguments.window:
+        return Windows(arguments.window, 0, arguments.first)
+    if arguments.first:
+        raise RecordingError("--first needs --window or --every")
+    return None
+
+
+def _decisions(
+    bundle: Bundle, arguments: argparse.Namespace, windows: Windows | None, files: ExitStack
+) -> Iterator[Decision | End]:
+    from dse.deploy import sources
+    from dse.deploy.stream import Stream
+
+    if arguments.data:
+        return sources.replayed(bundle, arguments.data, windows, arguments.realtime)
+    recordings = Stream(bundle, windows).input
+    if arguments.serial:
+        name, chunks = arguments.serial, sources.chunks_of_serial(arguments.serial, arguments.baud)
+    elif arguments.file in (None, "-"):
+        name, chunks = "standard input", sources.chunks_of_file(sys.stdin.fileno())
+    else:
+        name = arguments.file
+        chunks = sources.chunks_of_file(files.enter_context(open(name, "rb")).fileno())
+    items = sources.items_of_lines(chunks, recordings, name)
+    if arguments.realtime:
+        items = sources.paced(items, recordings.step_ms)
+    return sources.played(bundle, items, windows)
+
+
+def _print(decision: Decision, recording: int, as_json: bool) -> None:
+    row = {"recording": recording, **decision._asdict()}
+    if as_json:
+        print(json.dumps(row, ensure_ascii=False))
+    else:
+        csv.writer(sys.stdout, lineterminator="\n").writerow(row[name] for name in _COLUMNS)
+    sys.stdout.flush()

@@ -1,0 +1,224 @@
+"""Time and energy of a bundle on this machine: as a stream in Python, and as C."""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.c import host, replay
+from dse.deploy.c.plan import Unsupported, plan_of
+from dse.deploy.reference import Reference, of_recordings
+from dse.deploy.sources import Passed, by_step, items_of_recording
+from dse.deploy.stream import Decision, Stream, Windows
+from dse.deploy.targets.c99 import C99
+from dse.hardware.counter import measured_power
+from dse.recordings import trials_of
+from dse.records import Array, Block, Floats, Ints, Network, Rasters, Signals
+
+SPIKE_RATE = 0.02
+"""Input spikes per channel and step of random windows."""
+_WINDOWS = 20
+_LEAST_S = 1.0
+_MOST_STEPS = 2_000_000
+
+
+@dataclass(frozen=True)
+class Times:
+    """What steps and inferences of one engine took.
+
+    engine: 'stream' or 'c99'.
+    step_us: (n,) time of every input step until the answer. inference_us: (m,) their sums.
+    energy_uj: mean energy of an inference above that at rest; None for the `reason`.
+    """
+
+    engine: str
+    step_us: Floats
+    inference_us: Floats
+    energy_uj: float | None
+    reason: str
+
+    @property
+    def columns(self) -> dict[str, object]:
+        """The numbers as a row."""
+        quantiles = {
+            f"{name}_us_p{q}": float(np.percentile(values, q)) if len(values) else None
+            for name, values in (("step", self.step_us), ("inference", self.inference_us))
+            for q in (50, 99)
+        }
+        n = {"steps": len(self.step_us), "inferences": len(self.inference_us)}
+        return {"engine": self.engine, **n, **quantiles, "energy_uj": self.energy_uj}
+
+
+def measure(bundle: Bundle, data_file: str | None = None, rest_s: float = 5.0) -> list[Times]:
+    """Return what a bundle takes on one core of this machine, in each engine that can hold it.
+
+    Args:
+        bundle: as read.
+        data_file: recordings, from which encoder or preprocessing make spikes; None: windows of random
+            spikes, past encoder and preprocessing.
+        rest_s: for how long the power at rest is measured.
+
+    Raises:
+        BundleError: the bundle cannot run on a stream, or not on such recordings.
+        RecordingError: the recordings do not fit.
+    """
+    reference = None if data_file is None else of_recordings(bundle, data_file)
+    return [_of_stream(bundle, reference, rest_s), _of_c(bundle, reference, rest_s)]
+
+
+def _of_stream(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
+    recordings = list(_recordings(bundle, reference))
+    _timed(recordings[:1])  # compiles
+    steps, inferences = _timed(recordings)
+    return _priced("stream", steps, inferences, lambda: len(_timed(recordings)[1]), rest_s)
+
+
+_Recording = tuple[Callable[[], Stream], Sequence[Callable[[Stream], list[Decision]]]]
+
+
+def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Recording]:
+    """Yield per recording what makes its stream, and what takes each of its steps."""
+    inputs = None if reference is None else reference.inputs
+    if reference is None or inputs is None:
+        for spikes in _windows_of_spikes(bundle, reference):
+            yield lambda: Stream(bundle, Windows("once")), [partial(_push_spikes, channels=x) for x in spikes]
+        return
+    input_ms = Stream(bundle).step_ms
+    simulated = not isinstance(inputs, Signals | Rasters) and trials_of(inputs) is not None
+    for i, first in enumerate(reference.first_step.tolist()):
+        items: list[Block | Array | Passed] = []
+        for item in items_of_recording(inputs, i):
+            items += by_step(item, input_ms) if isinstance(item, Block) else [item]
+        make = partial(Stream, bundle, Windows("once", first=first), 0 if simulated else None)
+        yield make, [partial(_push, item=item) for item in items]
+
+
+def _push_spikes(stream: Stream, channels: Ints) -> list[Decision]:
+    return stream.spikes(channels)
+
+
+def _push(stream: Stream, item: Block | Array | Passed) -> list[Decision]:
+    return stream.time(item.t_us) if isinstance(item, Passed) else stream.push(item)
+
+
+def _windows_of_spikes(bundle: Bundle, reference: Reference | None) -> list[list[Ints]]:
+    """Return the channels that spike in each step of each window: of recordings, or random."""
+    if reference is not None:
+        n, n_steps = reference.n_recordings, reference.dataset.n_steps
+        row = reference.spikes_in[:, 0].astype(np.int64) * n_steps + reference.spikes_in[:, 1]
+        borders = np.searchsorted(row, np.arange(1, n * n_steps))
+        of_rows = np.split(np.ascontiguousarray(reference.spikes_in[:, 2]), borders)
+        return [of_rows[i * n_steps : (i + 1) * n_steps] for i in range(n)]
+    assert bundle.input is not None  # a stream has refused
+    rng, n_channels = np.random.default_rng(0), bundle.fitted.n_channels
+    return [
+        [
+            np.flatnonzero(rng.random(n_channels) < SPIKE_RATE).astype(np.int32)
+            for _ in range(bundle.input.n_steps)
+        ]
+        for _ in range(_WINDOWS)
+    ]
+
+
+def _timed(recordings: Sequence[_Recording]) -> tuple[Floats, Floats]:
+    """Return the microseconds of every step until the answer, and of every inference."""
+    of_steps: list[list[float]] = []
+    for make, steps in recordings:
+        stream, taken = make(), []
+        for step in steps:
+            was_open = stream.n_open
+            began = time.perf_counter()
+            decisions = step(stream)
+            us = (time.perf_counter() - began) * 1e6
+            if was_open or decisions or stream.n_open:
+                taken.append(us)
+            if decisions:
+                break
+        of_steps.append(taken)
+    return np.array([x for taken in of_steps for x in taken]), np.array([sum(x) for x in of_steps])
+
+
+def _priced(engine: str, steps: Floats, inferences: Floats, work: Callable[[], int], rest_s: float) -> Times:
+    """Add the energy of an inference; `work` does some and returns how many."""
+    done, spent_s = 0, 0.0
+
+    def run() -> None:
+        nonlocal done, spent_s
+        began = time.perf_counter()
+        done += work()
+        spent_s += time.perf_counter() - began
+
+    power = measured_power(run, rest_s)
+    energy_uj = None
+    if power.idle_w is not None and power.running_w is not None:
+        energy_uj = (power.running_w - power.idle_w) * spent_s / done * 1e6
+    return Times(engine, steps, inferences, energy_uj, power.reason)
+
+
+def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
+    none = np.zeros(0)
+    try:
+        plan = plan_of(bundle)
+        commands = None if reference is None else replay.of_recordings(reference, plan)
+        if commands is None:
+            windows = _windows_of_spikes(bundle, reference)
+            counts = [np.array([len(x) for x in window]) for window in windows]
+            commands = [host.of_spikes(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
+        is_real = reference is not None and replay.reals(reference, plan)
+        with tempfile.TemporaryDirectory() as temporary:
+            program = _program(bundle, Path(temporary), ["-DDSE_REAL_SAMPLES"] if is_real else [])
+            text = np.concatenate(commands).astype(np.int32).tobytes()
+            first = _played(program, text, 1)
+            seconds = max(1e-4, sum(float(x.sum()) for x, _ in first) * 1e-9)
+            n_steps = max(1, sum(len(x) for x, _ in first))
+            repetitions = max(1, min(math.ceil(_LEAST_S / seconds), _MOST_STEPS // n_steps))
+            runs = _played(program, text, repetitions)
+            network = bundle.fitted
+            per_sample = network.steps_per_sample if isinstance(network, Network) else 1
+            until = [x[: -(-steps // per_sample)] * 1e-3 for x, steps in runs]
+            return _priced(
+                "c99",
+                np.concatenate(until),
+                np.array([x.sum() for x in until]),
+                lambda: len(_played(program, text, repetitions)),
+                rest_s,
+            )
+    except (Unsupported, host.NoCompiler, host.RunFailed) as error:
+        return Times("c99", none, none, None, str(error))
+
+
+def _program(bundle: Bundle, folder: Path, options: list[str]) -> Path:
+    C99().write(bundle, folder / "c")
+    source = importlib.resources.files("dse.deploy.c") / "measure.c"
+    with importlib.resources.as_file(source) as measure_c:
+        sources = [measure_c, folder / "c" / "src" / "dse.c"]
+        host.compiled(sources, folder / "measure", f"-I{folder / 'c' / 'src'}", "-O2", *options)
+    return folder / "measure"
+
+
+def _played(program: Path, commands: bytes, repetitions: int) -> list[tuple[Array, int]]:
+    """Return the nanoseconds of the steps of every window, and its network steps until the answer.
+
+    Raises:
+        RunFailed: the program fails.
+    """
+    done = subprocess.run([program, str(repetitions)], input=commands, capture_output=True, check=False)
+    if done.returncode:
+        raise host.RunFailed(f"the program failed with exit code {done.returncode}")
+    numbers = np.frombuffer(done.stdout, np.int32)
+    windows, at = [], 0
+    for end in np.flatnonzero(numbers == -1).tolist():
+        if end >= at:  # a label of -1 is no end
+            windows.append((numbers[at:end].astype(np.float64), int(numbers[end + 2])))
+            at = end + 3
+    return windows
