@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Row = Mapping[str, object]
 Texts = dict[str, str]
 _LISTS = {
+    "targets": "Forms of an exported classifier; `dse pick` has their columns, and --export writes them.",
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
 }
@@ -69,12 +70,6 @@ def sections() -> list[Texts]:
     )
     listed += [{"section": name, "doc": doc} for name, doc in _OF_MODELS.items()]
     listed.append({"section": _FIGURES, "doc": "Figures of a study: `dse figure RESULTS NAME --out FILE`."})
-    listed.append(
-        {
-            "section": _TARGETS,
-            "doc": "Forms in which a classifier is exported: `dse export BUNDLE --target NAME`.",
-        }
-    )
     return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
 
 

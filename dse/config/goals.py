@@ -92,6 +92,24 @@ def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
+def targets(raw: Raw, report: Report) -> tuple[str, ...]:
+    """Read the names of targets that designs are to be exported to.
+
+    Args:
+        raw: the list as written.
+        report: called with (path, sentence) for every mistake.
+    """
+    known = registry.known("targets")
+    names: dict[str, None] = {}
+    for index, name in enumerate(_names("targets", raw, report)):
+        if name in names:
+            report(("targets", index), f"target '{name}' is named twice")
+        elif name not in known:
+            report(("targets", index), f"unknown target '{name}'; {known_names(name, known)}")
+        names[name] = None
+    return tuple(names)
+
+
 def check_neurons(names: Sequence[str], model: Part, report: Report, base: Path) -> None:
     """Report each chip that can run the neurons of no design, as these need programmable ones.
 

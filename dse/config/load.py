@@ -77,6 +77,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     decision = goals.decision(data.get("decision"), report)
     precision = goals.precision(data["precision"], report) if "precision" in data else None
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
+    targets = goals.targets(data["targets"], report) if "targets" in data else ()
     if "model" in sections and sections["model"].good:
         goals.check_neurons(hardware, sections["model"], report, source.parent)
         goals.check_steps(sections, report)
@@ -105,6 +106,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         study=study,
         seed=seed,
         plugins=plugins,
+        targets=targets,
         source=source,
         parts={name: sections[name] for name in SECTIONS if name in sections},
         axes=axes,

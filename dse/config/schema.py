@@ -37,7 +37,8 @@ _SCALARS: dict[object, str] = {
 
 def json_schema() -> Schema:
     """Return the schema, made from the components that are registered."""
-    sections = {name: _section(name) for name in SECTIONS if name not in ("hardware", "objectives", "search")}
+    lists = ("hardware", "targets", "objectives", "search")
+    sections = {name: _section(name) for name in SECTIONS if name not in lists}
     objectives = [
         text for name, column in registry.columns().items() for text in (name, f"{name}:{column.direction}")
     ]
@@ -47,6 +48,7 @@ def json_schema() -> Schema:
     sections["objectives"] = _listed({"enum": objectives})
     profile_file = {"type": "string", "pattern": r"\.ya?ml$"}
     sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, profile_file]})
+    sections["targets"] = _listed({"enum": list(registry.known("targets"))})
     sections["search"] = _search()
     about = {
         "study": {"type": "string"},

@@ -73,6 +73,7 @@ class SearchSpace:
     source: the file it was read from; data files are looked up beside it.
     parts: section (data .. training) -> what is written there.
     axes: by dotted name, in the order of the sections; one with a condition follows the axis that it names.
+    targets: names of targets that designs are to be exported to.
     objectives: (column, 'max' or 'min').
     precision: None where trained networks are evaluated as they are.
     plugins: modules of components outside `dse`, which are loaded.
@@ -90,6 +91,7 @@ class SearchSpace:
     execution: ExecutionSettings
     precision: Precision | None = None
     plugins: tuple[Plugin, ...] = ()
+    targets: tuple[str, ...] = ()
 
     @cached_property
     def branchings(self) -> list[Branching]:
@@ -182,6 +184,8 @@ class SearchSpace:
         if self.precision is not None:
             sections["precision"] = plain(self.precision)
         sections["hardware"] = list(self.hardware)
+        if self.targets:
+            sections["targets"] = list(self.targets)
         sections["objectives"] = [f"{name}:{direction}" for name, direction in self.objectives]
         search = {name: value for name, value in vars(self.search).items() if name != "options"}
         sections["search"] = search | dict(self.search.options)

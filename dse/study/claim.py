@@ -23,8 +23,8 @@ def claim(space: SearchSpace, folder: Path) -> None:
     """Write the search space, its plugins and the environment to the folder, or check that they are the same.
 
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
-    trials, other precisions of trained networks, and hardware after the first. The device may not: another
-    one rounds differently. Until a run has finished, any search space may replace the one before.
+    trials, other precisions of trained networks, targets, and hardware after the first. The device may not:
+    another one rounds differently. Until a run has finished, any search space may replace the one before.
 
     Raises:
         ConfigError: the folder was started with another search space; one fault per key or plugin.
@@ -44,6 +44,7 @@ def claim(space: SearchSpace, folder: Path) -> None:
             and not (key == "search.n_trials" and _count(new) >= _count(old))
             and not (key == "hardware" and old[:1] == new[:1])
             and not key.startswith("precision")
+            and key != "targets"
         ]
         faults += [
             Fault(str(file), 0, f"differs from {copy}, which {folder} was started with; {_HINT}")

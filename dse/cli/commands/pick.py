@@ -67,12 +67,17 @@ def answer(arguments: argparse.Namespace) -> Answer:
     is_study = Path(arguments.results).is_dir()
     if arguments.export and not is_study:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
-    if (arguments.target or arguments.verify) and not arguments.export:
-        raise StoreError("--target and --verify need --export DIR, the folder to write")
-    if arguments.verify and not arguments.target:
-        raise StoreError("--verify needs --target NAME, the target to run")
+    if arguments.verify and not (arguments.target and arguments.export):
+        raise StoreError("--verify needs --target NAME, the target to run, and --export DIR, its folder")
+    if arguments.target and not is_study:
+        raise StoreError(f"{arguments.results}: only designs of a study's folder have targets")
     [points] = pricing.tables([arguments.results], arguments.hardware)
     points = pricing.on_duty(points, arguments.contacts_per_hour, arguments.battery_mwh)
+    targets, remarks = _targets(arguments), list[str]()
+    if targets:
+        from dse.deploy.footprints import on_targets
+
+        points, remarks = on_targets(results.open(arguments.results), points, targets)
     objectives: list[Goal] = results.open(arguments.results).objectives if is_study else []
     ties = [goal for goal in objectives if goal.column != arguments.maximise and goal.column in points]
     goals = [Goal(arguments.maximise, "max"), *ties]
@@ -90,29 +95,40 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if picked.row is None:
         missed = [str(name) for name in picked.nearest.columns if str(name).startswith("missed ")]
         sure = "" if arguments.confidence is None else f" in {arguments.confidence:.0%} of the samples"
-        notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes]
+        notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes, *remarks]
         shown = [*columns(picked.nearest, goals), *missed]
         return Answer(records(picked.nearest), notes, shown, code=_NOTHING_FEASIBLE)
     row: dict[str, Any] = {str(name): value for name, value in picked.row.items()}
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
         *picked.notes,
+        *remarks,
         *(_corrected(row, points, arguments, ties) if is_study else []),
         *_misfit(row),
         *_others(points, arguments.budget, "task", "tasks"),
         *_others(points, arguments.budget, "hardware", "hardware profiles"),
+        *_others(points, arguments.budget, "target", "targets"),
     ]
     if arguments.export:
         from dse.cli import verdicts
         from dse.deploy.export import export
 
         study = results.open(arguments.results)
-        bundle = export(study, row, arguments.export, arguments.target, arguments.verify)
+        bundle = export(study, row, arguments.export, targets, arguments.verify)
         notes.append(f"bundle: {arguments.export}")
         if bundle.targets:
             rows = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
             return Answer([row], notes, _shown(row, goals), sections={"targets": Answer(rows)})
     return Answer([row], notes, _shown(row, goals))
+
+
+def _targets(arguments: argparse.Namespace) -> list[str]:
+    """Return the targets that are named, or else those of the study's search space."""
+    from dse.study import results
+
+    if arguments.target or not Path(arguments.results).is_dir():
+        return list(arguments.target)
+    return list(results.open(arguments.results).space.get("targets", ()))
 
 
 def _corrected(
@@ -174,6 +190,6 @@ def _shown(row: dict[str, Any], goals: list[Goal]) -> list[str]:
         name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
     ]
     design = [name for name in row if name in identity or name in axes]
-    optional = ("power_mw", "battery_h", "front_share", "confidence")
+    optional = ("power_mw", "battery_h", "front_share", "confidence", "target", "ram_bytes", "table_bytes")
     measured = [name for goal, _ in goals for name in (goal, f"{goal}_corrected")]
     return [name for name in dict.fromkeys([*design, *measured, *optional]) if name in row]

@@ -31,6 +31,9 @@ class TargetError(BundleError):
 class Target(Protocol):
     """A form of a classifier outside `dse`: a frozen dataclass without keys.
 
+    A target that knows what a classifier takes before anything is written has a method `footprint(bundle)`,
+    which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns.
+
     label: what it is, such as 'C99 for any processor'.
     extra: extra of `dse` (pip install 'dse[EXTRA]') that writing or verifying needs; '' for none.
     use: how its files are used, one sentence or command, relative to the bundle's folder.

@@ -11,6 +11,7 @@ import dse
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import counting_source, files, host, replay, source
 from dse.deploy.c.counting import CountingPlan, counting_plan_of
+from dse.deploy.c.footprint import footprint
 from dse.deploy.c.plan import Plan, Unsupported, plan_of
 from dse.deploy.reference import Reference
 from dse.deploy.targets import TargetError, Verdict, compare
@@ -34,6 +35,11 @@ class C99:
         except Unsupported as error:
             return str(error)
         return ""
+
+    def footprint(self, bundle: Bundle) -> dict[str, float]:
+        """Return its memory before it is written (dse.deploy.c.footprint)."""
+        memory = footprint(bundle) if isinstance(bundle.fitted, Network) else _code(_planned(bundle))
+        return {"ram_bytes": float(memory.ram_bytes), "table_bytes": float(memory.table_bytes)}
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""

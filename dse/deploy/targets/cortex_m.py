@@ -41,6 +41,10 @@ class CortexM(Target):
             return str(error)
         return ""
 
+    def footprint(self, bundle: Bundle) -> dict[str, float]:
+        """Return its memory before it is written (dse.deploy.c.footprint)."""
+        return C99().footprint(bundle)
+
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
         C99().write(bundle, folder)

@@ -1,0 +1,80 @@
+"""What design points of a study take on targets, known before they are exported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dse.deploy.bundle import BundleError
+from dse.deploy.export import bundle_of
+from dse.deploy.targets import Target
+from dse.deploy.verify import target_named
+from dse.study.results import Study
+
+if TYPE_CHECKING:
+    import pandas
+
+_SAME = ("trial", "task", "weight_bits", "pruned_after")
+"""Columns by which footprints differ; beside them the kind of decision, but not its phi, theta or time."""
+
+
+def on_targets(
+    study: Study, points: pandas.DataFrame, names: Sequence[str]
+) -> tuple[pandas.DataFrame, list[str]]:
+    """Return points with their footprints on targets, and a sentence per target that cannot hold some.
+
+    Args:
+        study: of the points.
+        points: some of `study.points()`.
+        names: of targets.
+
+    Returns:
+        The points once per target that knows its footprint, with the column `target` and those of
+        `footprint` (dse.deploy.targets.Target). Points that a target cannot hold are left out there.
+
+    Raises:
+        BundleError: a target is unknown, or no target can hold any of the points.
+        StoreError: an artefact is damaged.
+    """
+    import pandas
+
+    named = {name: target_named(name) for name in dict.fromkeys(names)}
+    targets = {name: target for name, target in named.items() if hasattr(target, "footprint")}
+    if not targets:
+        return points, []
+    groups = points.groupby(_keys(points), sort=False, dropna=False).indices.values()
+    parts: dict[str, list[pandas.DataFrame]] = {name: [] for name in targets}
+    refusals: dict[str, dict[str, int]] = {name: {} for name in targets}
+    for places in groups:
+        rows = points.iloc[places]
+        try:
+            bundle = bundle_of(study, {str(k): x for k, x in rows.iloc[0].items()})
+        except BundleError as error:
+            for counts in refusals.values():
+                counts[str(error)] = counts.get(str(error), 0) + len(rows)
+            continue
+        for name, target in targets.items():
+            if refusal := target.refusal(bundle):
+                refusals[name][refusal] = refusals[name].get(refusal, 0) + len(rows)
+            else:
+                parts[name].append(rows.assign(target=name, **_footprint(target, bundle)))
+    frames = [pandas.concat(of_target).sort_index() for of_target in parts.values() if of_target]
+    notes = [
+        f"target {name} cannot hold {n} of {len(points)} points: {refusal}"
+        for name, counts in refusals.items()
+        for refusal, n in counts.items()
+    ]
+    if not frames:
+        raise BundleError("\n".join(notes) or "there are no points")
+    return pandas.concat(frames, ignore_index=True), notes
+
+
+def _footprint(target: Target, bundle: Any) -> Mapping[str, float]:
+    footprint: Mapping[str, float] = target.footprint(bundle)  # type: ignore[attr-defined]
+    return footprint
+
+
+def _keys(points: pandas.DataFrame) -> list[Any]:
+    """Return what points are grouped by: points of one group take the same."""
+    kinds = [points[name].notna().rename(f"has {name}") for name in ("phi", "read_out_ms") if name in points]
+    return [*(points[name] for name in _SAME if name in points), *kinds]

@@ -1,0 +1,82 @@
+"""Memory of design points on targets, before they are exported."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dse.cli import main
+from dse.config import ConfigError, load_space
+from dse.deploy.bundle import read
+from dse.deploy.export import bundle_of
+from dse.deploy.footprints import on_targets
+from dse.deploy.targets.c99 import C99
+from dse.study import explore
+from dse.study.results import Study
+from tests import tiny_study
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    folder = tmp_path_factory.mktemp("footprints")
+    tiny_study.write_recordings(folder / "tiny.npz")
+    text = tiny_study.REAL.replace("repeats: 2", "repeats: 1").replace("epochs: 4", "epochs: 1")
+    model = "model: {kind: snn, hidden: [12], input_delays: [0, 2]}\n"
+    axis = "model: {kind: snn, hidden: {choice: [[4], [40]]}, arithmetic: {choice: [integer, ideal]}}\n"
+    assert model in text
+    (folder / "real.yaml").write_text(text.replace(model, axis) + "targets: [c99]\n")
+    return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+
+
+def test_footprints_are_those_of_every_point(study: Study) -> None:
+    points = study.points()
+    on, notes = on_targets(study, points, ["c99"])
+    integer = points["model.arithmetic"] == "integer"
+    assert len(on) == integer.sum() and set(on["target"]) == {"c99"}
+    assert notes and all("target c99 cannot hold" in note for note in notes)
+    for _, row in on.groupby("trial").head(3).iterrows():  # decided early at several phi, and read out
+        footprint = C99().footprint(bundle_of(study, {str(k): x for k, x in row.items()}))
+        assert {name: row[name] for name in footprint} == footprint
+
+
+def test_a_target_without_footprints_changes_no_point(study: Study) -> None:
+    points = study.points()
+    assert on_targets(study, points, ["nir"])[0] is points
+
+
+def test_a_budget_in_bytes_picks_a_smaller_net(
+    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    on, _ = on_targets(study, study.points(), ["c99"])
+    least, most = on["ram_bytes"].min(), on["ram_bytes"].max()
+    assert least < most
+    for extra in ([], ["--target", "c99"]):  # the search space names the same
+        budget = ["--budget", f"ram_bytes <= {least}"]
+        assert main(["pick", str(study.folder), *budget, *extra, "--json"]) == 0
+        [row] = json.loads(capsys.readouterr().out)["rows"]
+        assert (row["ram_bytes"], row["target"]) == (least, "c99")
+    assert main(["pick", str(study.folder), "--budget", f"ram_bytes <= {least - 1}", "--json"]) == 3
+    capsys.readouterr()
+    out = str(tmp_path / "bundle")
+    assert main(["pick", str(study.folder), *budget, "--export", out, "--json"]) == 0
+    [verdict] = json.loads(capsys.readouterr().out)["sections"]["targets"]["rows"]
+    assert (verdict["target"], verdict["verdict"]) == ("c99", "not verified")
+    assert read(out).record["ram_bytes"] == least
+
+
+def test_targets_of_a_search_space_are_known(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    path = tmp_path / "real.yaml"
+    path.write_text(f"{tiny_study.REAL}targets: [c99, nir]\n")
+    space = load_space(path)
+    assert space.targets == ("c99", "nir") and space.to_plain()["targets"] == ["c99", "nir"]
+    path.write_text(tiny_study.REAL)
+    assert "targets" not in load_space(path).to_plain()
+    path.write_text(f"{tiny_study.REAL}targets: [c98, c99, c99]\n")
+    with pytest.raises(ConfigError) as caught:
+        load_space(path)
+    first, second = str(caught.value).splitlines()
+    assert "unknown target 'c98'" in first and "Did you mean 'c99'?" in first
+    assert "target 'c99' is named twice" in second
