@@ -317,7 +317,9 @@ const Design = (() => {
       const names = details ? tabsOf(part, state.hardware, page.definition?.design) : [];
       const open = names.includes(state.tab) ? state.tab : names[0];
       renderTabs(names, open);
-      notes.replaceChildren(...(details?.notes ?? []).map((text) => element("p", { textContent: text })));
+      const [, point] = named(shown, chosen.key);
+      const verdicts = (details?.targets ?? []).filter((one) => one.point === point).map((one) => one.text);
+      notes.replaceChildren(...[...verdicts, ...(details?.notes ?? [])].map((text) => element("p", { textContent: text })));
       pane.setAttribute("aria-busy", String(details === undefined));
       if (details === undefined) return showText("…");
       if (details === null) return showText(absent(page));

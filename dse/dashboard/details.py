@@ -21,6 +21,7 @@ import numpy as np
 from dse import store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
+from dse.dashboard.verdicts import sentences
 from dse.dashboard.write import packed, plain_figure
 from dse.figures import full_read_outs, mean_of
 from dse.figures.breakdown import draw_breakdown, gather_breakdown
@@ -126,7 +127,8 @@ def gather_details(
     Returns:
         trial: its number;
         notes: one sentence for each part that cannot be read;
-        tasks: {task: figures, surfaces, examples}, each only if it was recorded.
+        tasks: {task: figures, surfaces, examples}, each only if it was recorded;
+        targets: verdicts on targets, for each its `point` and `text`, if any bundle has them.
 
         figures: `confusion` (counts of the full read-out, summed over repeats), `recognition` (after shorter
         recordings, mean over repeats), `first_spike` and `histograms` (of the first repeat), `power` (on all
@@ -216,7 +218,9 @@ def _document(source: _Source, trial: int) -> dict[str, Any]:
         str(task): _of_task(source, runs, str(task), of_task, notes)
         for task, of_task in rows.groupby("task", sort=False)
     }
-    return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks}
+    of_targets = sentences(source.study.folder, int(trial))
+    targets = {"targets": of_targets} if of_targets else {}
+    return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks, **targets}
 
 
 def _runs(study: Study, trial: int, repeats: int, notes: list[str]) -> list[_Run]:

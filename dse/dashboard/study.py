@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import tempfile
 import zipfile
@@ -156,11 +157,14 @@ class _Designs:
     def bundle(self, trial: int, point: int, hardware: str) -> Download:
         """Return the bundle of a design point as a zip file; nothing is written to the study.
 
+        It is that of the study's folder whose targets were run, if there is one.
+
         Raises:
             Refused: there is no such point, or it cannot be exported; the text names no path.
         """
         from dse.dashboard.serve import Download, Refused
-        from dse.deploy.bundle import BundleError
+        from dse.dashboard.verdicts import folder_of
+        from dse.deploy.bundle import BundleError, read
         from dse.deploy.export import export
         from dse.store import StoreError
 
@@ -168,11 +172,15 @@ class _Designs:
         if row is None:
             raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
         name = f"trial_{trial}_point_{point}"
+        if (verified := folder_of(self._study.folder, trial, point, hardware)) is not None:
+            with contextlib.suppress(BundleError, OSError):  # a damaged one is made anew
+                read(verified)
+                return Download(f"{name}.zip", _zipped(verified, name))
         try:
             with tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
                 folder = Path(temporary) / name
                 export(self._study, row, folder)
-                return Download(f"{name}.zip", _zipped(folder))
+                return Download(f"{name}.zip", _zipped(folder, name))
         except BundleError as error:
             text = "This design cannot be deployed: its encoder reads the labels of the recordings."
             raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
@@ -194,12 +202,12 @@ class _Designs:
         return {str(name): value for name, value in rows.iloc[0].items()} if len(rows) == 1 else None
 
 
-def _zipped(folder: Path) -> bytes:
-    """Return a folder as a zip file; equal files give equal bytes."""
+def _zipped(folder: Path, name: str) -> bytes:
+    """Return a folder as a zip file, under a name; equal files give equal bytes."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path in sorted(folder.rglob("*")):
-            entry = zipfile.ZipInfo(path.relative_to(folder.parent).as_posix())  # always dated 1980
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            entry = zipfile.ZipInfo(f"{name}/{path.relative_to(folder).as_posix()}")  # always dated 1980
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, path.read_bytes())

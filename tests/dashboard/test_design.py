@@ -431,6 +431,23 @@ def test_nothing_in_a_document_can_run(opened):
     assert page.tab.evaluate("window.hacked") is None
 
 
+def test_verdicts_on_targets_are_those_of_the_point_chosen(opened):
+    document = details() | {
+        "targets": [
+            {"point": 0, "text": f"c99: faithful {HOSTILE[0]}"},
+            {"point": 1, "text": "c99: approximate"},
+        ]
+    }
+    page = opened({0: document}, "chosen=0.0&tab=surface")
+    drawn(page, "surface")
+    assert page.tab.inner_text("#design .quiet >> text=c99").startswith("c99: faithful")
+    page.tab.focus("[data-name=phi]")
+    page.tab.keyboard.press("Home")
+    wait_for_ring(page, LATENCY_MS[0], ACCURACY[0])
+    assert page.tab.inner_text("#design .quiet >> text=c99") == "c99: approximate"
+    assert page.tab.evaluate("window.hacked") is None
+
+
 FITS = """(tab) => {
   const plot = document.querySelector(`[data-figure=${tab}]`);
   const drawing = plot.querySelector(".main-svg");

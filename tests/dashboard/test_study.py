@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from dse.dashboard.details import gather_details
 from dse.dashboard.study import page_server, write_page
 from dse.deploy import bundle
 from dse.deploy.export import export
+from dse.deploy.verdict import Verdict
 from dse.study import explore, results
 from tests import tiny_study
 from tests.page_data import held
@@ -79,6 +81,41 @@ def test_the_bundle_is_the_one_that_pick_exports(folder: Path, temporary: Path, 
     assert (read.phi, read.theta, read.record["point"]) == (row["phi"], row["theta"], 3)
     assert list(temporary.iterdir()) == []
     assert state(folder) == before
+
+
+def test_a_bundle_whose_targets_were_run_is_shown_and_sent(
+    folder: Path, temporary: Path, tmp_path: Path
+) -> None:
+    study = tmp_path / "study"
+    shutil.copytree(folder, study)
+    points = results.open(study).points()
+    row = points[(points["trial"] == 0) & (points["point"] == 3)].iloc[0]
+    made = export(results.open(study), row.to_dict(), tmp_path / "exported")
+    (tmp_path / "c99").mkdir()
+    (tmp_path / "c99" / "dse.c").write_text("int x;\n")
+    targets = {
+        "c99": Verdict("faithful", n_recordings=18),
+        "nir": Verdict("approximate", "leaks round", 18, 0.25, 0.5, 3),
+        "xylo": Verdict("unsupported", "it needs neurons of kind xylo_lif"),
+    }
+    files = {"c99": tmp_path / "c99", "nir": tmp_path / "c99"}
+    bundle.write(replace(made, targets=targets), study / "bundles" / "one", files)
+    bundle.write(replace(made, targets=targets), study / "bundles" / "two", files)
+    edited = study / "bundles" / "two" / "bundle.json"
+    edited.write_text(edited.read_text().replace("approximate", "faithful"))  # by hand: not shown
+    with serving(study) as server:
+        details = json.loads(ask(server, "/design.json?trial=0")[2])
+        body = ask(server, query())[2]
+        others = ask(server, query(point=4))[2]
+    assert details["targets"] == [
+        {"point": 3, "text": "c99: faithful on 18 recordings"},
+        {"point": 3, "text": "nir: approximate on 18 recordings, 25 % of decisions differ (leaks round)"},
+        {"point": 3, "text": "xylo: unsupported (it needs neurons of kind xylo_lif)"},
+    ]
+    with zipfile.ZipFile(io.BytesIO(body)) as archive:
+        assert archive.read("trial_0_point_3/targets/c99/dse.c") == b"int x;\n"
+    with zipfile.ZipFile(io.BytesIO(others)) as archive:
+        assert not any("targets/" in name for name in archive.namelist())
 
 
 def test_many_readers_take_the_same_bundle(folder: Path, temporary: Path) -> None:
