@@ -18,7 +18,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -29,10 +29,14 @@ from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.stream import Decision, Stream, Windows
 from dse.deploy.verdict import KINDS, Verdict
 from dse.engine.checks import check_network
+from dse.native.extras import require_torch
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
-from dse.records import Array, Block, Head, Network, Parameters
+from dse.records import Arithmetic, Array, Block, Head, Network, Parameters
 from dse.store import StoreError
+
+if TYPE_CHECKING:
+    from dse.deploy.module import ClassifierModule, Examples
 
 __all__ = ["SCHEMA", "Bundle", "BundleError", "Input", "InputKind", "read", "sealed", "weights", "write"]
 
@@ -64,6 +68,33 @@ class Bundle(Classifier):
         for item in source:
             yield from running.push(item)
         yield from running.end()
+
+    def as_module(self, arithmetic: Arithmetic | None = None) -> ClassifierModule:
+        """Return the network as a torch module with the same spikes, which can be trained on.
+
+        Args:
+            arithmetic: 'float32' for its float twin; None: that of the network, bit for bit where integer.
+
+        Raises:
+            BundleError: the classifier is no network, or its neurons do not run in such arithmetic.
+            MissingExtra: torch is not installed.
+        """
+        require_torch("a bundle as a module")
+        from dse.deploy.module import of_bundle
+
+        return of_bundle(self, arithmetic)
+
+    def as_dataset(self, data_file: str | Path) -> Examples:
+        """Return labelled recordings as the module receives them: a torch Dataset of (spikes, class).
+
+        Raises:
+            MissingExtra: torch is not installed.
+            RecordingError: the recordings do not fit.
+        """
+        require_torch("recordings as tensors")
+        from dse.deploy.module import Examples
+
+        return Examples(self, data_file)
 
 
 def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = None) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from dse import dataset, registry
 from dse.config.contracts import Recordings, Source
 from dse.dataset.assemble import New
-from dse.deploy.bundle import Bundle, BundleError
+from dse.deploy.classifier import BundleError, Classifier
 from dse.deploy.decide import decided
 from dse.models.snn.respond import spikes_of_layers
 from dse.recordings import RecordingError, npz
@@ -58,7 +58,7 @@ class Reference:
         return len(self.label)
 
 
-def of_recordings(bundle: Bundle, data_file: str | Path, *, repair: bool = False) -> Reference:
+def of_recordings(bundle: Classifier, data_file: str | Path, *, repair: bool = False) -> Reference:
     """Return what a bundle does on recordings.
 
     Args:
@@ -89,7 +89,7 @@ def of_recordings(bundle: Bundle, data_file: str | Path, *, repair: bool = False
     )
 
 
-def prepared(bundle: Bundle, data_file: str | Path, *, repair: bool = False) -> New:
+def prepared(bundle: Classifier, data_file: str | Path, *, repair: bool = False) -> New:
     """Return recordings as the classifier of a bundle receives them.
 
     Raises:
@@ -115,7 +115,7 @@ def prepared(bundle: Bundle, data_file: str | Path, *, repair: bool = False) -> 
     return new._replace(dataset=dataclasses.replace(new.dataset, heads=bundle.heads))
 
 
-def answered(bundle: Bundle, data: Dataset, data_file: str | Path) -> Response | Answers:
+def answered(bundle: Classifier, data: Dataset, data_file: str | Path) -> Response | Answers:
     """Return what the classifier answers to prepared recordings.
 
     Raises:

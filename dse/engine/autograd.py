@@ -257,13 +257,16 @@ def gradients(
     return float(done.loss.detach()), [gradient(w) for w, _ in matrices], [gradient(r) for r in rings]
 
 
-def _quantised(weight: Tensor) -> Tensor:
-    """Return weights rounded to 8 bits; the gradient passes straight through inside the clip."""
-    grid = 2 / WEIGHT_SCALE
+def quantised(weight: Tensor, weight_bits: int = 8, exponent: int = 0) -> Tensor:
+    """Return weights rounded to some bits; the gradient passes straight through inside the clip.
+
+    They become whole multiples of 2**exponent / 32, as in dse.models.snn.quantise.
+    """
+    grid, end = 2 / WEIGHT_SCALE * 2.0**exponent, 2 ** (weight_bits - 1)
     rounded = torch.round(weight.detach() / grid) * grid
-    low, high = -256 / WEIGHT_SCALE, 254 / WEIGHT_SCALE
+    low, high = -end * grid, (end - 1) * grid
     passes = ((rounded >= low) & (rounded <= high)).to(weight.dtype)
-    return rounded.clip(low, high) + (weight - weight.detach()) * passes
+    return torch.as_tensor(rounded.clip(low, high) + (weight - weight.detach()) * passes)
 
 
 @dataclass
@@ -342,7 +345,7 @@ class _Network:
         self._steps = 0
 
     def _as_run(self, matrix: _Matrix) -> Tensor:
-        running = _quantised(matrix.weights) if self._arithmetic == "integer" else matrix.weights
+        running = quantised(matrix.weights) if self._arithmetic == "integer" else matrix.weights
         return running.to(self._calculi[0].dtype)
 
     def step(self, rows: Rows, labels: Ints, turn: Turn) -> Report:

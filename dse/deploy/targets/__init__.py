@@ -86,7 +86,7 @@ class Run:
         assert isinstance(bundle.fitted, Network)
         output = np.zeros((n, n_steps, bundle.fitted.sizes[-1]), np.uint8)
         recording, step, neuron = spikes[spikes[:, 1] < n_steps - 1].T
-        output[recording, step + 1, neuron] = 1
+        np.add.at(output, (recording, step + 1, neuron), 1)
         none = np.zeros((n, n_steps, 0), np.int32)
         response = Response(output, none, none, reference.step_ms, peak_state=0)
         return cls(*decided(bundle, reference.dataset, response), fired)

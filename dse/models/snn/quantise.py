@@ -86,12 +86,15 @@ def _matrices(layer: Layer) -> list[Array]:
 def _rounded_layer(layer: Layer, weight_bits: int, pruned: float) -> Layer:
     kept = [np.where(largest(w, pruned), w, np.float32(0)) for w in _matrices(layer)]
     shared = exponent(kept, weight_bits)
-    weight, *recurrent = (_stored(w, weight_bits, shared) for w in kept)
+    weight, *recurrent = (stored(w, weight_bits, shared) for w in kept)
     return dataclasses.replace(layer, weight=weight, recurrent=recurrent[0] if recurrent else None)
 
 
-def _stored(weights: Array, weight_bits: int, shared: int) -> Array:
-    """Return one matrix on its grid; one without a 0 keeps what rounds to 0 as a number that deploys as 0."""
+def stored(weights: Array, weight_bits: int, shared: int) -> Array:
+    """Return one matrix on the grid of so many bits and an exponent.
+
+    A matrix without a 0 keeps what rounds to 0 as a number that deploys as 0.
+    """
     on_grid = (_whole(_in_steps(weights), weight_bits, shared) * 2.0**shared / _STEPS).astype(np.float32)
     if (weights == 0).any():
         return on_grid

@@ -1,0 +1,83 @@
+"""PyTorch: the network as a module in a file, for training and for whatever else runs torch.
+
+module.pt    weights, neurons, delays, surrogates and grids of the weights: tensors and plain values, so that
+             `torch.load(..., weights_only=True)` reads it and `dse.deploy.module.load` returns the module
+
+The module calculates as the engine does (dse.deploy.module).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.reference import Reference
+from dse.deploy.targets import Run, TargetError, Verdict, compare
+from dse.records import Floats, Ints, Network
+from dse.registry import register
+
+_FILE = "module.pt"
+_MOST_NUMBERS = 2**25  # of a batch of dense input spikes
+_MOST_RECORDINGS = 128
+
+
+@register("targets", "torch")
+@dataclass(frozen=True)
+class Torch:
+    """The network as a torch module, which can be trained on."""
+
+    label: ClassVar[str] = "PyTorch module"
+    extra: ClassVar[str] = "torch"
+    use: ClassVar[str] = "`dse.deploy.module.load(Path('targets/torch/module.pt'))` returns the module"
+
+    def refusal(self, bundle: Bundle) -> str:
+        """Return why no module can hold the classifier; '' if one can."""
+        if not isinstance(bundle.fitted, Network):
+            kind = bundle.sections.kinds["model"]
+            return f"torch modules hold networks of neurons, and family {kind} is none"
+        return ""
+
+    def write(self, bundle: Bundle, folder: Path) -> None:
+        """Write module.pt (`dse.deploy.targets.Target`)."""
+        _require_torch()
+        from dse.deploy.module import save
+
+        save(bundle.as_module(), folder / _FILE)
+
+    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
+        """Run the module in the file."""
+        _require_torch()
+        import torch
+
+        from dse.deploy.module import listed, load
+
+        module = load(folder / _FILE).eval()
+        fired: list[list[Ints]] = [[np.zeros((0, 3), np.int64)] for _ in reference.fired]
+        with torch.no_grad():
+            for first, spikes in _batches(reference):
+                for layer, of_layer in zip(fired, module.fired(torch.from_numpy(spikes)), strict=True):
+                    layer.append(listed(of_layer, first))
+        return compare(reference, Run.of_fired(bundle, reference, [np.concatenate(x) for x in fired]))
+
+
+def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:
+    """Yield the number of the first recording, and (recording, input step, channel) float32 spikes."""
+    data, n = reference.dataset, reference.n_recordings
+    size = max(1, min(_MOST_RECORDINGS, _MOST_NUMBERS // (data.n_steps * data.spikes.n_channels)))
+    for first in range(0, n, size):
+        spikes = np.zeros((min(size, n - first), data.n_steps, data.spikes.n_channels), np.float32)
+        recording, step, channel = reference.spikes_in.T
+        here = (recording >= first) & (recording < first + size)
+        spikes[recording[here] - first, step[here], channel[here]] = 1
+        yield first, spikes
+
+
+def _require_torch() -> None:
+    if find_spec("torch") is None:
+        raise TargetError("target torch needs torch: pip install 'dse[torch]'")

@@ -1,0 +1,211 @@
+"""Weights that were trained on, back in a bundle: measured, priced, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.cli import main
+from dse.config import load_space
+from dse.deploy import bundle, tuned
+from dse.deploy.evaluate import evaluate
+from dse.deploy.export import export
+from dse.study import explore
+from dse.study.results import Study
+from tests import tiny_study
+from tests.deploy import bundles
+
+torch = pytest.importorskip("torch")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """One spiking network, with early and late decisions, at 8 and 3 bits."""
+    folder = tmp_path_factory.mktemp("study")
+    tiny_study.write_recordings(folder / "tiny.npz")
+    text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
+    (folder / "real.yaml").write_text(text.replace("repeats: 2", "repeats: 1"))
+    return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+
+
+def row(study: Study, rule: str) -> dict[str, Any]:
+    points = study.points()
+    few = (points["weight_bits"] == 3) & (points["pruned_after"] == 0.5)
+    full = points["phi"].isna() & points["read_out_ms"].isna()
+    of_rule = {
+        "phi and theta": (points["phi"] == 2) & (points["theta"] == 0.6) & (points["weight_bits"] == 8),
+        "read-out": (points["read_out_ms"] == 40) & (points["weight_bits"] == 8),
+        "end": full & (points["weight_bits"] == 8),
+        "end, three bits, pruned": full & few,
+    }
+    return dict(points[of_rule[rule]].iloc[0].to_dict())
+
+
+def saved(module: Any, file: Path, change: Callable[[dict[str, Any]], None] = lambda state: None) -> str:
+    state = module.state_dict()
+    change(state)
+    torch.save(state, file)
+    return str(file)
+
+
+@pytest.mark.parametrize("rule", ["phi and theta", "read-out", "end", "end, three bits, pruned"])
+def test_weights_that_did_not_change_are_measured_and_priced_as_in_the_study(
+    study: Study, rule: str, tmp_path: Path
+) -> None:
+    point = row(study, rule)
+    made = export(study, point, tmp_path / "bundle")
+    from dse.dataset import load
+    from dse.dataset.cache import usual_root
+
+    validation = load(usual_root() / study.runs(0)[0]["data"]).validation
+    with np.load(study.folder.parents[1] / "tiny.npz") as file:
+        arrays = {k: file[k] if k == "names" else file[k][validation] for k in file.files}
+    np.savez(tmp_path / "new.npz", **arrays)
+    weights = saved(made.as_module(), tmp_path / "same.pt")
+    again = tuned.import_weights(tmp_path / "bundle", weights, tmp_path / "new.npz", tmp_path / "tuned")
+    for name, value in again.record.items():
+        if isinstance(value, float):
+            assert value == pytest.approx(made.record[name], rel=1e-12), name
+        elif name != "measured_on":
+            assert value == made.record[name], name
+    assert {"energy_uj", "latency_ms", "accuracy", "n_weights"} <= set(again.record)
+    assert again.record["accuracy"] == evaluate(tmp_path / "tuned", tmp_path / "new.npz").accuracy
+    assert again.evidence["imported"]["file"] == "same.pt" and again.record["measured_on"] == "new.npz"
+    for old, new in zip(made.fitted.layers, bundle.read(tmp_path / "tuned").fitted.layers, strict=True):  # type: ignore[union-attr]
+        assert np.array_equal(old.weight, new.weight)
+
+
+def test_weights_that_changed_answer_like_their_module(
+    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    touch = study.folder.parents[1] / "tiny.npz"
+    made = export(study, row(study, "end"), tmp_path / "bundle")
+    module, examples = made.as_module(), made.as_dataset(touch)
+    spikes, label = torch.utils.data.default_collate([examples[i] for i in range(len(examples))])
+    assert spikes.shape == (36, 16, 4) and np.array_equal(label, examples.labels)
+    optimiser = torch.optim.SGD(module.parameters(), lr=0.5)
+    module.loss(module(spikes), label).backward()
+    optimiser.step()
+    weights = saved(module, tmp_path / "tuned.pt")
+    folder = str(tmp_path / "tuned")
+    assert main(["import", str(tmp_path / "bundle"), weights, "--data", str(touch), "--out", folder]) == 0
+    assert "energy_uj" in capsys.readouterr().out
+    with torch.no_grad():
+        answer = module(spikes).sum(1).argmax(1)
+    found = evaluate(folder, touch)
+    assert np.array_equal(found.label, answer) and not np.array_equal(
+        found.label, evaluate(tmp_path / "bundle", touch).label
+    )
+    shown = ["import", str(tmp_path / "bundle"), weights, "--data", str(touch), "--out", folder, "--json"]
+    assert main([*shown, "--hardware", "mcu_m4"]) == 0
+    (row_of_import,) = json.loads(capsys.readouterr().out)["rows"]
+    assert row_of_import["hardware"] == "mcu_m4" and row_of_import["accuracy"] == found.accuracy
+
+
+def test_a_joint_target_is_measured_head_by_head(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    with np.load(tmp_path / "tiny.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "tiny.npz", **arrays, speed=np.arange(len(arrays["label"])) % 2)
+    text = tiny_study.REAL.replace("target: fabric", "target: [fabric, speed], joint: true")
+    text = text.replace("{fabric: label}", "{fabric: label, speed: speed}").replace(
+        "repeats: 2", "repeats: 1"
+    )
+    (tmp_path / "joint.yaml").write_text(text)
+    study = explore.run(load_space(tmp_path / "joint.yaml"), tmp_path / "results", progress=False)
+    points = study.points()
+    of_speed = points[(points["task"] == "speed") & (points["phi"] == 2) & (points["theta"] == 0.6)].iloc[0]
+    for point in (of_speed, study.trials.iloc[0]):
+        made = export(study, dict(point.to_dict()), tmp_path / "bundle")
+        weights = saved(made.as_module(), tmp_path / "same.pt")
+        again = tuned.import_weights(
+            tmp_path / "bundle", weights, tmp_path / "tiny.npz", tmp_path / "tuned", "loihi1_silicon"
+        )
+        assert again.record["accuracy"] == evaluate(tmp_path / "tuned", tmp_path / "tiny.npz").accuracy
+        assert again.record["energy_uj"] > 0  # type: ignore[operator]
+
+
+def _without(state: dict[str, Any]) -> None:
+    del state["layers.1.weight"]
+
+
+def _with(name: str, change: Callable[[Any], Any]) -> Callable[[dict[str, Any]], None]:
+    def edit(state: dict[str, Any]) -> None:
+        state[name] = change(state[name]) if name in state else change(None)
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_without, r"w\.pt: must be a state of this bundle's module, but lacks layers\.1\.weight"),
+        (
+            _with("bias", lambda _: torch.zeros(3)),
+            "must be a state of this bundle's module, which has no bias",
+        ),
+        (
+            _with("layers.0.weight", lambda x: x[:, :-1]),
+            r"layers\.0\.weight must be \(12, 8\), got \(12, 7\)",
+        ),
+        (
+            _with("layers.1.weight", lambda x: x * np.nan),
+            r"layers\.1\.weight must hold finite numbers, got nan",
+        ),
+        (
+            _with("layers.0.neurons_threshold", lambda x: x + 1),
+            r"layers\.0\.neurons_threshold must be that of the bundle: it is a module of another network",
+        ),
+        (
+            _with("layers.0.weight", lambda _: "text"),
+            r"must be written by torch\.save\(module\.state_dict\(\)",
+        ),
+    ],
+)
+def test_weights_of_another_network_are_one_line(
+    study: Study, change: Any, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = export(study, row(study, "end"), tmp_path / "bundle")
+    weights = saved(made.as_module(), tmp_path / "w.pt", change)
+    touch, out = str(study.folder.parents[1] / "tiny.npz"), tmp_path / "tuned"
+    assert main(["import", str(tmp_path / "bundle"), weights, "--data", touch, "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and not out.exists()
+    with pytest.raises(bundle.BundleError, match=message):
+        tuned.with_weights(made, Path(weights))
+
+
+def test_files_that_are_no_state_and_recordings_without_labels_are_one_line(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = export(study, row(study, "end"), tmp_path / "bundle")
+    with pytest.raises(bundle.BundleError, match=r"none\.pt: cannot be read: No such file"):
+        tuned.with_weights(made, tmp_path / "none.pt")
+    (tmp_path / "text.pt").write_text("no pickle")
+    torch.save(made.as_module(), tmp_path / "whole.pt")
+    for name in ("text.pt", "whole.pt"):
+        with pytest.raises(bundle.BundleError, match=rf"{name}: must be written by torch\.save\(module"):
+            tuned.with_weights(made, tmp_path / name)
+    weights = saved(made.as_module(), tmp_path / "same.pt")
+    with np.load(study.folder.parents[1] / "tiny.npz") as file:
+        np.savez(tmp_path / "new.npz", spikes=file["spikes"])
+    with pytest.raises(bundle.BundleError, match=r"new\.npz: must have labelled recordings"):
+        tuned.import_weights(tmp_path / "bundle", weights, tmp_path / "new.npz", tmp_path / "tuned")
+    monkeypatch.setattr("dse.native.extras.find_spec", lambda name: None)
+    touch = str(study.folder.parents[1] / "tiny.npz")
+    assert main(["import", str(tmp_path / "bundle"), weights, "--data", touch, "--out", "x"]) == 2
+
+
+def test_a_module_of_another_seed_is_no_other_network(study: Study, tmp_path: Path) -> None:
+    made = export(study, row(study, "end"), tmp_path / "bundle")
+    other = dataclasses.replace(
+        made, fitted=bundles.network(np.random.default_rng(0), (4, 12, 3), delays=(0, 2))
+    )
+    with pytest.raises(bundle.BundleError, match="it is a module of another network"):
+        tuned.with_weights(made, Path(saved(other.as_module(), tmp_path / "other.pt")))
