@@ -17,7 +17,7 @@ import moocore
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Bools, Floats, Ints
+from dse.records import Array, Bools, Floats, Ints
 
 SMALL = 4096
 """Up to this many points the exact kernel alone is as fast."""
@@ -81,22 +81,26 @@ def thinned(points: Floats) -> Ints:
     return np.arange(len(points)) if remaining is None else remaining
 
 
-def _in_blocks(n: int, work: Callable[[int, int], Result]) -> list[Result]:
+def _in_blocks(n: int, work: Callable[[int, int], Result], block: int | None = None) -> list[Result]:
     """Return the results of work(start, stop) on all blocks of n rows, in order; all cores share them."""
-    blocks = [(start, min(start + _BLOCK, n)) for start in range(0, n, _BLOCK)]
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if min(cores, len(blocks)) < 2:
-        return [work(*block) for block in blocks]
-    with ThreadPoolExecutor(min(cores, len(blocks))) as pool:
-        return list(pool.map(lambda block: work(*block), blocks))
+    step = block or _BLOCK
+    blocks = [(start, min(start + step, n)) for start in range(0, n, step)]
+    if min(_cores(), len(blocks)) < 2:
+        return [work(*each) for each in blocks]
+    with ThreadPoolExecutor(min(_cores(), len(blocks))) as pool:
+        return list(pool.map(lambda each: work(*each), blocks))
 
 
-def _kept(n: int, keep: Callable[[int, int, Ints], int]) -> Ints:
-    """Return the rows that keep(start, stop, out) writes to `out`, of all blocks; it returns their number."""
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _kept(n: int, keep: Callable[[int, int, Array], int]) -> Ints:
+    """Return the rows that keep(start, stop, out) writes to `out`, from 0, of all blocks; it returns how many."""
 
     def work(start: int, stop: int) -> Ints:
-        out = np.empty(stop - start, np.int64)
-        return out[: keep(start, stop, out)].copy()
+        out = np.empty(stop - start, np.int32)
+        return out[: keep(start, stop, out)] + np.int64(start)
 
     return np.concatenate(_in_blocks(n, work))
 
@@ -154,7 +158,7 @@ def _grid_pass(points: Floats, round_number: int) -> Ints | None:
         lowest(points, start, stop, low, scale, least)
         return least
 
-    least = np.minimum.reduce(_in_blocks(n, table))
+    least = np.minimum.reduce(_in_blocks(n, table, max(_BLOCK, -(-n // _cores()))))
     for axis in range(d - 1):
         np.minimum.accumulate(least, axis=axis, out=least)
     below = np.full_like(least, np.inf)
@@ -190,7 +194,7 @@ def _not_below(points: Any, start: Any, stop: Any, pivots: Any, out: Any) -> Any
                     dominated |= points[i, k] > pivots[p, k]
                 if dominated:
                     break
-        out[count] = i
+        out[count] = i - start
         count += not dominated
     return count
 
@@ -228,7 +232,7 @@ def _above_2(points: Any, start: Any, stop: Any, low: Any, scale: Any, below: An
     count = 0
     for i in range(start, stop):
         bound = below[_cell(points[i, 0], a, by_a, n)]
-        out[count] = i
+        out[count] = i - start
         count += points[i, 1] < bound or bound == np.inf
     return count
 
@@ -240,6 +244,6 @@ def _above_3(points: Any, start: Any, stop: Any, low: Any, scale: Any, below: An
     count = 0
     for i in range(start, stop):
         bound = below[_cell(points[i, 0], a, by_a, n), _cell(points[i, 1], b, by_b, n)]
-        out[count] = i
+        out[count] = i - start
         count += points[i, 2] < bound or bound == np.inf
     return count

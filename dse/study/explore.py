@@ -116,10 +116,11 @@ class _Tables:
     def write(self) -> None:
         """Write both tables, and the hardware profiles that costs are computed from."""
         pricing.keep(self._profiles, self._folder)
-        trials = tables.trials_table(self._space, self._runs.trials())
-        for name, frame in (("trials", trials), ("points", self.points())):
-            with store.published(self._folder / f"{name}.parquet") as path:
-                frame.to_parquet(path, index=False)
+        runs = self._runs.trials()
+        with store.published(self._folder / "trials.parquet") as path:
+            tables.trials_table(self._space, runs).to_parquet(path, index=False)
+        with store.published(self._folder / "points.parquet") as path:
+            points.write_points(path, self._space, self._folder, runs, self._profiles)
 
 
 def _search(

@@ -8,7 +8,7 @@ Numbers are means over a trial's runs, as in `dse.study.trials`.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,12 @@ from dse.study.record import Numbers, RunRecord
 
 if TYPE_CHECKING:
     import pandas
+
+BLOCK = 1 << 18
+"""Points of a trial that are expanded at a time."""
+
+IN_MEMORY = 4_000_000
+"""Rows of a table that is written in one piece."""
 
 
 def points_table(
@@ -54,19 +60,104 @@ def points_table(
     Raises:
         StoreError: an artefact is damaged.
     """
-    import pandas
+    return _table([*_parts(space, folder, trials, profiles, None)], space)
 
+
+def write_points(
+    path: Path,
+    space: SearchSpace,
+    folder: Path,
+    trials: Mapping[int, Sequence[RunRecord]],
+    profiles: Sequence[Profile],
+) -> None:
+    """Write the table of `points_table` as Parquet.
+
+    More rows than `IN_MEMORY` are written block by block, in memory for a block and the answers of a trial.
+
+    Args:
+        path: the file.
+        space: the search space of the study.
+        folder: of the study.
+        trials: trial number -> records of its runs.
+        profiles: hardware to price the points on.
+
+    Raises:
+        StoreError: an artefact is damaged.
+    """
     parts: list[dict[str, Array]] = []
+    kinds: dict[
+        tuple[tuple[str, str], ...], dict[str, Array]
+    ] = {}  # a part without rows for every set of types
+    n_rows = 0
+    for part in _parts(space, folder, trials, profiles, BLOCK):
+        n_rows += len(part["trial"])
+        kinds.setdefault(
+            tuple((k, x.dtype.str) for k, x in part.items()), {k: x[:0] for k, x in part.items()}
+        )
+        parts = parts if n_rows <= IN_MEMORY else []
+        parts.append(part)
+    if n_rows <= IN_MEMORY:
+        _table(parts, space).to_parquet(path, index=False)
+        return
+    import pyarrow
+    import pyarrow.parquet
+
+    writer = None
+    for part in _parts(space, folder, trials, profiles, BLOCK):
+        frame = _table([*kinds.values(), part], space)
+        if writer is None:
+            inferred = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
+            texts = [i for i, name in enumerate(inferred.names) if frame[name].dtype == object]
+            for i in texts:
+                inferred = inferred.set(i, inferred.field(i).with_type(pyarrow.string()))
+            writer = pyarrow.parquet.ParquetWriter(path, inferred)
+        writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
+    writer.close()
+
+
+def _parts(
+    space: SearchSpace,
+    folder: Path,
+    trials: Mapping[int, Sequence[RunRecord]],
+    profiles: Sequence[Profile],
+    n_rows: int | None,
+) -> Iterator[dict[str, Array]]:
+    """Yield the columns of n points of a trial at a time on every profile; None: of all its points."""
     for trial, runs in sorted(trials.items()):
         if any(record.failed for record in runs):
             continue
         answered = answers(folder, runs)
         about = tables.named(space, trial, runs)
-        rows = _rows(answered)
-        n = len(rows["accuracy"])
-        rows = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)} | rows
-        on = [{"hardware": _repeated(chip.name, n)} | priced(answered, chip) for chip in profiles]
-        parts += [rows | columns for columns in on or [{}]]
+        total = sum(map(len, answered))
+        step = n_rows or total
+        for chip, start in itertools.product(profiles or [None], range(0, total, step)):
+            some = _between(answered, start, min(start + step, total))
+            rows = _rows(some)
+            n = len(rows["accuracy"])
+            design = {name: _repeated(value, n) for name, value in about.items()}
+            costs = {"hardware": _repeated(chip.name, n)} | priced(some, chip) if chip else {}
+            yield design | {"point": np.arange(start, start + n)} | rows | costs
+
+
+def _between(answered: Sequence[Answered], start: int, stop: int) -> list[Answered]:
+    """Return answers with the rows from start to stop alone; all of them stay, some without rows."""
+    pieces, first = [], 0
+    for piece in answered:
+        here = slice(max(start - first, 0), max(min(stop - first, len(piece)), 0))
+        if here == slice(0, len(piece)):
+            pieces.append(piece)
+        else:
+            rows = np.arange(len(piece))[here]
+            work = [_part(load, rows) for load in piece.work]
+            pieces.append(Answered(piece.design, {k: x[here] for k, x in piece.columns.items()}, work))
+        first += len(piece)
+    return pieces
+
+
+def _table(parts: Sequence[Mapping[str, Array]], space: SearchSpace) -> pandas.DataFrame:
+    """Return the columns of parts one after the other; NaN where a part has no such column."""
+    import pandas
+
     names = dict.fromkeys(name for part in parts for name in part)
     frame = pandas.DataFrame(
         {

@@ -365,3 +365,23 @@ def test_work_is_written_and_read_back(tmp_path: Path) -> None:
         )
     with pytest.raises(store.StoreError, match="Workload needs the array 'work/sizes'"):
         store.work_of({"accuracy": np.zeros(1)})
+
+
+@pytest.mark.parametrize("in_memory", [0, 10**6])
+def test_a_table_written_in_blocks_holds_the_same_points(
+    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_memory: int
+) -> None:
+    zeros = np.zeros((2, 3))
+    surface = {
+        **{"phi": np.array([0, 4]), "theta": np.array([0.5, 0.7, 1.0])},
+        "accuracy": np.arange(6.0).reshape(2, 3),
+        **store.work_arrays(Operations(zeros, np.arange(6.0).reshape(2, 3), zeros, zeros, zeros)),
+    }
+    trials = {2: [published(tmp_path, trial=2, surface=surface)], 5: [published(tmp_path, trial=5)]}
+    whole = points.points_table(space, tmp_path, trials, [OPERATIONS, LOIHI])
+    monkeypatch.setattr(points, "BLOCK", 2)
+    monkeypatch.setattr(points, "IN_MEMORY", in_memory)
+    points.write_points(tmp_path / "points.parquet", space, tmp_path, trials, [OPERATIONS, LOIHI])
+    written = pd.read_parquet(tmp_path / "points.parquet")
+    assert len(written) == 16
+    pd.testing.assert_frame_equal(written, whole)
