@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dse.records import Bools, Floats, Ints
-from dse.skyline.thinning import SMALL, exact, has_nan, thinned
+from dse.skyline.thinning import SMALL, NanError, exact, has_nan, thinned
 
 _EXACT_INTEGERS = 2**53  # up to here float64 tells all integers apart
 
@@ -20,7 +20,7 @@ def _points(points: ArrayLike) -> Floats:
     """Return points as C-contiguous float64 that dominate alike.
 
     Raises:
-        ValueError: as in `non_dominated`.
+        ValueError: not two-dimensional.
     """
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] == 0:
@@ -28,7 +28,10 @@ def _points(points: ArrayLike) -> Floats:
     if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and array.size:
         if int(array.max()) > _EXACT_INTEGERS or int(array.min()) < -_EXACT_INTEGERS:
             array = np.stack([np.unique(x, return_inverse=True)[1] for x in array.T], axis=1)
-    array = np.ascontiguousarray(array, dtype=np.float64)
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _without_nan(array: Floats) -> Floats:
     if has_nan(array):
         row, column = np.argwhere(np.isnan(array))[0]
         raise ValueError(f"points must not be NaN, got NaN in row {row}, column {column}")
@@ -52,10 +55,14 @@ def non_dominated(points: ArrayLike) -> Bools:
     """
     array = _points(points)
     if array.shape[1] == 1:
-        return np.asarray(array[:, 0] == array.min(initial=np.inf))
+        return np.asarray(_without_nan(array)[:, 0] == array.min(initial=np.inf))
     if len(array) <= SMALL:
-        return exact(array)
-    remaining = thinned(array)
+        return exact(_without_nan(array))
+    try:
+        remaining = thinned(array)
+    except NanError:
+        _without_nan(array)  # says which
+        raise
     mask = np.zeros(len(array), dtype=bool)
     mask[remaining[exact(array[remaining])]] = True
     return mask
@@ -136,7 +143,7 @@ def hypervolume(points: ArrayLike, reference: ArrayLike) -> float:
     Raises:
         ValueError: NaN or -inf among the points, or a reference of another length or not finite.
     """
-    array = _points(points)
+    array = _without_nan(_points(points))
     corner = np.asarray(reference, dtype=np.float64)
     if corner.shape != (array.shape[1],) or not np.isfinite(corner).all():
         raise ValueError(f"reference must be {array.shape[1]} finite numbers, got {corner.tolist()}")

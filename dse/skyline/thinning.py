@@ -38,6 +38,10 @@ _FAR = 0.99  # fraction of the sample below the upper end of a grid
 Result = TypeVar("Result")
 
 
+class NanError(ValueError):
+    """A coordinate is NaN."""
+
+
 def exact(points: Floats) -> Bools:
     """Return which points no other point dominates, (n,), by moocore's Kung-Luccio-Preparata kernel.
 
@@ -65,7 +69,10 @@ def thinned(points: Floats) -> Ints:
     """Return the indices, ascending, of the points that passes leave; every non-dominated one is among them.
 
     Args:
-        points: (n, d), C-contiguous, minimised, d >= 2, no NaN; infinities are legal.
+        points: (n, d), C-contiguous, minimised, d >= 2; infinities are legal.
+
+    Raises:
+        NanError: a coordinate is NaN.
     """
     one_pass = _grid_pass if points.shape[1] in _CELLS else _pivot_pass
     remaining: Ints | None = None
@@ -78,7 +85,11 @@ def thinned(points: Floats) -> Ints:
         if len(kept) > (1 - _WORTHWHILE) * len(rows):
             break
         rows, round_number = points[remaining], round_number + 1
-    return np.arange(len(points)) if remaining is None else remaining
+    if remaining is not None:
+        return remaining
+    if has_nan(points):
+        raise NanError
+    return np.arange(len(points))
 
 
 def _in_blocks(n: int, work: Callable[[int, int], Result], block: int | None = None) -> list[Result]:
@@ -96,11 +107,17 @@ def _cores() -> int:
 
 
 def _kept(n: int, keep: Callable[[int, int, Array], int]) -> Ints:
-    """Return the rows that keep(start, stop, out) writes to `out`, from 0, of all blocks; it returns how many."""
+    """Return the rows that keep(start, stop, out) writes to `out`, of all blocks.
+
+    Rows in `out` count from `start`; the number of them is returned, -1 if any coordinate is NaN.
+    """
 
     def work(start: int, stop: int) -> Ints:
         out = np.empty(stop - start, np.int32)
-        return out[: keep(start, stop, out)] + np.int64(start)
+        count = keep(start, stop, out)
+        if count < 0:
+            raise NanError
+        return out[:count] + np.int64(start)
 
     return np.concatenate(_in_blocks(n, work))
 
@@ -183,7 +200,10 @@ def _not_below(points: Any, start: Any, stop: Any, pivots: Any, out: Any) -> Any
     """Write the rows that no pivot dominates; return their number."""
     n_pivots, d = pivots.shape
     count = 0
+    is_nan = False
     for i in range(start, stop):
+        for j in range(d):
+            is_nan |= points[i, j] != points[i, j]
         dominated = False
         for p in range(n_pivots):
             j = 0
@@ -196,7 +216,7 @@ def _not_below(points: Any, start: Any, stop: Any, pivots: Any, out: Any) -> Any
                     break
         out[count] = i - start
         count += not dominated
-    return count
+    return -1 if is_nan else count
 
 
 @compiled(inline="always", _nrt=False)
@@ -230,11 +250,14 @@ def _above_2(points: Any, start: Any, stop: Any, low: Any, scale: Any, below: An
     n = below.shape[0]
     a, by_a = low[0], scale[0]
     count = 0
+    is_nan = False
     for i in range(start, stop):
-        bound = below[_cell(points[i, 0], a, by_a, n)]
+        x, y = points[i, 0], points[i, 1]
+        is_nan |= x != x or y != y
+        bound = below[_cell(x, a, by_a, n)]
         out[count] = i - start
-        count += points[i, 1] < bound or bound == np.inf
-    return count
+        count += y < bound or bound == np.inf
+    return -1 if is_nan else count
 
 
 @compiled(_nrt=False)
@@ -242,8 +265,11 @@ def _above_3(points: Any, start: Any, stop: Any, low: Any, scale: Any, below: An
     n = below.shape[0]
     a, b, by_a, by_b = low[0], low[1], scale[0], scale[1]
     count = 0
+    is_nan = False
     for i in range(start, stop):
-        bound = below[_cell(points[i, 0], a, by_a, n), _cell(points[i, 1], b, by_b, n)]
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        is_nan |= x != x or y != y or z != z
+        bound = below[_cell(x, a, by_a, n), _cell(y, b, by_b, n)]
         out[count] = i - start
-        count += points[i, 2] < bound or bound == np.inf
-    return count
+        count += z < bound or bound == np.inf
+    return -1 if is_nan else count

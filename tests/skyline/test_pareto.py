@@ -106,6 +106,15 @@ def test_input_stays_as_it_was():
     pareto.non_dominated(points)
 
 
+@pytest.mark.parametrize("kind", ["uniform", "thin slab"])
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_nan_in_a_large_set_is_named(kind, d):
+    points = cloud(kind, 3 * thinning.SMALL, d, np.random.default_rng(d))
+    points[7001, d - 1] = np.nan
+    with pytest.raises(ValueError, match=f"NaN in row 7001, column {d - 1}"):
+        pareto.non_dominated(points)
+
+
 def test_nan_is_named_by_row_and_column():
     with pytest.raises(ValueError, match="NaN in row 1, column 2"):
         pareto.non_dominated([[0, 0, 0], [1, 1, np.nan]])
