@@ -31,7 +31,7 @@ def test_passes_keep_every_non_dominated_point(points):
 @pytest.mark.parametrize("d", [2, 3, 4, 5])
 def test_passes_drop_most_of_an_easy_set(d):
     points = np.random.default_rng(0).random((64 * thinning.SMALL, d))
-    assert len(thinning.thinned(points)) < thinning.SMALL
+    assert len(thinning.thinned(points)) < 0.05 * len(points)
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
