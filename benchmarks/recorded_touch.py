@@ -168,6 +168,9 @@ _NEURONS_AND_LOSSES = {
     "resonators, cross-entropy": _RESONATOR,
     "half resonators, cross-entropy": {**_RESONATOR, "share": 0.5},
 }
+_ONE_COPY = {"input_delays": [0]}
+_DELAYS = {**_ONE_COPY, "max_delay": 40}
+_DROPPED = {"event_dropout": 0.2}
 _SMALL_SPEED = {"hidden": 150, "input_delays": [0, 2, 5, 10, 20, 40]}
 _TINY_SPEED = {**_SMALL_SPEED, **_RESONATOR, "hidden": 40}
 _TINY_BRAILLE = {**_CROSS_ENTROPY, "hidden": 40, "input_delays": [0]}
@@ -187,7 +190,7 @@ CASES = (
         "small, resonators, event dropout",
         {**_SMALL_SPEED, **_RESONATOR},
         _deltas(2, 8),
-        {"event_dropout": 0.2},
+        _DROPPED,
     ),
     Case(
         "6 speeds",
@@ -202,6 +205,13 @@ CASES = (
         {**_SMALL_SPEED, **_RESONATOR, "hidden_spike_penalty": 1e-5},
         _deltas(2, 8),
     ),
+    Case(
+        "6 speeds", "small, resonators, one copy", {**_SMALL_SPEED, **_RESONATOR, **_ONE_COPY}, _deltas(2, 8)
+    ),
+    Case("6 speeds", "small, resonators, delays", {**_SMALL_SPEED, **_RESONATOR, **_DELAYS}, _deltas(2, 8)),
+    Case("6 speeds", "small, CUBA-LIF, delays", {**_SMALL_SPEED, **_CROSS_ENTROPY, **_DELAYS}, _deltas(2, 8)),
+    Case("6 speeds", "resonators, delays, event dropout", {**_RESONATOR, **_DELAYS}, training=_DROPPED),
+    Case("6 speeds", "resonators, one copy, event dropout", {**_RESONATOR, **_ONE_COPY}, training=_DROPPED),
     Case("6 speeds", "tiny, resonators", _TINY_SPEED, _deltas(2, 8)),
     Case(
         "6 speeds", "tiny, resonators, taught", _TINY_SPEED, _deltas(2, 8), _taught("6 speeds", **_RESONATOR)
@@ -210,7 +220,15 @@ CASES = (
     Case(
         "7 fabrics", "pruned, resonators, cross-entropy", {"pruned": 0.73, "prune_epoch": 0.35, **_RESONATOR}
     ),
-    Case("7 fabrics", "resonators, event dropout", _RESONATOR, training={"event_dropout": 0.2}),
+    Case("7 fabrics", "cross-entropy, event dropout", _CROSS_ENTROPY, training=_DROPPED),
+    Case(
+        "7 fabrics",
+        "pruned, cross-entropy, event dropout",
+        {"pruned": 0.73, "prune_epoch": 0.35, **_CROSS_ENTROPY},
+        training=_DROPPED,
+    ),
+    Case("7 fabrics", "CUBA-LIF, delays", {"input_delays": [0], "max_delay": 10}),
+    Case("7 fabrics", "resonators, event dropout", _RESONATOR, training=_DROPPED),
     Case("7 fabrics", "resonators, blend", _RESONATOR, training={"blend": 0.5}),
     Case(
         "7 Braille letters",
@@ -218,10 +236,23 @@ CASES = (
         {"hidden": 100, "initial_rate": 0.08, "threshold": 3.0},
     ),
     Case(
+        "26 ridged textures",
+        "small, resonators, cross-entropy",
+        {**_RESONATOR, "hidden": 50, "input_delays": [0, 30, 100]},
+    ),
+    Case(
+        "26 ridged textures",
+        "small, CUBA-LIF, cross-entropy",
+        {**_CROSS_ENTROPY, "hidden": 60, "input_delays": [0, 30, 100]},
+    ),
+    Case("7 Braille letters", "CUBA-LIF, event dropout", _CROSS_ENTROPY, training=_DROPPED),
+    Case("7 Braille letters", "CUBA-LIF, delays", {**_CROSS_ENTROPY, "input_delays": [0], "max_delay": 62}),
+    Case("7 Braille letters", "CUBA-LIF, one copy", {**_CROSS_ENTROPY, **_ONE_COPY}),
+    Case(
         "7 Braille letters",
         "half resonators, event dropout",
         {**_RESONATOR, "share": 0.5},
-        training={"event_dropout": 0.2},
+        training=_DROPPED,
     ),
     Case(
         "7 Braille letters",
