@@ -15,7 +15,7 @@ from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
 from dse.registry import register
 from dse.skyline.admissible import fitting, honest
-from dse.skyline.pareto import hypervolume, non_dominated
+from dse.skyline.pareto import Front, hypervolume, non_dominated
 
 if TYPE_CHECKING:
     import pandas
@@ -229,18 +229,17 @@ def _growth(costs: Array, place: Array, n_steps: int) -> tuple[Array, Array]:
     order = np.argsort(place, kind="stable")
     ends = np.searchsorted(place[order], looked, side="right")
     corner = np.ones(costs.shape[1])
-    front = np.empty((0, costs.shape[1]))
+    front, distinct = Front(costs.shape[1]), np.empty((0, costs.shape[1]))
     places, values = [], []
     for at, block in zip(looked, np.split(costs[order], ends[:-1]), strict=True):
-        both = np.concatenate([front, block])
-        best = non_dominated(both)
-        if not best[len(front) :].any():
+        new = np.unique(block, axis=0)
+        if not front.add(new, np.arange(len(new))).any():
             continue
-        grown = np.unique(both[best], axis=0)
-        if not np.array_equal(grown, front):
-            front = grown
+        grown = np.unique(front.points, axis=0)
+        if not np.array_equal(grown, distinct):
+            distinct = grown
             places.append(at)
-            values.append(hypervolume(front, corner))
+            values.append(hypervolume(distinct, corner))
     return np.array(places, np.int64), np.array(values)
 
 

@@ -157,6 +157,10 @@ def sure_pick(
     goals = [(maximise, "max"), *tie_breaks]
     among = comparable(frame, goals, conditions, by, named_columns(budgets))
     drawn = front_draws(among.rows, goals, draws, by)
+    if not drawn.values and drawn.rows.size and any(limit.column in draws.columns for limit in limits):
+        values = draws.of(among.rows.iloc[drawn.rows])
+        n_draws = len(next(iter(values.values())))
+        drawn = Drawn(drawn.rows, np.repeat(drawn.on_front, n_draws, axis=0), values)
     within = _within(drawn, among.rows.iloc[drawn.rows], limits)
     share, joint = np.zeros(len(among.rows)), np.zeros(len(among.rows))
     if drawn.rows.size:

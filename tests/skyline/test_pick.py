@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.skyline.constraints import ExpressionError
-from dse.skyline.pick import pick, sure_pick
+from dse.skyline.front import Draws
+from dse.skyline.pick import Pick, contestants, optimism, pick, sure_pick
 from tests.skyline.tables import (
     DRAWN,
     GOALS,
@@ -137,6 +138,46 @@ def test_a_sure_pick_holds_in_so_many_draws() -> None:
     missed = sure_pick(UNCERTAIN, ["energy_uj <= 10"], "accuracy", GOALS[1:], energies(DRAWN), 1.0)
     assert missed.row is None and missed.nearest["energy_uj"].tolist()[0] == 10.0
     assert missed.nearest["missed energy_uj<=10"].tolist()[0] == 1.0, "11 in the worst draw"
+
+
+def test_a_sure_pick_meets_all_budgets_at_once() -> None:
+    frame = pd.DataFrame(
+        {"trial": [0, 1], "accuracy": [0.9, 0.8], "energy_uj": [5.0, 5.0], "latency_ms": [5.0, 5.0]}
+    )
+    samples = {
+        "energy_uj": np.array([[9.0, 1.0], [5.0, 1.0], [5.0, 1.0], [5.0, 1.0]]),
+        "latency_ms": np.array([[5.0, 5.0], [9.0, 5.0], [5.0, 5.0], [5.0, 5.0]]),
+    }
+    draws = Draws(
+        list(samples), lambda rows: {name: x[:, rows.index.to_numpy()] for name, x in samples.items()}
+    )
+
+    def picked(confidence: float, ties: list[tuple[str, str]]) -> Pick:
+        budgets = ["energy_uj <= 6", "latency_ms <= 6"]
+        return sure_pick(frame, budgets, "accuracy", ties, draws, confidence)
+
+    goals = [("energy_uj", "min"), ("latency_ms", "min")]
+    first, second = picked(0.5, goals).row, picked(0.75, goals).row
+    assert first is not None and (first["trial"], first["confidence"], first["front_share"]) == (0, 0.5, 1.0)
+    assert second is not None and (second["trial"], second["confidence"]) == (1, 1.0)
+    alone = picked(0.5, []).row  # no goal is uncertain, the budgets are
+    assert alone is not None and (alone["trial"], alone["confidence"]) == (0, 0.5)
+    neither = picked(0.75, [])
+    assert neither.row is None and neither.nearest["trial"].tolist() == [0]
+    assert neither.notes == ["no design meets all budgets at once in more than 50% of the samples"]
+
+
+def test_optimism_is_what_the_choice_adds() -> None:
+    errors = np.array([[0.1, -0.1], [-0.1, 0.1], [0.0, 0.0]])
+    assert optimism(np.array([0.5, 0.5]), errors) == pytest.approx(0.2 / 3)
+    assert optimism(np.array([0.9, 0.5]), errors) == pytest.approx(0.0)
+    assert optimism(np.array([0.5]), errors[:, :1]) == pytest.approx(0.0)
+
+
+def test_contestants_are_the_rows_within_the_budgets_best_first() -> None:
+    frame = pd.DataFrame({"trial": [0, 1, 2], "accuracy": [0.5, 0.9, 0.7], "energy_uj": [1.0, 9.0, 2.0]})
+    assert contestants(frame, ["energy_uj <= 5"])["trial"].tolist() == [2, 0]
+    assert contestants(frame, ["energy_uj <= 0"]).empty
 
 
 def test_when_no_design_is_sure_it_is_said() -> None:
