@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dse.hardware.cost import Cost, NotApplicable, cost
+from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load, names
 from dse.hardware.workload import read_inference
 from dse.records import Workload
@@ -49,10 +50,14 @@ def test_loihi_2_has_their_updates_twice() -> None:
     assert any("an update of a resonator counts twice" in text for text in mixed.assumptions)
 
 
-def test_a_processor_has_four_multiplications_per_step() -> None:
+def test_a_processor_runs_other_code_for_them() -> None:
     dearer, _ = more("mcu_m4")
-    # 20 more updates in each of 100 steps: 2 multiply-accumulates of 3.4384 cycles of 355.57 pJ each.
-    assert dearer == pytest.approx({"neuron_update": 20 * 100 * 2 * 3.4384 * 355.57})
+    # 20 in 50 of 400 updates are theirs.
+    profile = load("mcu_m4")
+    assert isinstance(profile, Processor)
+    beyond = profile.resonator_instructions.value - profile.update_instructions.value
+    cycle_pj = profile.instruction_cycles.value * profile.cycle_nj.value * 1e3
+    assert dearer == pytest.approx({"neuron_update": 160 * beyond * cycle_pj})
 
 
 def test_software_on_spinnaker_has_their_updates_twice() -> None:

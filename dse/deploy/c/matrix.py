@@ -78,8 +78,11 @@ class Matrix:
         return (n_inputs + 1) * self.offset_bytes + max(1, self.n_stored) * (1 + self.column_bytes)
 
 
+_MOST_PACKED = 4
+
+
 def stored(weights: Ints) -> Matrix:
-    """Return the smallest form of a matrix; of equal ones the plainest.
+    """Return the smallest form of a matrix, of equal ones the plainest; only up to 4 bits are packed.
 
     Args:
         weights: (input, neuron) whole numbers in [-128, 127].
@@ -92,5 +95,6 @@ def stored(weights: Ints) -> Matrix:
     q = whole >> exponent
     low, high = int(q.min(initial=0)), int(q.max(initial=0))
     bits = next(b for b in range(2, 9) if -(2 ** (b - 1)) <= low and high < 2 ** (b - 1))
-    forms: tuple[Form, ...] = ("bytes", "words", "sparse")
+    # Unpacking takes time, and more than 4 bits save little: the form follows from precision and pruning.
+    forms: tuple[Form, ...] = ("bytes", "words", "sparse") if bits <= _MOST_PACKED else ("bytes", "sparse")
     return min((Matrix(whole, form, bits, exponent) for form in forms), key=lambda m: m.table_bytes)

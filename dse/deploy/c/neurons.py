@@ -27,14 +27,18 @@ def rows(plan: Plan) -> Iterator[str]:
 
 
 def _row(name: str, table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
+    state, unit = f"{states(layer)[0]}_{k}", UNITS_PER_STEP << matrix.exponent
+    if matrix.form == "bytes":
+        return _row_of_bytes(
+            name, table, int(matrix.weights.shape[1]), state, f"int{layer.state_bits}_t", unit
+        )
     return filled(
         f"row_{matrix.form}.c",
         name=name,
         table=table,
-        state=f"{states(layer)[0]}_{k}",
+        state=state,
         type=f"int{layer.state_bits}_t",
-        n=matrix.weights.shape[1],
-        unit=UNITS_PER_STEP << matrix.exponent,
+        unit=unit,
         words=matrix.words_per_row,
         per_word=matrix.per_word,
         bits=matrix.bits,
@@ -43,41 +47,49 @@ def _row(name: str, table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str
     )
 
 
+def _row_of_bytes(name: str, table: str, n: int, state: str, kind: str, unit: int) -> str:
+    """Return the function that adds a row of n weights, four at a time: rows of any length take alike."""
+    whole, rest = divmod(n, 4)
+    added = [f"u[{i}] += w[{i}] * {unit};\n" for i in range(4)]
+    loop = indented("".join(added) + "u += 4;\nw += 4;\n")
+    body = f"const int8_t *w = {table} + source * {n}u;\n{kind} *u = net.{state};\n"
+    if whole:
+        body += f"uint32_t i;\nfor (i = 0; i < {whole}u; i++) {{\n{loop}}}\n"
+    return f"static void {name}(uint32_t source)\n{{\n{indented(body + ''.join(added[:rest]))}}}\n\n"
+
+
 _LEAK = """\
 /* trunc(x * keep / unit) without more than 32 bits: exact, since both terms have the sign of x. */
-static int32_t leak(int32_t x, int32_t keep, int32_t unit)
-{
-    return x / unit * keep + x % unit * keep / unit;
-}
+#define LEAK(x, keep, unit) ((x) / (unit) * (keep) + (x) % (unit) * (keep) / (unit))
 
 """
 
 
 def leaks(plan: Plan) -> str:
-    """Return the function that leaks a state of 32 bits, where a layer needs it."""
+    """Return the macro that leaks a state of 32 bits, where a layer needs it."""
     texts = [_update(k, layer) for k, layer in enumerate(plan.layers, 1)]
-    return _LEAK if any("leak(" in text for text in texts) else ""
+    return _LEAK if any("LEAK(" in text for text in texts) else ""
 
 
-def _leaked(x: str, keep: int | str, layer: LayerPlan, bound: int) -> str:
+def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
     """Return the expression of a state after a leak.
+
+    Every leak of 32-bit states takes the same instructions, whatever the weights: work follows from counts.
 
     Args:
         x: the state.
         keep: 4096 - decay, or an expression of it.
         layer: of the state.
-        bound: of the state.
     """
+    number, unit = keep, DECAY_SCALE
     if isinstance(keep, int):
         if keep in (0, DECAY_SCALE):
             return "0" if keep == 0 else x
         common = math.gcd(keep, DECAY_SCALE)
-        number, most, unit = str(keep // common), keep // common, DECAY_SCALE // common
-    else:
-        number, most, unit = keep, DECAY_SCALE, DECAY_SCALE
-    if layer.state_bits == 64 or bound * most < 2**31:
+        number, unit = keep // common, DECAY_SCALE // common
+    if layer.state_bits == 64:
         return f"{x} * {number} / {unit}"
-    return f"leak({x}, {number}, {unit})"
+    return f"LEAK({x}, {number}, {unit})"
 
 
 def _update(k: int, layer: LayerPlan, spikes: str = "") -> str:
@@ -90,8 +102,8 @@ def _update(k: int, layer: LayerPlan, spikes: str = "") -> str:
             keeps.append(f"keep_{name}_{k}[i]" if common is None else DECAY_SCALE - common)
         return (
             f"v += u;\nif (v > {layer.threshold}) {{\n    v = 0;\n{spikes}}}\n"
-            + _assigned("u", _leaked("u", keeps[0], layer, layer.bounds.first))
-            + _assigned("v", _leaked("v", keeps[1], layer, layer.bounds.second))
+            + _assigned("u", _leaked("u", keeps[0], layer))
+            + _assigned("v", _leaked("v", keeps[1], layer))
         )
     turns = np.broadcast_to(population.resonates, layer.n_neurons)
     n = n_leading(turns)
@@ -107,8 +119,8 @@ def _update(k: int, layer: LayerPlan, spikes: str = "") -> str:
     )
     leaking = (
         f"y += x;\nif (y > {layer.threshold}) {{\n    y = 0;\n{spikes}}}\n"
-        + _assigned("x", _leaked("x", f"first_{k}[i]", layer, layer.bounds.first))
-        + _assigned("y", _leaked("y", f"second_{k}[i]", layer, layer.bounds.second))
+        + _assigned("x", _leaked("x", f"first_{k}[i]", layer))
+        + _assigned("y", _leaked("y", f"second_{k}[i]", layer))
     )
     if n in (0, layer.n_neurons):
         return turning if n else leaking

@@ -63,11 +63,10 @@ class CortexM(Target):
         plan = plan_of(bundle)
         recorded = replay.of_recordings(reference, plan)
         real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
-        traced = Machine(self._program(folder, "-DDSE_TRACE", *real), self.core)
+        traced = Machine(self.program(folder, "-DDSE_TRACE", *real), self.core)
         played = _played(traced, recorded or replay.of_spikes(reference))
         run = replay.run_of(played, plan, reference)
-        machine = Machine(self._program(folder, *real), self.core)
-        answers = _played(machine, inferences(reference, played.steps))
+        machine, answers = executed(self, folder, reference, played.steps, *real)
         assert np.array_equal(answers.label, played.label)  # traced or not
         counts, n = machine.counts(), max(1, reference.n_recordings)
         figures = {
@@ -77,7 +76,7 @@ class CortexM(Target):
             "instructions_per_inference": counts.instructions / n,
             "cycles_per_inference": counts.cycles(self.core) / n,
         }
-        apart = Machine(self._program(folder, "-fno-inline", *real), self.core)
+        apart = Machine(self.program(folder, "-fno-inline", *real), self.core)
         figures |= _of_functions(apart, plan, reference)
         if recorded is not None:
             machine.forget()
@@ -89,7 +88,8 @@ class CortexM(Target):
             figures["front_end_instructions"] = beyond / max(1, min(_APART, n))
         return compare(reference, run, figures)
 
-    def _program(self, folder: Path, *options: str) -> Program:
+    def program(self, folder: Path, *options: str) -> Program:
+        """Return the C in a folder, with replay.c to drive it, compiled for the core."""
         sources = [Path(replay.__file__).with_suffix(".c"), folder / "src" / "dse.c"]
         return compiled(sources, self.core, f"-I{folder / 'src'}", f"-isystem{_MEMORY}", *options)
 
@@ -128,6 +128,27 @@ class CortexM33(CortexM):
 
     label: ClassVar[str] = "Cortex-M33"
     core: ClassVar[Core] = CORES["cortex_m33"]
+
+
+def executed(
+    target: CortexM, folder: Path, reference: Reference, steps: Ints | None = None, *options: str
+) -> tuple[Machine, Played]:
+    """Execute the C in a folder on the input spikes of every window, up to its answer.
+
+    Args:
+        target: says for which core.
+        folder: of the C.
+        reference: what is run.
+        steps: (n,) network steps until each answer; None: those of the reference.
+        options: of the compiler.
+
+    Returns:
+        The machine, which has counted, and the answers.
+    """
+    if steps is None:
+        steps = np.rint(reference.time_ms / reference.step_ms).astype(np.int64)
+    machine = Machine(target.program(folder, *options), target.core)
+    return machine, _played(machine, inferences(reference, steps))
 
 
 def inferences(reference: Reference, steps: Sequence[int] | Ints) -> list[Ints]:

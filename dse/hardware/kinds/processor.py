@@ -2,19 +2,36 @@
 
     energy = cycles x cycle_nj              time = cycles / clock
 
-    cycles of a spiking network   event_cycles x synaptic events + update_macs x mac_cycles x updates
-    cycles of anything else       mac_cycles x multiply-accumulates + event_cycles x additions
-                                  + update_macs x mac_cycles x state updates
+    cycles of a spiking network   instruction_cycles x instructions, which are the sum of
+                                      step_instructions x steps
+                                      neuron_instructions x neurons x steps
+                                      update_instructions x updates; of resonators
+                                          resonator_instructions, of outputs output_instructions
+                                      spike_instructions x spikes x layers that they reach
+                                      synapse_instructions x weights that they meet
+    cycles of anything else       mac_cycles x multiply-accumulates
+                                      + instruction_cycles x synapse_instructions x additions
+                                      + instruction_cycles x (neuron + update_instructions) x state updates
 
-The program is driven by spikes: each walks the weights of its targets and adds them up, one by one. Every
-neuron is updated in every step, as its state decays, and finding out that it need not be costs about as much.
-A resonator has four multiplications where others have two, so its update counts twice.
+The program is the C of target `c99`, and the numbers of instructions are counts: it is compiled for the core
+and executed in an emulator (`benchmarks.instructions` fits them and tests them on other networks). A spike
+walks the weights of its targets and adds them up, one by one. Every neuron is looked at in every step, and
+those that are not at rest are updated. Ranges are what differs between networks: decays that neurons share
+take fewer instructions than those of their own, resonators beside neurons that decay more than without
+them, and rows of few weights more than long ones. Encoder and preprocessing are left out, as elsewhere.
+
+An instruction takes instruction_cycles. Its value is that of the emulated instructions by Arm's tables
+without wait states (`dse.deploy.targets.emulator.Core`): one cycle each, one more per load unless the next
+load or store hides it, and two per taken branch; a Cortex-M7 and a Cortex-M33 by their ratio of CoreMark per
+MHz to a Cortex-M4. Low: every load is hidden, and branches refill the pipeline in one cycle. High: three
+cycles per branch, and flash that makes weights wait where caches miss.
+
 Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
-float. Delivering a spike to the loop, and anything done once per step or per inference, is left to the range.
+float.
 
 Weights lie in flash as numbers of 8, 16, 32 or 64 bits: shorter ones are not unpacked on the way. Where lists
 of the weights that are left, each with an index of 16 bits, are smaller than all weights, lists are stored,
-and an event takes index_cycles more; else weights that are 0 take what others take. A delay per synapse takes
+and a weight takes list_instructions; else weights that are 0 take what others take. A delay per synapse takes
 8 bits. States lie in working memory, 32 bits each: current and voltage, and with delays per synapse a current
 per step of delay. The two factors of a resonator lie in flash, 16 bits each; those that other neurons share,
 the program, its inputs and, of what is no spiking network, activations are not counted.
@@ -46,6 +63,8 @@ from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Floats, Operations, Workload
 from dse.registry import register
 
+_MOST_PACKED = 4
+"""Bits of a weight up to which the C packs several into a word."""
 _NO_PROGRAM = "the program and its other variables take no memory"
 
 
@@ -59,11 +78,16 @@ class Processor(Profile):
     cycle_nj: Number = figure("nJ", "energy of a cycle of the running processor, whole chip")
     mac_cycles: Number = figure("1", "cycles per 8-bit integer multiply-accumulate")
     float_mac_cycles: Number = figure("1", "cycles per floating-point multiply-accumulate")
-    event_cycles: Number = figure("1", "cycles per synaptic event or other addition")
-    index_cycles: Number = figure(
-        "1", "additional cycles per event if weights are stored as lists with indices"
-    )
-    update_macs: Number = figure("1", "time of a neuron update, in 8-bit multiply-accumulates")
+    instruction_cycles: Number = figure("1", "cycles per instruction of the program")
+    step_instructions: Number = figure("1", "instructions per network step")
+    neuron_instructions: Number = figure("1", "instructions per neuron and step, at rest or not")
+    update_instructions: Number = figure("1", "instructions per update of a neuron that is not at rest")
+    output_instructions: Number = figure("1", "the same of an output neuron: outputs share their decays")
+    resonator_instructions: Number = figure("1", "instructions per update of a resonator")
+    spike_instructions: Number = figure("1", "instructions per spike and layer that it reaches")
+    synapse_instructions: Number = figure("1", "instructions per weight that a spike meets, or addition")
+    packed_instructions: Number = figure("1", "the same of weights of 4 bits or fewer, which are packed")
+    list_instructions: Number = figure("1", "the same of weights that are stored as lists with indices")
     sleep_uw: Number = figure("uW", "power of the sleeping processor with memory retained")
     wake_us: Number = figure("us", "time to wake up, at running power")
     clock_mhz: Number = figure("MHz", "clock", whole=True)
@@ -121,14 +145,34 @@ class Processor(Profile):
 
 def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., F)."""
+    cycles = figures["instruction_cycles"]
     lists = as_lists(load, _stored_bits(load))
-    event = figures["event_cycles"] + figures["index_cycles"] * float(lists)
+    packed = load.weight_bits <= _MOST_PACKED
+    synapse = figures[f"{'list' if lists else 'packed' if packed else 'synapse'}_instructions"]
     reached = load.synapses if lists and load.synapses is not None else load.fan_out
-    events = per_count(load, spike=reached)
-    neurons = per_count(load, step=sum(load.sizes[1:]) + load.n_resonators)
+    # Spikes of the outputs reach a layer only if it is recurrent.
+    layers = [1.0, *(1.0 + back for back in load.recurrent)]
+    layers[-1] -= 1.0
+    n_neurons = sum(load.sizes[1:])
+    resonating = np.array(load.update_work) - 1
+    decaying = 1 - resonating
+    output = np.arange(len(decaying)) == len(decaying) - 1
+    updates = (
+        ("update_instructions", np.where(output, 0.0, decaying).tolist()),
+        ("output_instructions", np.where(output, decaying, 0.0).tolist()),
+        ("resonator_instructions", resonating.tolist()),
+    )
     return {
-        "synaptic_event": np.multiply.outer(event, events),
-        "neuron_update": np.multiply.outer(figures["update_macs"] * figures["mac_cycles"], neurons),
+        "step": np.multiply.outer(cycles * figures["step_instructions"], per_count(load, step=1)),
+        "synaptic_event": np.multiply.outer(cycles * synapse, per_count(load, spike=reached))
+        + np.multiply.outer(cycles * figures["spike_instructions"], per_count(load, spike=layers)),
+        "neuron_update": np.sum(
+            [
+                np.multiply.outer(cycles * figures["neuron_instructions"], per_count(load, step=n_neurons)),
+                *(np.multiply.outer(cycles * figures[x], per_count(load, update=n)) for x, n in updates),
+            ],
+            axis=0,
+        ),
     }
 
 
@@ -136,10 +180,12 @@ def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., 4)."""
     macs, additions, updates = np.eye(4)[1:]
     mac = figures["mac_cycles" if load.number_bits <= 8 else "float_mac_cycles"]
+    cycles = figures["instruction_cycles"]
+    update = figures["neuron_instructions"] + figures["update_instructions"]
     return {
         "mac": np.multiply.outer(mac, macs),
-        "addition": np.multiply.outer(figures["event_cycles"], additions),
-        "neuron_update": np.multiply.outer(figures["update_macs"] * figures["mac_cycles"], updates),
+        "addition": np.multiply.outer(cycles * figures["synapse_instructions"], additions),
+        "neuron_update": np.multiply.outer(cycles * update, updates),
     }
 
 

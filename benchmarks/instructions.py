@@ -1,0 +1,223 @@
+"""Instructions of the C on Cortex-M: fitted on random networks, predicted for others that were not used.
+
+    python -m benchmarks.instructions [--core cortex_m4] [--fit 30] [--test 20]
+
+Every network is written as C (target `c99`), compiled for the core and executed in an emulator on two
+recordings of random spikes; all its decisions are checked. The numbers of instructions per kind of work,
+which profiles `mcu_*` quote, minimise the squared relative errors over the networks of the fit. Networks are
+like those of search spaces: hidden neurons with decays of their own or resonators, outputs that share their
+decays, one to three hidden layers, recurrent or not, delayed inputs, pruned, 8 or 4 bits, both rules.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import nnls
+
+from dse.config import Sections
+from dse.deploy.bundle import Bundle, Input
+from dse.deploy.c.plan import plan_of
+from dse.deploy.reference import Reference, answered, decided
+from dse.deploy.targets.c99 import C99
+from dse.deploy.targets.cortex_m import CortexM, executed
+from dse.deploy.targets.emulator import CORES
+from dse.models.snn.quantise import rounded
+from dse.models.snn.respond import respond, spikes_of_layers
+from dse.neurons import cuba_lif, parameters_of, resonator
+from dse.records import Array, Dataset, Floats, Layer, Network
+from dse.registry import known
+from dse.testing.small import places, spikes_of
+
+STEP_MS = 5.0
+KINDS = (
+    "step_instructions",
+    "neuron_instructions",
+    "update_instructions",
+    "output_instructions",
+    "resonator_instructions",
+    "spike_instructions",
+    "synapse_instructions",
+    "packed_instructions",
+    "list_instructions",
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--core", choices=CORES, default="cortex_m4")
+    parser.add_argument("--fit", type=int, default=30, help="networks of the fit")
+    parser.add_argument("--test", type=int, default=20, help="networks to predict")
+    options = parser.parse_args()
+    target = known("targets")[options.core]()
+    rows = [counted(target, seed) for seed in range(options.fit + options.test)]
+    work, instructions, cycles = (np.array(column) for column in zip(*rows, strict=True))
+    fit = slice(options.fit)
+    costs = nnls((work / instructions[:, None])[fit], np.ones(options.fit))[0]
+    error = work @ costs / instructions - 1
+    for kind, cost in zip(KINDS, costs, strict=True):
+        print(f"{kind}: {cost:.2f}")
+    per_instruction = cycles / instructions
+    low, mean, high = (f(per_instruction) for f in (np.min, np.mean, np.max))
+    print(f"cycles per instruction: {mean:.3f} ({low:.3f}-{high:.3f})")
+    for what, errors in (("fit", error[fit]), ("not used", error[options.fit :])):
+        off = np.abs(errors)
+        print(f"{what}: {len(off)} networks, error {off.mean():.1%} in the mean, {off.max():.1%} at most")
+
+
+def counted(target: CortexM, seed: int) -> tuple[Floats, float, float]:
+    """Return the work of an inference of random network `seed`, its instructions and its cycles."""
+    made, fired = network(seed)
+    reference = of_spikes(made, fired)
+    with tempfile.TemporaryDirectory() as folder:
+        C99().write(made, Path(folder) / "c")
+        machine, answers = executed(target, Path(folder) / "c", reference)
+    assert np.array_equal(answers.label, reference.label)
+    counts, n = machine.counts(), len(fired)
+    return work_of(made, reference), counts.instructions / n, counts.cycles(target.core) / n
+
+
+def network(seed: int) -> tuple[Bundle, Array]:
+    """Return a random network, and the spikes of two recordings, (recording, step, channel)."""
+    rng = np.random.default_rng([78, seed])
+    n_channels, n_steps = int(rng.choice([12, 16, 32, 64, 78, 128])), int(rng.choice([32, 64, 128, 200]))
+    per_sample = int(rng.choice([1, 1, 1, 1, 2]))
+    delays = ((0,), (0,), (0, 4, 8, 16), (0, 3, 8, 20))[rng.integers(4)]
+    hidden = [int(rng.integers(20, 161)) for _ in range(rng.choice([1, 1, 2, 3]))]
+    sizes = [n_channels * len(delays), *hidden, int(rng.choice([4, 6, 7, 12, 36]))]
+    rate = float(rng.choice([0.002, 0.01, 0.03, 0.1, 0.2]))
+    fired = (rng.random((2, n_steps, n_channels)) < rate).astype(np.uint8)
+    recurrent, resonating = rng.random() < 0.4, rng.random() < 0.25
+    bits, pruned = int(rng.choice([8, 8, 8, 8, 4])), float(rng.choice([0, 0, 0.5, 0.9]))
+    threshold = int(rng.choice([192, 320]))
+    slowest = float(rng.choice([0.05, 0.3])), float(rng.choice([0.03, 0.12]))
+    layers = []
+    for depth, (before, n) in enumerate(pairwise(sizes)):
+        is_output = depth == len(hidden)
+        if is_output:
+            decays = [np.full(n, int(cuba_lif.round_decay(x))) for x in (0.12, rng.choice([0.03, 0.05]))]
+        else:
+            ends = [np.log(-1 / np.log(1 - np.array(x))) for x in ((slowest[0], 0.99), (slowest[1], 0.96))]
+            decays = [
+                cuba_lif.round_decay(1 - np.exp(-1 / np.exp(rng.uniform(last, first, n))))
+                for first, last in ends
+            ]
+        gain = min(4096**2 / np.mean(decays[0]) / np.mean(decays[1]), 60)
+        rate = rate if depth == 0 else 0.05
+        scale = threshold / 64 / np.sqrt(max(before * rate, 0.5) * gain) * rng.uniform(0.5, 1.0)
+        weight = rng.normal(0.05 * scale, scale, (n, before)).astype(np.float32)
+        ring = None
+        if recurrent and not is_output:
+            ring = rng.normal(0, 0.3 * scale, (n, n)).astype(np.float32)
+        current, voltage = (np.asarray(x, np.int32) for x in decays)
+        if resonating and not is_output:
+            turns = np.arange(n) < max(1, round(rng.choice([0.5, 1.0]) * n))
+            c, s = resonator.factors(np.exp(rng.uniform(np.log(2.2), np.log(40), n)), rng.uniform(1.5, 5, n))
+            c, s = (np.where(turns, x, 0).astype(np.int32) for x in (c, s))
+            current, voltage = (np.where(turns, 0, x).astype(np.int32) for x in (current, voltage))
+            mixed = resonator.Population(turns, c, s, current, voltage, threshold, False)
+            layers.append(Layer(weight, ring, parameters_of(mixed), "resonator"))
+        else:
+            layers.append(
+                Layer(weight, ring, parameters_of(cuba_lif.Population(current, voltage, threshold)))
+            )
+    net = rounded(Network(tuple(layers), n_channels, delays, per_sample, "integer"), bits, pruned)
+    made = _bundle(net, n_steps)
+    if rng.random() < 0.5:
+        made = replace(made, phi=float(rng.integers(0, 40)), theta=float(rng.choice([0.3, 0.5, 0.7])))
+    return made, fired
+
+
+def _bundle(net: Network, n_steps: int) -> Bundle:
+    sections = Sections.from_plain(
+        {
+            "data": {"kind": "raster", "file": "none.npz", "step_ms": STEP_MS},
+            "task": {"target": "class"},
+            "split": {"stratified": {"validation": 0.2}},
+            "model": {"kind": "snn"},
+            "training": {},
+        },
+        "a random network",
+    )
+    classes = tuple(f"class {k}" for k in range(net.sizes[-1]))
+    taken = Input("spikes", net.n_channels, 0, 0, n_steps, STEP_MS)
+    return Bundle(net, sections, classes, None, None, record={}, evidence={}, input=taken)
+
+
+def of_spikes(made: Bundle, fired: Array) -> Reference:
+    """Return what the engine answers to recordings of spikes."""
+    net, (n, n_steps, n_channels) = made.fitted, fired.shape
+    assert isinstance(net, Network)
+    start, none = np.zeros(n, np.int32), np.zeros(0, np.int64)
+    data = Dataset(
+        spikes=spikes_of(fired, STEP_MS),
+        target=np.zeros(n, np.int64),
+        classes=made.classes,
+        start=start,
+        start_low=start,
+        start_high=start,
+        n_steps=n_steps,
+        train=none,
+        validation=none,
+        test=np.arange(n),
+        positions=places(n_channels),
+    )
+    label, time_ms, sure = decided(made, data, answered(made, data, "random spikes"))
+    return Reference(
+        inputs=None,
+        first_step=np.zeros(n, np.int64),
+        dataset=data,
+        spikes_in=np.argwhere(fired).astype(np.int32),
+        fired=tuple(spikes_of_layers(net, data, data.test)),
+        label=label,
+        time_ms=time_ms,
+        decided=sure,
+        n_steps=n_steps * net.steps_per_sample,
+        step_ms=STEP_MS / net.steps_per_sample,
+    )
+
+
+def work_of(made: Bundle, reference: Reference) -> Floats:
+    """Return how often each of `KINDS` happens in an inference, from what dse records of a design."""
+    net, plan = made.fitted, plan_of(made)
+    assert isinstance(net, Network)
+    response = respond(net, reference.dataset, reference.dataset.test)
+    steps = np.rint(reference.time_ms / reference.step_ms)
+    before = np.arange(response.spikes.shape[1]) < steps[:, None]
+    n, n_steps = len(steps), steps.mean()
+    spikes = (response.spikes * before[..., None]).sum(axis=(0, 1)) / n
+    updates = (response.updates * before[..., None]).sum(axis=(0, 1)) / n
+    resonators = np.array([np.count_nonzero(x.parameters.get("resonates", 0)) for x in net.layers])
+    turning = updates * resonators / net.sizes[1:]
+    met = dict.fromkeys(("bytes", "words", "sparse"), 0.0)
+    reached = 0.0
+    for k, layer in enumerate(plan.layers):
+        for matrix, arriving in ((layer.feed_forward, spikes[k]), (layer.recurrent, spikes[k + 1])):
+            if matrix is not None:
+                length = (matrix.n_stored if matrix.form == "sparse" else matrix.weights.size) / len(
+                    matrix.weights
+                )
+                met[matrix.form] += arriving * length
+                reached += arriving
+    work: Mapping[str, float] = {
+        "step_instructions": n_steps,
+        "neuron_instructions": n_steps * sum(net.sizes[1:]),
+        "update_instructions": float((updates - turning)[:-1].sum()),
+        "output_instructions": float(updates[-1]),
+        "resonator_instructions": float(turning.sum()),
+        "spike_instructions": reached,
+        "synapse_instructions": met["bytes"],
+        "packed_instructions": met["words"],
+        "list_instructions": met["sparse"],
+    }
+    return np.array([work[kind] for kind in KINDS])
+
+
+if __name__ == "__main__":
+    main()
