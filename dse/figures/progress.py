@@ -229,7 +229,7 @@ def _growth(costs: Array, place: Array, n_steps: int) -> tuple[Array, Array]:
     order = np.argsort(place, kind="stable")
     ends = np.searchsorted(place[order], looked, side="right")
     corner = np.ones(costs.shape[1])
-    front, distinct = Front(costs.shape[1]), np.empty((0, costs.shape[1]))
+    front, distinct = Front(costs.shape[1]), costs[:0]
     places, values = [], []
     for at, block in zip(looked, np.split(costs[order], ends[:-1]), strict=True):
         new = np.unique(block, axis=0)

@@ -7,6 +7,7 @@ Numbers are means over a trial's runs, as in `dse.study.trials`.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -102,17 +103,17 @@ def write_points(
     import pyarrow
     import pyarrow.parquet
 
-    writer = None
-    for part in _parts(space, folder, trials, profiles, BLOCK):
-        frame = _table([*kinds.values(), part], space)
-        if writer is None:
-            inferred = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
-            texts = [i for i, name in enumerate(inferred.names) if frame[name].dtype == object]
-            for i in texts:
-                inferred = inferred.set(i, inferred.field(i).with_type(pyarrow.string()))
-            writer = pyarrow.parquet.ParquetWriter(path, inferred)
-        writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
-    writer.close()
+    with contextlib.ExitStack() as opened:
+        writer = None
+        for part in _parts(space, folder, trials, profiles, BLOCK):
+            frame = _table([*kinds.values(), part], space)
+            if writer is None:
+                schema = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
+                for i, name in enumerate(schema.names):
+                    if frame[name].dtype == object:
+                        schema = schema.set(i, schema.field(i).with_type(pyarrow.string()))
+                writer = opened.enter_context(pyarrow.parquet.ParquetWriter(path, schema))
+            writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
 
 
 def _parts(
@@ -130,7 +131,8 @@ def _parts(
         about = tables.named(space, trial, runs)
         total = sum(map(len, answered))
         step = n_rows or total
-        for chip, start in itertools.product(profiles or [None], range(0, total, step)):
+        chips: list[Profile | None] = [*profiles] or [None]
+        for chip, start in itertools.product(chips, range(0, total, step)):
             some = _between(answered, start, min(start + step, total))
             rows = _rows(some)
             n = len(rows["accuracy"])
@@ -165,7 +167,7 @@ def _table(parts: Sequence[Mapping[str, Array]], space: SearchSpace) -> pandas.D
             for name in names
         }
     )
-    claims = [name for name in frame if any(part[name].dtype == bool for part in parts if name in part)]
+    claims = [name for name in names if any(part[name].dtype == bool for part in parts if name in part)]
     # A chip that no design can run on has no energies; fronts of the study's objectives still look for them.
     lacking = {} if frame.empty else {name: np.nan for name, _ in space.objectives if name not in frame}
     return frame.astype(dict.fromkeys(claims, "boolean")).assign(**lacking)
