@@ -157,7 +157,8 @@ class _Designs:
     def bundle(self, trial: int, point: int, hardware: str) -> Download:
         """Return the bundle of a design point as a zip file; nothing is written to the study.
 
-        It is that of the study's folder whose targets were run, if there is one.
+        It is that of the study's folder whose targets were run, if there is one; another holds the targets of
+        the search space, written and not verified.
 
         Raises:
             Refused: there is no such point, or it cannot be exported; the text names no path.
@@ -166,6 +167,7 @@ class _Designs:
         from dse.dashboard.verdicts import folder_of
         from dse.deploy.bundle import BundleError, read
         from dse.deploy.export import export
+        from dse.deploy.targets import TargetError
         from dse.store import StoreError
 
         row = self._row(trial, point, hardware)
@@ -179,8 +181,11 @@ class _Designs:
         try:
             with tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
                 folder = Path(temporary) / name
-                export(self._study, row, folder)
+                export(self._study, row, folder, self._study.space.get("targets", ()))
                 return Download(f"{name}.zip", _zipped(folder, name))
+        except TargetError as error:
+            text = "A target of the search space cannot be written on the machine that serves this page."
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
         except BundleError as error:
             text = "This design cannot be deployed: its encoder reads the labels of the recordings."
             raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error

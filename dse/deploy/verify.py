@@ -12,7 +12,7 @@ from dse import registry
 from dse.config.faults import known_names
 from dse.deploy.bundle import Bundle, BundleError, read, write
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.targets import Target
+from dse.deploy.targets import Target, TargetError
 from dse.deploy.verdict import Verdict
 
 _UNRUN = "no recordings were given to run it on"
@@ -105,7 +105,7 @@ def publish(
             verdict = _on(verdict, recordings)
             verified[name] = Verified(verdict, bundle.targets.get(name))
         if faults:
-            raise BundleError("\n".join(faults))
+            raise TargetError("\n".join(faults))
         verdicts = {name: each.verdict for name, each in verified.items()}
         write(dataclasses.replace(bundle, targets={**bundle.targets, **verdicts}), folder, files)
     return verified
@@ -144,7 +144,7 @@ def verify(
             continue
         verified[name] = Verified(_on(verdict, recordings), bundle.targets[name])
     if faults:
-        raise BundleError("\n".join(faults))
+        raise TargetError("\n".join(faults))
     return verified
 
 

@@ -25,6 +25,7 @@ from dse.deploy.verdict import Verdict
 from dse.study import explore, results
 from tests import tiny_study
 from tests.page_data import held
+from tests.plugins import with_targets
 from tests.serving import ask, served
 
 
@@ -116,6 +117,28 @@ def test_a_bundle_whose_targets_were_run_is_shown_and_sent(
         assert archive.read("trial_0_point_3/targets/c99/dse.c") == b"int x;\n"
     with zipfile.ZipFile(io.BytesIO(others)) as archive:
         assert not any("targets/" in name for name in archive.namelist())
+
+
+def test_the_bundle_has_the_targets_of_the_search_space(
+    folder: Path, temporary: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_targets.load(monkeypatch)
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    space = (copy / "search_space.yaml").read_text()
+    for target, status, text in (
+        ("arrays", 200, b""),
+        ("stubborn", 422, b"A target of the search space cannot be written on the machine"),
+    ):
+        (copy / "search_space.yaml").write_text(f"{space}targets: [{target}]\n")
+        with serving(copy) as server:
+            answer, _, body = ask(server, query())
+        assert (answer, text in body) == (status, True), body
+        if status == 200:
+            with zipfile.ZipFile(io.BytesIO(body)) as archive:
+                assert "trial_0_point_3/targets/arrays/network.npz" in archive.namelist()
+                assert b"**not verified**" in archive.read("trial_0_point_3/README.md")
+    assert list(temporary.iterdir()) == []
 
 
 def test_many_readers_take_the_same_bundle(folder: Path, temporary: Path) -> None:
