@@ -24,12 +24,14 @@ class Matrix:
     form: bytes: q as int8; words: as many q of `bits` bits as fit in 32, lowest bits first; sparse: of each
         row the columns and the q (int8) of the weights other than 0.
     bits, exponent: b and e.
+    delays: (input, neuron) network steps that each weight acts later, 0 where there is none; None: none does.
     """
 
     weights: Ints
     form: Form
     bits: int
     exponent: int
+    delays: Ints | None = None
 
     @property
     def q(self) -> Ints:
@@ -71,21 +73,23 @@ class Matrix:
         """Constant data."""
         n_inputs, n = map(int, self.weights.shape)
         if self.form == "bytes":
-            return n_inputs * n
+            return n_inputs * n * (1 if self.delays is None else 2)
         if self.form == "words":
             return n_inputs * self.words_per_row * 4
         # C has no empty arrays.
-        return (n_inputs + 1) * self.offset_bytes + max(1, self.n_stored) * (1 + self.column_bytes)
+        of_weight = 1 + self.column_bytes + (0 if self.delays is None else 1)
+        return (n_inputs + 1) * self.offset_bytes + max(1, self.n_stored) * of_weight
 
 
 _MOST_PACKED = 4
 
 
-def stored(weights: Ints) -> Matrix:
+def stored(weights: Ints, delays: Ints | None = None) -> Matrix:
     """Return the smallest form of a matrix, of equal ones the plainest; only up to 4 bits are packed.
 
     Args:
         weights: (input, neuron) whole numbers in [-128, 127].
+        delays: (input, neuron) network steps, at most 255; None: none.
     """
     whole = np.asarray(weights, np.int64)
     nonzero = whole[whole != 0]
@@ -97,4 +101,8 @@ def stored(weights: Ints) -> Matrix:
     bits = next(b for b in range(2, 9) if -(2 ** (b - 1)) <= low and high < 2 ** (b - 1))
     # Unpacking takes time, and more than 4 bits save little: the form follows from precision and pruning.
     forms: tuple[Form, ...] = ("bytes", "words", "sparse") if bits <= _MOST_PACKED else ("bytes", "sparse")
-    return min((Matrix(whole, form, bits, exponent) for form in forms), key=lambda m: m.table_bytes)
+    later = None
+    if delays is not None:
+        forms = ("bytes", "sparse")
+        later = np.where(whole != 0, delays, 0).astype(np.int64)
+    return min((Matrix(whole, form, bits, exponent, later) for form in forms), key=lambda m: m.table_bytes)

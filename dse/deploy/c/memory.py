@@ -91,6 +91,12 @@ def members(plan: Plan) -> list[Member]:
             Member(kind, f"{b}_{k}", (layer.n_neurons,)),
             Member("uint8_t", f"awake_{k}", (), "whether a state is not 0"),
         ]
+        if layer.n_later:
+            out += [
+                Member(kind, f"later_{k}", (layer.n_later, layer.n_neurons), "input of this step and later"),
+                Member("uint8_t", f"now_{k}", (), f"this step in later_{k}"),
+                Member("uint8_t", f"busy_{k}", (), "steps for which there may be input"),
+            ]
     longest = max((x.n_neurons for x in plan.layers if x.recurrent is not None), default=0)
     if longest:
         out.append(Member(index(longest), "fired", (longest,), "neurons of a recurrent layer in this step"))
@@ -193,16 +199,19 @@ def matrix_tables(name: str, matrix: Matrix) -> list[Table]:
     """Return a matrix as constant data."""
     q = matrix.q
     if matrix.form == "bytes":
-        return [Table("int8_t", name, q.ravel())]
+        delays = [] if matrix.delays is None else [Table("uint8_t", f"{name}_delay", matrix.delays.ravel())]
+        return [Table("int8_t", name, q.ravel()), *delays]
     if matrix.form == "words":
         return [Table("uint32_t", name, _packed(matrix).ravel())]
     row, column = np.nonzero(q)
     begin = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(q)))])
-    values, columns = (x if x.size else np.zeros(1, np.int64) for x in (q[row, column], column))
+    lists = [q[row, column], column, *([] if matrix.delays is None else [matrix.delays[row, column]])]
+    values, columns, *later = (x if x.size else np.zeros(1, np.int64) for x in lists)
     return [
         Table("uint16_t" if matrix.offset_bytes == 2 else "uint32_t", f"{name}_begin", begin),
         Table("uint8_t" if matrix.column_bytes == 1 else "uint16_t", f"{name}_column", columns),
         Table("int8_t", name, values),
+        *(Table("uint8_t", f"{name}_delay", delay) for delay in later),
     ]
 
 

@@ -28,13 +28,17 @@ def rows(plan: Plan) -> Iterator[str]:
 
 def _row(name: str, table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
     state, unit = f"{states(layer)[0]}_{k}", UNITS_PER_STEP << matrix.exponent
-    if matrix.form == "bytes":
+    if matrix.form == "bytes" and matrix.delays is None:
         return _row_of_bytes(
             name, table, int(matrix.weights.shape[1]), state, f"int{layer.state_bits}_t", unit
         )
+    form = matrix.form if matrix.delays is None else f"{matrix.form}_later"
     return filled(
-        f"row_{matrix.form}.c",
+        f"row_{form}.c",
         name=name,
+        k=k,
+        n=matrix.weights.shape[1],
+        n_later=layer.n_later,
         table=table,
         state=state,
         type=f"int{layer.state_bits}_t",
@@ -157,6 +161,12 @@ def layer_text(plan: Plan, k: int) -> str:
             f"        return_{k}(net.fired[i]);\n        net.awake_{k} = 1;\n    }}\n"
         )
     update = _update(k, layer, indented("\n".join(spikes) + "\n"))
+    arriving, busy, arrived = "", "", ""
+    if layer.n_later:
+        held = f"net.later_{k}[net.now_{k}][i]"
+        arriving, arrived, busy = f" + {held}", f"{held} = 0;\n", f" && net.busy_{k} == 0"
+        now = f"net.now_{k} + 1u < {layer.n_later}u ? net.now_{k} + 1u : 0u"
+        after = f"    net.now_{k} = (uint8_t)({now});\n    net.busy_{k} -= net.busy_{k} != 0;\n{after}"
     return filled(
         "layer.c",
         k=k,
@@ -169,6 +179,9 @@ def layer_text(plan: Plan, k: int) -> str:
         second=layer.bounds.second,
         type=f"int{layer.state_bits}_t",
         declare=declare,
+        arriving=arriving,
+        arrived=indented(indented(arrived)),
+        busy=busy,
         update=indented(indented(update)),
         after=after,
     )

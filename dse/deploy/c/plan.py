@@ -62,6 +62,12 @@ class LayerPlan:
         return 32 if max(self.bounds.first, self.bounds.second) < 2**31 else 64
 
     @property
+    def n_later(self) -> int:
+        """Network steps whose input must be held for delays of synapses, this one included; 0: none has."""
+        delays = self.feed_forward.delays
+        return 0 if delays is None else 1 + int(delays.max(initial=0))
+
+    @property
     def n_places(self) -> int:
         """Length of the array of u or x: its neurons, and those that fill packed rows."""
         matrices = [self.feed_forward, *([] if self.recurrent is None else [self.recurrent])]
@@ -184,8 +190,6 @@ def plan_of(bundle: Bundle) -> Plan:
             raise Unsupported(f"C is written for CUBA-LIF neurons and resonators, got neuron {layer.neuron}")
     if max(*network.sizes, network.n_channels) > _MOST_CHANNELS:
         raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {max(network.sizes)}")
-    if any(layer.delay is not None for layer in network.layers):
-        raise Unsupported("delays of single synapses are not written in C")
     frame = frame_of(bundle)
     network_steps = frame.n_steps * network.steps_per_sample
     return Plan(
@@ -233,7 +237,7 @@ def _layer(layer: Layer, network_steps: int) -> LayerPlan:
     if max(planned.first, planned.second) >= 2**50:
         raise Unsupported("the states of a layer may exceed 50 bits within its window")
     return LayerPlan(
-        feed_forward=stored(forward),
+        feed_forward=stored(forward, None if layer.delay is None else layer.delay.T),
         recurrent=None if back is None else stored(back),
         population=population,
         n_neurons=int(layer.weight.shape[0]),

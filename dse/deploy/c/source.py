@@ -212,6 +212,10 @@ def _clear(plan: Plan) -> str:
             "}",
             f"net.awake_{k} = 0;",
         ]
+        if n := layer.n_later * layer.n_neurons:
+            row = f"net.later_{k}[i / {layer.n_neurons}u][i % {layer.n_neurons}u]"
+            lines += [f"for (i = 0; i < {n}u; i++) {{", f"    {row} = 0;", "}"]
+            lines += [f"net.now_{k} = 0;", f"net.busy_{k} = 0;"]
     lines += [f"for (i = 0; i < {plan.layers[-1].n_neurons}u; i++) {{", "    net.counts[i] = 0;", "}"]
     if plan.n_slots > 1:
         lines += [

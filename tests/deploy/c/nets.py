@@ -88,8 +88,8 @@ def reference(made: Bundle, fired: Array) -> Reference:
 def case(number: int) -> tuple[Bundle, Array]:
     """Return random classifier `number` and its recordings, (sample, step, channel) of 0 and 1.
 
-    Numbers take turns at layers, resonators, recurrence, delays, bits, pruning, extreme weights and heads;
-    the recordings are silent, sparse, dense, saturated and random bursts.
+    Numbers take turns at layers, resonators, recurrence, delays of inputs and of synapses, bits, pruning,
+    extreme weights and heads; the recordings are silent, sparse, dense, saturated and random bursts.
     """
     rng = np.random.default_rng([18, number])
     n_channels = int(rng.choice([1, 5, 12, 33, 70]))
@@ -111,6 +111,10 @@ def case(number: int) -> tuple[Bundle, Array]:
         layers.append(_layer(weight, ring, rng, is_output, number % 3 == 1, number % 10 == 9))
     network = Network(tuple(layers), n_channels, delays, per_sample, "integer")
     network = rounded(network, bits, pruned)
+    if number % 6 in (0, 5):
+        delays = [rng.integers(0, 13, x.weight.shape).astype(np.int8) for x in network.layers]
+        layers = [replace(x, delay=delay) for x, delay in zip(network.layers, delays, strict=True)]
+        network = replace(network, layers=tuple(layers))
     return _ruled(bundle(network, n_steps), number, rng), _recordings(rng, n_steps, n_channels)
 
 

@@ -64,6 +64,8 @@ def test_the_nets_are_of_all_kinds() -> None:
     assert {m.form for m in matrices} == {"bytes", "words", "sparse"}
     assert {m.bits for m in matrices} == set(range(2, 9))
     assert {layer.state_bits for layer in layers} == {32, 64}
+    delayed = [layer.feed_forward for layer in layers if layer.n_later > 1]
+    assert {m.form for m in delayed} == {"bytes", "sparse"}
     assert {len(plan.layers) for plan in plans} == {1, 2, 3, 4}
     assert {plan.steps_per_sample for plan in plans} == {1, 2, 3}
     assert any(plan.rule.joint for plan in plans) and any(plan.rule.least_total for plan in plans)

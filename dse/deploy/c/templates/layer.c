@@ -3,12 +3,12 @@ static void step_$k(void)
 {
     uint32_t i;
     $type left = 0;
-$declare    if (!net.awake_$k) {
+$declare    if (!net.awake_$k$busy) {
         return;
     }
     for (i = 0; i < ${n}u; i++) {
-        $type $a = net.${a}_$k[i], $b = net.${b}_$k[i];
-        if (($a | $b) == 0) {
+        $type $a = net.${a}_$k[i]$arriving, $b = net.${b}_$k[i];
+$arrived        if (($a | $b) == 0) {
             continue; /* at rest */
         }
 $update        net.${a}_$k[i] = $a;
