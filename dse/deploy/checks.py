@@ -43,7 +43,7 @@ def file_in(folder: Path, name: object) -> Path:
         path = path / part
         try:
             mode = path.lstat().st_mode
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise ValueError("is missing") from None
         if stat.S_ISLNK(mode):
             raise ValueError(f"must be a file of the bundle, but {path.name} is a symbolic link")
