@@ -67,11 +67,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.study import pricing, resampling
 
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
-    objectives = objectives_of(arguments.objectives, arguments.results[0])
     if (large := _large(arguments)) is not None:
+        objectives = objectives_of(arguments.objectives, arguments.results[0])
         skyline = blocks.parquet_skyline(large, objectives, arguments.where, by)
         return Answer(records(skyline.rows), skyline.notes, columns(skyline.rows, objectives))
     frames = pricing.tables(arguments.results, arguments.hardware)
+    objectives = objectives_of(arguments.objectives, arguments.results[0])
     frame = pricing.on_duty(
         pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
     )
