@@ -14,7 +14,8 @@ The second, over the spikes that arrive, is the central difference over whole de
 real number and runs rounded, straight through (Hammouamri et al. 2024 interpolate; REFERENCES.md).
 
 A delay that differs from neuron to neuron spoils every vector of neurons, so vectors run along time here: the
-spikes of an input are a train of bits, 64 steps a word, and a delay shifts the train.
+spikes of an input are a train of bits, 64 steps a word, and a delay shifts the train. Where a word has few
+spikes, dse.engine.arrivals is faster.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ _kernel = compiled()
 _part = compiled(forceinline=True)
 
 WORD = 64
-_SEGMENT = 256  # an int16 holds the sum of 256 int8 weights
-_TILE_WORDS = 32  # of a neuron's dL/dz and its differences: 16 KiB of float32, half of a first-level cache
+SEGMENT = 256  # an int16 holds the sum of 256 int8 weights
+TILE_WORDS = 32  # of a neuron's dL/dz and its differences: 16 KiB of float32, half of a first-level cache
 
 
 @dataclass(frozen=True)
@@ -156,57 +157,14 @@ def _sum_word(trains: Array, n: int, k: int, weights: Array, delays: Array, c: i
     """Return 64 steps of a neuron's weighted input as a vector of `out`'s type; int16 weights sum exactly."""
     total = zeros(out, LANES_64)
     n_inputs = weights.shape[1]
-    for first in range(0, n_inputs, _SEGMENT):
+    for first in range(0, n_inputs, SEGMENT):
         part = zeros(weights, LANES_64)
-        for i in range(first, min(first + _SEGMENT, n_inputs)):
+        for i in range(first, min(first + SEGMENT, n_inputs)):
             fired = _later(trains[0, n, k, i], trains[1, n, k, i], np.uint64(delays[c, i]))
             if fired != np.uint64(0):
                 part = select(mask_of(fired, LANES_64), part + splat(weights[c, i], part), part)
         total = total + as_type_of(part, out)
     return total
-
-
-@_kernel
-def add_up(
-    trains: Array,
-    n_steps: int,
-    weights: Array,
-    delays: Array,
-    scale: float,
-    z: Array,
-    width: int,
-    place: int,
-) -> None:
-    """Write the scaled, delayed sums of a block's neurons, sample after sample.
-
-    Args:
-        trains: (2, sample, word, input) uint64.
-        n_steps: of a sample.
-        weights: (neuron, input) of the block, int16 or of z's type; other columns become 0.
-        delays: (neuron, input) int8.
-        scale: factor of the sums.
-        z: filled, block by block.
-        width: of the block.
-        place: where the block starts in z.
-    """
-    buffer = np.zeros(LANES * WORD, z.dtype)
-    for n in range(trains.shape[1]):
-        for k in range(trains.shape[2]):
-            for group in range(0, width, LANES):
-                for c in range(LANES):
-                    if group + c < weights.shape[0]:
-                        total = _sum_word(trains, n, k, weights, delays, group + c, z)
-                        store(buffer, c * WORD, total * splat(scale, total))
-                    else:
-                        buffer[c * WORD : (c + 1) * WORD] = 0
-                at = place + (n * n_steps + k * WORD) * width + group
-                left = min(WORD, n_steps - k * WORD)
-                whole = left - left % LANES
-                for step in range(0, whole, LANES):
-                    transpose(buffer, step, WORD, z, at + step * width, width)
-                for step in range(whole, left):
-                    for c in range(LANES):
-                        z[at + step * width + c] = buffer[c * WORD + step]
 
 
 @_kernel
@@ -250,15 +208,94 @@ def _typed_summands(table: Any, out: Any, n_neurons: int, n_inputs: int) -> Any:
 
 
 @_kernel
-def turn_matrix(table: Array, n_rows: int, n_columns: int, column: int, width: int, out: Array) -> None:
+def _turn_matrix(table: Array, n_rows: int, n_columns: int, column: int, width: int, out: Array) -> None:
     """Lay a block of a matrix out by neuron, (neuron, input), without the columns that pad."""
     for i in range(n_rows):
         for c in range(min(width, n_columns - column)):
             out[c, i] = table[n_rows * column + i * width + c]
 
 
+@_kernel
+def _add_up_block(
+    trains: Array,
+    n_steps: int,
+    weights: Array,
+    delays: Array,
+    scale: float,
+    z: Array,
+    width: int,
+    place: int,
+) -> None:
+    """Write the scaled, delayed sums of a block's neurons, sample after sample.
+
+    Args:
+        trains: (2, sample, word, input) uint64.
+        n_steps: of a sample.
+        weights: (neuron, input) of the block, int16 or of z's type; other columns become 0.
+        delays: (neuron, input) int8.
+        scale: factor of the sums.
+        z: filled, block by block.
+        width: of the block.
+        place: where the block starts in z.
+    """
+    buffer = np.zeros(LANES * WORD, z.dtype)
+    for n in range(trains.shape[1]):
+        for k in range(trains.shape[2]):
+            for group in range(0, width, LANES):
+                for c in range(LANES):
+                    if group + c < weights.shape[0]:
+                        total = _sum_word(trains, n, k, weights, delays, group + c, z)
+                        store(buffer, c * WORD, total * splat(scale, total))
+                    else:
+                        buffer[c * WORD : (c + 1) * WORD] = 0
+                at = place + (n * n_steps + k * WORD) * width + group
+                left = min(WORD, n_steps - k * WORD)
+                whole = left - left % LANES
+                for step in range(0, whole, LANES):
+                    transpose(buffer, step, WORD, z, at + step * width, width)
+                for step in range(whole, left):
+                    for c in range(LANES):
+                        z[at + step * width + c] = buffer[c * WORD + step]
+
+
+@_kernel
+def add_up(
+    trains: Array,
+    n_steps: int,
+    table: Array,
+    delays: Array,
+    n_neurons: int,
+    n_columns: int,
+    scale: float,
+    z: Array,
+) -> None:
+    """Write a layer's scaled, delayed sums.
+
+    Args:
+        trains: (2, sample, word, input) uint64.
+        n_steps: of a sample.
+        table: weights in blocks.
+        delays: in blocks.
+        n_neurons: without those that pad.
+        n_columns: with them.
+        scale: factor of the sums.
+        z: filled, block by block.
+    """
+    n_samples, n_inputs = trains.shape[1], trains.shape[3]
+    column = 0
+    while column < n_columns:
+        width = width_at(column, n_columns)
+        n_filled = min(width, n_neurons - column)
+        block = summands(table, z, n_filled, n_inputs)
+        late = np.empty((n_filled, n_inputs), np.int8)
+        _turn_matrix(table, n_inputs, n_neurons, column, width, block)
+        _turn_matrix(delays, n_inputs, n_neurons, column, width, late)
+        _add_up_block(trains, n_steps, block, late, scale, z, width, n_samples * n_steps * column)
+        column += width
+
+
 @_part
-def _differences(of: Array, n_steps: int, out: Array) -> None:
+def fill_differences(of: Array, n_steps: int, out: Array) -> None:
     """Fill `out`, (sample, step), with central differences over the steps of the window."""
     for n in range(of.shape[0]):
         last = of.shape[1] - 1
@@ -304,10 +341,10 @@ def add_gradients(
         width = width_at(column, n_columns)
         for c in range(min(width, n_neurons - column)):
             if learns:
-                _differences(by_neuron[column + c], n_steps, difference)
+                fill_differences(by_neuron[column + c], n_steps, difference)
             start = (column + c) * n_words * WORD
-            for first in range(0, n_words, _TILE_WORDS):
-                last = min(first + _TILE_WORDS, n_words)
+            for first in range(0, n_words, TILE_WORDS):
+                last = min(first + TILE_WORDS, n_words)
                 for i in range(n_inputs):
                     at = n_inputs * column + i * width + c
                     delay, now, before = np.uint64(delays[at]), i * n_words, (n_inputs + i) * n_words

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dse.engine import delays, kernels
+from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import chunk_samples
 from dse.engine.events import Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
@@ -211,19 +211,34 @@ def _sum_delayed(
     layer: KernelLayer, offsets: Array, index: Array, first_row: int, n_samples: int, n_steps: int, z: Array
 ) -> None:
     """Write the weighted input of some samples of a layer whose synapses have delays."""
+    n_spikes = offsets[first_row + n_samples * n_steps] - offsets[first_row]
+    if arrivals.are_few(n_spikes, layer.n_inputs, n_samples, n_steps):
+        starts, places = arrivals.by_input(offsets, index, first_row, n_samples, n_steps, layer.n_inputs)
+        arrivals.add_up(
+            starts,
+            places,
+            n_samples,
+            n_steps,
+            layer.table,
+            layer.delay,
+            layer.n_neurons,
+            layer.n_columns,
+            layer.table_unit,
+            z,
+        )
+        return
     trains = np.zeros((2, n_samples, delays.words_of(n_steps), layer.n_inputs), np.uint64)
     delays.trains_of(offsets, index, first_row, n_samples, n_steps, 0, trains)
-    column = 0
-    while column < layer.n_columns:
-        width = width_at(column, layer.n_columns)
-        n_filled = min(width, layer.n_neurons - column)
-        block = delays.summands(layer.table, z, n_filled, layer.n_inputs)
-        late = np.empty((n_filled, layer.n_inputs), np.int8)
-        delays.turn_matrix(layer.table, layer.n_inputs, layer.n_neurons, column, width, block)
-        delays.turn_matrix(layer.delay, layer.n_inputs, layer.n_neurons, column, width, late)
-        place = n_samples * n_steps * column
-        delays.add_up(trains, n_steps, block, late, layer.table_unit, z, width, place)
-        column += width
+    delays.add_up(
+        trains,
+        n_steps,
+        layer.table,
+        layer.delay,
+        layer.n_neurons,
+        layer.n_columns,
+        layer.table_unit,
+        z,
+    )
 
 
 @compiled()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine import delays, kernels
+from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import Batch
 from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
@@ -434,16 +434,15 @@ def _through_delays(
     """Sum dL/dz of a layer with delays into its gradients, and take it back to the layer below."""
     layer, rows = lesson.running[depth], lesson.batch.rows
     n_steps, kind = rows.n_steps, space.slope[depth].dtype
-    words = -(-n_steps // delays.WORD)
+    words, late = -(-n_steps // delays.WORD), arrivals.stride_of(n_steps)
     offsets, index, first_row = rows.offsets, rows.index, int(lesson.batch.starts[chunk]) * n_steps
     if depth:
         offsets, index, first_row = space.offsets[depth - 1], space.index[depth - 1], 0
-    trains = np.zeros((2, layer.n_inputs, n, words), np.uint64)
-    delays.trains_of(offsets, index, first_row, n, n_steps, 1, trains)
-    by_neuron = np.zeros((layer.n_columns, n, words * delays.WORD), kind)
+    n_spikes = int(offsets[first_row + n * n_steps] - offsets[first_row])
+    few = arrivals.are_few(n_spikes, layer.n_inputs, n, n_steps)
+    by_neuron = np.zeros((layer.n_columns, n, late if few else words * delays.WORD), kind)
     delays.turn(space.slope[depth], n, n_steps, by_neuron)
-    delays.add_gradients(
-        trains,
+    of_layer = (
         by_neuron,
         n_steps,
         layer.table,
@@ -453,9 +452,18 @@ def _through_delays(
         space.gradients[depth] if depth else first_gradient,
         space.delay_gradients[depth] if lesson.learns_delays[depth] else np.zeros(0, kind),
     )
+    if few:
+        starts, places = arrivals.by_input(offsets, index, first_row, n, n_steps, layer.n_inputs)
+        arrivals.add_gradients(starts, places, *of_layer)
+    else:
+        trains = np.zeros((2, layer.n_inputs, n, words), np.uint64)
+        delays.trains_of(offsets, index, first_row, n, n_steps, 1, trains)
+        delays.add_gradients(trains, *of_layer)
     if depth:
-        beyond = np.zeros((layer.n_columns, n, (words + 1) * delays.WORD), kind)
-        beyond[..., : words * delays.WORD] = by_neuron
+        beyond = by_neuron
+        if not few:
+            beyond = np.zeros((layer.n_columns, n, late), kind)
+            beyond[..., : words * delays.WORD] = by_neuron
         delays.follow_back(
             beyond,
             n_steps,

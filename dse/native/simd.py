@@ -76,7 +76,7 @@ class _LanesType(types.Dummy):
 
 
 register_model(_LanesType)(models.OpaqueModel)
-LANES_16, LANES_32, LANES_64 = Lanes(16), Lanes(32), Lanes(64)
+LANES_2, LANES_16, LANES_32, LANES_64 = Lanes(2), Lanes(16), Lanes(32), Lanes(64)
 
 
 @typeof_impl.register(Lanes)
@@ -294,24 +294,41 @@ def mask_of(typing_context: Any, number: Any, lanes: Any) -> Any:
     return mask(types.uint64, lanes), generate
 
 
+def _halved(builder: Any, x: Any, value: Any, n: int) -> Any:
+    """Write the code that adds the upper n of 2 n lanes to the lower ones."""
+    order = ir.IntType(32)
+    halves = [
+        builder.shuffle_vector(
+            value,
+            ir.Constant(value.type, ir.Undefined),
+            ir.Constant(ir.VectorType(order, n), list(range(first, first + n))),
+        )
+        for first in (0, n)
+    ]
+    return (builder.fadd if x.is_float else builder.add)(*halves)
+
+
+@_intrinsic
+def halved(typing_context: Any, x: Any) -> Any:
+    """Return a vector of half the lanes: the upper half of x added to its lower half."""
+    half = Vector(x.element, x.lanes // 2)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return _halved(builder, x, values[0], half.lanes)
+
+    return half(x), generate
+
+
 @_intrinsic
 def summed(typing_context: Any, x: Any) -> Any:
     """Return the sum of all lanes: its upper half is added to its lower half until one lane is left."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        vector, n, order = values[0], x.lanes, ir.IntType(32)
+        vector, n = values[0], x.lanes
         while n > 1:
             n //= 2
-            halves = [
-                builder.shuffle_vector(
-                    vector,
-                    ir.Constant(vector.type, ir.Undefined),
-                    ir.Constant(ir.VectorType(order, n), list(range(first, first + n))),
-                )
-                for first in (0, n)
-            ]
-            vector = (builder.fadd if x.is_float else builder.add)(*halves)
-        return builder.extract_element(vector, ir.Constant(order, 0))
+            vector = _halved(builder, x, vector, n)
+        return builder.extract_element(vector, ir.Constant(ir.IntType(32), 0))
 
     return x.element(x), generate
 

@@ -1,0 +1,72 @@
+"""Delays spike by spike: bit for bit what trains of bits give, whichever of the two a layer runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.ours import rows_of
+from dse.engine import arrivals, delays
+from dse.engine.layout import packed, padded
+from dse.records import Array
+
+CASES = [
+    # Inputs, neurons, samples, steps, share of spikes.
+    (1, 1, 1, 1, 1.0),
+    (3, 17, 2, 63, 0.5),
+    (4, 20, 3, 64, 0.3),
+    (5, 100, 40, 65, 0.05),  # tiles that end within a sample
+    (300, 33, 14, 150, 0.03),  # more inputs than an int16 sums; samples of three words
+    (7, 16, 2, 2100, 0.02),  # a sample longer than a tile
+    (6, 16, 2, 40, 0.0),
+]
+
+
+@pytest.mark.parametrize(("weights", "kind"), [("int8", "f4"), ("float32", "f4"), ("float32", "f8")])
+@pytest.mark.parametrize(("n_in", "n_out", "n", "n_steps", "share"), CASES)
+def test_bit_for_bit_as_trains(
+    n_in: int, n_out: int, n: int, n_steps: int, share: float, weights: Any, kind: Any
+) -> None:
+    rng = np.random.default_rng(n_in)
+    rows = rows_of((rng.random((n + 1, n_steps, n_in)) < share).astype(np.uint8))
+    first = n_steps  # the first sample is not of the chunk
+    late = packed(rng.integers(0, 63, (n_in, n_out)), np.int8)
+    drawn = rng.integers(-128, 128, (n_in, n_out)) if weights == "int8" else rng.normal(0, 1, (n_in, n_out))
+    table = packed(drawn * (rng.random((n_in, n_out)) < 0.8), weights)
+    columns, words = padded(n_out), -(-n_steps // 64)
+    starts, places = arrivals.by_input(rows.offsets, rows.index, first, n, n_steps, n_in)
+    assert places.size == rows.offsets[-1] - rows.offsets[first]
+
+    sums: list[Array] = [np.full(n * n_steps * columns, np.nan, kind) for _ in range(2)]
+    trains = np.zeros((2, n, words, n_in), np.uint64)
+    delays.trains_of(rows.offsets, rows.index, first, n, n_steps, 0, trains)
+    delays.add_up(trains, n_steps, table, late, n_out, columns, 0.25, sums[0])
+    arrivals.add_up(starts, places, n, n_steps, table, late, n_out, columns, 0.25, sums[1])
+    np.testing.assert_array_equal(*sums)
+    assert sums[0].any() == (places.size > 1)  # a single spike comes too late
+
+    by_input = np.zeros((2, n_in, n, words), np.uint64)
+    delays.trains_of(rows.offsets, rows.index, first, n, n_steps, 1, by_input)
+    blocks = packed(rng.normal(0, 1, (n * n_steps, n_out)), kind)
+    for learns in (True, False):
+        found = []
+        for of_path, by_spikes, steps in (
+            (delays.add_gradients, (by_input,), words * 64),
+            (arrivals.add_gradients, (starts, places), arrivals.stride_of(n_steps)),
+        ):
+            by_neuron = np.zeros((columns, n, steps), kind)
+            delays.turn(blocks, n, n_steps, by_neuron)
+            by_weight = np.full(table.size, 0.5, kind)
+            by_delay = np.full(table.size if learns else 0, 0.5, kind)
+            of_path(*by_spikes, by_neuron, n_steps, table, late, n_out, 0.03, by_weight, by_delay)
+            found.append((by_weight, by_delay))
+        for mine, other in zip(*found, strict=True):
+            np.testing.assert_array_equal(mine, other)
+
+
+def test_few_spikes_go_one_by_one() -> None:
+    assert arrivals.are_few(0, 1, 1, 1)
+    assert arrivals.are_few(4 * 10 * 3 * 2, 10, 3, 100)
+    assert not arrivals.are_few(6 * 10 * 3 * 2, 10, 3, 100)
