@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 Row = Mapping[str, object]
 Texts = dict[str, str]
 _LISTS = {
-    "targets": "Forms of an exported classifier; `dse pick` has their columns, and --export writes them.",
+    "targets": "Forms of an exported classifier; `dse pick` has their memory, exact, and predicted cycles "
+    "(columns ram_bytes, table_bytes, cycles), and --export writes them.",
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
 }
@@ -154,7 +155,9 @@ def remarks(section: str, name: str | None) -> list[str]:
     if section == _TARGETS and name is not None:
         target: Any = registry.known(section)[name]
         extra = [f"needs pip install 'dse[{target.extra}]'"] if target.extra else []
-        return [*extra, f"use: {target.use}"]
+        chip = getattr(target, "profile", "")
+        predicted = [f"cycles of `dse pick`: per inference, predicted by {chip}"] if chip else []
+        return [*extra, *predicted, f"use: {target.use}"]
     if section != "hardware" or name is None:
         return []
     from dse.hardware.profile import kinds, load

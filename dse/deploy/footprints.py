@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,9 @@ from dse.deploy.bundle import BundleError
 from dse.deploy.export import bundle_of
 from dse.deploy.targets import Target
 from dse.deploy.verify import target_named
+from dse.hardware.kinds.processor import Processor
+from dse.hardware.profile import load
+from dse.study import pricing
 from dse.study.results import Study
 
 if TYPE_CHECKING:
@@ -29,8 +33,10 @@ def on_targets(
         names: of targets.
 
     Returns:
-        The points once per target that knows its footprint, with the column `target` and those of
-        `footprint` (dse.deploy.targets.Target). Points that a target cannot hold are left out there.
+        The points once per target that knows its footprint, with the columns `target`, those of `footprint`
+        (dse.deploy.targets.Target) and `cycles`: per inference, as the cost model of the target's profile
+        predicts from the work on validation recordings up to the decision, mean over runs; NaN without a
+        profile. Points that a target cannot hold are left out there.
 
     Raises:
         BundleError: a target is unknown, or no target can hold any of the points.
@@ -58,7 +64,11 @@ def on_targets(
                 refusals[name][refusal] = refusals[name].get(refusal, 0) + len(rows)
             else:
                 parts[name].append(rows.assign(target=name, **_footprint(target, bundle)))
-    frames = [pandas.concat(of_target).sort_index() for of_target in parts.values() if of_target]
+    frames = []
+    for name, of_target in parts.items():
+        if of_target:
+            rows = pandas.concat(of_target).sort_index()
+            frames.append(rows.assign(cycles=_cycles(study, rows, targets[name])))
     notes = [
         f"target {name} cannot hold {n} of {len(points)} points: {refusal}"
         for name, counts in refusals.items()
@@ -72,6 +82,16 @@ def on_targets(
 def _footprint(target: Target, bundle: Any) -> Mapping[str, float]:
     footprint: Mapping[str, float] = target.footprint(bundle)  # type: ignore[attr-defined]
     return footprint
+
+
+def _cycles(study: Study, rows: pandas.DataFrame, target: Target) -> pandas.Series[float] | float:
+    """Return the cycles per inference that the target's profile predicts, with the index of the rows."""
+    if not (profile := getattr(target, "profile", "")):
+        return math.nan
+    chip = load(profile)
+    assert isinstance(chip, Processor)
+    [costs] = pricing.costs(study.folder, rows, [chip])
+    return costs["hardware_latency_ms"] * chip.cycles_per_ms
 
 
 def _keys(points: pandas.DataFrame) -> list[Any]:

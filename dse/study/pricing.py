@@ -106,21 +106,38 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     of_hardware = registry.columns("hardware")
     table = table.drop(columns=[name for name in table if name in of_hardware])
-    on: list[list[pandas.DataFrame]] = [[] for _ in chips]
-    for _, rows in table.groupby("trial", sort=False):
-        answers = _answers(folder, rows)
-        places = _places(folder, answers, rows)
-        for parts, chip in zip(on, chips, strict=True):
-            costs = _points.priced(answers, chip)
-            parts.append(pandas.DataFrame({name: x[places] for name, x in costs.items()}, rows.index))
     priced = [
-        pandas.concat([table.assign(hardware=chip.name), pandas.concat(parts)], axis=1)
-        for chip, parts in zip(chips, on, strict=True)
+        pandas.concat([table.assign(hardware=chip.name), on_chip], axis=1)
+        for chip, on_chip in zip(chips, costs(folder, table, chips), strict=True)
     ]
     whole = pandas.concat(priced, ignore_index=True)
     # A chip that no design can run on has no costs; fronts over them still look for the columns.
     lacking = {name: np.nan for name in ("energy_uj", "energy_uj_high", "latency_ms") if name not in whole}
     return whole.assign(**lacking).astype({"fits": "boolean"} if "fits" in whole else {})
+
+
+def costs(folder: str | Path, rows: pandas.DataFrame, chips: Sequence[Profile]) -> list[pandas.DataFrame]:
+    """Return the hardware columns of design points, with the index of the points: a table per chip.
+
+    Args:
+        folder: of the study.
+        rows: of its points, with all columns that identify them (`dse.study.points.places`).
+        chips: on which they are priced.
+
+    Raises:
+        StoreError: as in `points`.
+    """
+    import pandas
+
+    folder = Path(folder)
+    on: list[list[pandas.DataFrame]] = [[] for _ in chips]
+    for _, of_trial in rows.groupby("trial", sort=False):
+        answers = _answers(folder, of_trial)
+        places = _places(folder, answers, of_trial)
+        for parts, chip in zip(on, chips, strict=True):
+            priced = _points.priced(answers, chip)
+            parts.append(pandas.DataFrame({name: x[places] for name, x in priced.items()}, of_trial.index))
+    return [pandas.concat(parts) for parts in on]
 
 
 def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.DataFrame]:

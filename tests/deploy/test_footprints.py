@@ -1,9 +1,10 @@
-"""Memory of design points on targets, before they are exported."""
+"""Memory and cycles of design points on targets, before they are exported."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from dse.deploy.bundle import read
 from dse.deploy.export import bundle_of
 from dse.deploy.footprints import on_targets
 from dse.deploy.targets.c99 import C99
-from dse.study import explore
+from dse.study import explore, pricing
 from dse.study.results import Study
 from tests import tiny_study
 
@@ -64,6 +65,30 @@ def test_a_budget_in_bytes_picks_a_smaller_net(
     [verdict] = json.loads(capsys.readouterr().out)["sections"]["targets"]["rows"]
     assert (verdict["target"], verdict["verdict"]) == ("c99", "not verified")
     assert read(out).record["ram_bytes"] == least
+
+
+def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(
+    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def picked(*arguments: str) -> tuple[int, dict[str, Any]]:
+        code = main(["pick", str(study.folder), *arguments, "--json"])
+        return code, json.loads(capsys.readouterr().out)
+
+    on, _ = on_targets(study, study.points(), ["cortex_m4"])
+    on_chip = pricing.points(study.folder, ["mcu_m4"])
+    on_chip = on_chip[on_chip["model.arithmetic"] == "integer"]
+    assert on["cycles"].tolist() == pytest.approx((on_chip["hardware_latency_ms"] * 120e3).tolist())
+    least = on["cycles"].min()
+    budget = ["--budget", f"cycles <= {least * (1 + 1e-9)}"]
+    code, answer = picked(*budget, "--target", "cortex_m4")
+    [row] = answer["rows"]
+    assert code == 0 and row["cycles"] == pytest.approx(least)
+    # No profile stands for a Cortex-M0+: it has no prediction, so it meets no budget in cycles.
+    assert picked(*budget, "--target", "cortex_m0plus")[0] == 3
+    code, answer = picked("--target", "cortex_m0plus", "--export", str(tmp_path / "bundle"))
+    [row] = answer["rows"]
+    assert code == 0 and row["cycles"] is None and row["ram_bytes"] > 0
+    assert "cycles" not in read(tmp_path / "bundle").record
 
 
 def test_targets_of_a_search_space_are_known(tmp_path: Path) -> None:

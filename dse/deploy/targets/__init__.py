@@ -32,7 +32,8 @@ class Target(Protocol):
     """A form of a classifier outside `dse`: a frozen dataclass without keys.
 
     A target that knows what a classifier takes before anything is written has a method `footprint(bundle)`,
-    which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns.
+    which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns. If it also has
+    `profile`, the name of a hardware profile of kind processor, this predicts the column cycles.
 
     label: what it is, such as 'C99 for any processor'.
     extra: extra of `dse` (pip install 'dse[EXTRA]') that writing or verifying needs; '' for none.

@@ -27,9 +27,14 @@ _APART = 16
 
 
 class CortexM(Target):
-    """The target of one core."""
+    """The target of one core.
+
+    core: which.
+    profile: hardware profile that predicts its cycles; '' for none.
+    """
 
     core: ClassVar[Core]
+    profile: ClassVar[str] = ""
     extra: ClassVar[str] = "targets"
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
 
@@ -110,6 +115,7 @@ class CortexM4(CortexM):
 
     label: ClassVar[str] = "Cortex-M4"
     core: ClassVar[Core] = CORES["cortex_m4"]
+    profile: ClassVar[str] = "mcu_m4"
 
 
 @register("targets", "cortex_m7")
@@ -119,6 +125,7 @@ class CortexM7(CortexM):
 
     label: ClassVar[str] = "Cortex-M7"
     core: ClassVar[Core] = CORES["cortex_m7"]
+    profile: ClassVar[str] = "mcu_m7"
 
 
 @register("targets", "cortex_m33")
@@ -128,6 +135,7 @@ class CortexM33(CortexM):
 
     label: ClassVar[str] = "Cortex-M33"
     core: ClassVar[Core] = CORES["cortex_m33"]
+    profile: ClassVar[str] = "mcu_m33"
 
 
 def executed(

@@ -105,6 +105,11 @@ class Processor(Profile):
         waking_mw = np.zeros_like(figures["cycle_nj"])
         return self._plan(figures, _of_operations(load, figures), waking_mw, self._with_numbers(load))
 
+    @property
+    def cycles_per_ms(self) -> float:
+        """Cycles of a time of computing, such as `Cost.hardware_latency_ms`."""
+        return self.clock_mhz.value * 1e3
+
     def _plan(
         self, figures: Figures, cycles: Mapping[str, Floats], waking_mw: Floats, placement: Placement
     ) -> Plan:
