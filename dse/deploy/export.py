@@ -11,10 +11,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from dse import dataset, registry, store
+from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
-from dse.dataset.cache import usual_root
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.verify import publish
 from dse.models.snn.quantise import BITS, exponents, rounded
@@ -131,7 +130,7 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         heads=chosen.heads,
         head=setting.head,
         plugins=_plugins(sections, fitted),
-        input=_input(sections, fitted, study.folder, chosen.data),
+        input=_input(sections, fitted, study.folder, artefacts),
     )
 
 
@@ -147,26 +146,31 @@ def _sections_of(study: Study, record: RunRecord) -> Sections:
         raise BundleError(str(error)) from None
 
 
-def _input(sections: Sections, fitted: Network | Parameters, study: Path, data: str) -> Input | None:
+def _input(sections: Sections, fitted: Network | Parameters, study: Path, artefacts: Path) -> Input | None:
     """Return what recordings a design takes; None if that is not known any more.
 
     Args:
         sections: of the design.
         fitted: its classifier.
         study: folder of the study.
-        data: key of the data set; in the cache it tells what the sections leave open.
+        artefacts: folder of the run; its response tells what the sections leave open.
     """
     encoder, preprocessing, n = sections.encoder, sections.preprocessing, fitted.n_channels
-    prepared = dataset.find(usual_root(), data)
-    n_steps = sections.window.n_steps or getattr(prepared, "n_steps", None)
+    response = store.load_arrays(artefacts / "response.npz")
+    if "shape" in response:
+        step_ms = float(response["step_ms"])
+        window_ms = int(response["shape"][1]) * step_ms
+        step_ms *= fitted.steps_per_sample if isinstance(fitted, Network) else 1
+    else:
+        window_ms, step_ms = float(response["time_ms"][-1]), 0.0
     if preprocessing is not None:
+        step_ms = preprocessing.bin_us / 1000
         frame = _frame(sections.data, study)
-        if n_steps is None or frame is None:
-            return None
-        return Input("events", 0, *frame, n_steps, preprocessing.bin_us / 1000)
-    step_ms = getattr(sections.data, "step_ms", None if prepared is None else prepared.spikes.step_ms)
-    if n_steps is None or step_ms is None:
+        return None if frame is None else Input("events", 0, *frame, round(window_ms / step_ms), step_ms)
+    step_ms = getattr(sections.data, "step_ms", step_ms)
+    if not step_ms:
         return None
+    n_steps = round(window_ms / step_ms)
     if encoder is None:
         return Input("spikes", n, 0, 0, n_steps, step_ms)
     n_in = next(n_in for n_in in range(1, n + 1) if encoder.n_channels(n_in) == n)

@@ -97,11 +97,18 @@ def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, A
 
 
 def test_a_bundle_says_what_recordings_it_takes(
-    real: Study, point: dict[str, Any], exported: Path, on_scene: Path, tmp_path: Path
+    real: Study,
+    point: dict[str, Any],
+    exported: Path,
+    on_scene: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert bundle.read(exported).input == bundle.Input("spikes", 4, 0, 0, 16, 5.0)
     of_scene = bundle.read(on_scene / "bundle").input
     assert of_scene == bundle.Input("events", 0, 96, 64, 20, 5.0)
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "evicted"))
+    assert export(real, point, tmp_path / "bundle").input == bundle.read(exported).input
 
 
 def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -> None:

@@ -220,6 +220,7 @@ def test_a_worker_loads_the_plugins_that_its_job_needs(
         "@dataclass(frozen=True)\n"
         "class OfAWorker:\n"
         "    order: int = 2\n"
+        "    n_channels = positions = encode_all = None\n"
     )
     registry.load_plugin(str(path))
     component = registry.known("encoders")["of_a_worker"]
