@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dse.hardware.cost import cost
+from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load, names
 from dse.records import Workload
 
@@ -37,3 +38,11 @@ def test_memory_is_counted() -> None:
     assert late.energy_uj.high > plain.energy_uj.high
     misfits = cost(load("mcu_m4"), replace(LATE, sizes=(24, 3000, 7))).misfits  # 66 states of 32 bits each
     assert any("delays of 5 bits instead of 6" in str(misfit) for misfit in misfits)
+
+
+def test_a_processor_adds_late_weights_one_by_one() -> None:
+    chip = load("mcu_m4")
+    assert isinstance(chip, Processor)
+    plain, late = (float(cost(chip, x).hardware_latency_ms) for x in (PLAIN, LATE))
+    more = (46 * 50 + 100 * 7) * (chip.delayed_instructions.value - chip.synapse_instructions.value)
+    assert late - plain == pytest.approx(more * chip.instruction_cycles.value / chip.cycles_per_ms)

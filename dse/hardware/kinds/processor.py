@@ -8,7 +8,8 @@
                                       update_instructions x updates; of resonators
                                           resonator_instructions, of outputs output_instructions
                                       spike_instructions x spikes x layers that they reach
-                                      synapse_instructions x weights that they meet
+                                      synapse_instructions x weights that they meet; with delays of
+                                          their own delayed_instructions
     cycles of anything else       mac_cycles x multiply-accumulates
                                       + instruction_cycles x synapse_instructions x additions
                                       + instruction_cycles x (neuron + update_instructions) x state updates
@@ -88,6 +89,7 @@ class Processor(Profile):
     synapse_instructions: Number = figure("1", "instructions per weight that a spike meets, or addition")
     packed_instructions: Number = figure("1", "the same of weights of 4 bits or fewer, which are packed")
     list_instructions: Number = figure("1", "the same of weights that are stored as lists with indices")
+    delayed_instructions: Number = figure("1", "the same of weights with delays of their own")
     sleep_uw: Number = figure("uW", "power of the sleeping processor with memory retained")
     wake_us: Number = figure("us", "time to wake up, at running power")
     clock_mhz: Number = figure("MHz", "clock", whole=True)
@@ -153,7 +155,8 @@ def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     cycles = figures["instruction_cycles"]
     lists = as_lists(load, _stored_bits(load))
     packed = load.weight_bits <= _MOST_PACKED
-    synapse = figures[f"{'list' if lists else 'packed' if packed else 'synapse'}_instructions"]
+    form = "delayed" if load.delay_bits else "list" if lists else "packed" if packed else "synapse"
+    synapse = figures[f"{form}_instructions"]
     reached = load.synapses if lists and load.synapses is not None else load.fan_out
     # Spikes of the outputs reach a layer only if it is recurrent.
     layers = [1.0, *(1.0 + back for back in load.recurrent)]
