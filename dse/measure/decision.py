@@ -522,39 +522,12 @@ def right_at(output: ArrayLike, target: ArrayLike, phi: ArrayLike, theta: ArrayL
 
 @compiled()
 def _right_at(output: Any, target: Any, phi: Any, theta: Any, right: Any) -> None:
-    """Write the answers of `right_at`; phi and theta ascend. The walk is that of `_tally`."""
-    n, n_steps, n_classes = output.shape
-    counts = np.empty(n_classes, dtype=np.int64)
-    total = np.empty(n_steps, dtype=np.int64)
-    confidence = np.empty(n_steps, dtype=np.float64)
-    winner = np.empty(n_steps, dtype=np.int64)
-    reached = np.empty(theta.size, dtype=np.int64)
+    """Write the answers of `right_at`, the tally of each sample alone; phi and theta ascend."""
+    n, n_steps, _ = output.shape
+    lengths, at_end = np.full(1, n_steps, np.int64), np.zeros(1, np.int64)
+    tally = np.empty((1, phi.size, theta.size, 5), np.int64)
+    work, work_sum = np.empty((1, n_steps, 0)), np.empty((1, phi.size, theta.size, 0))
     for i in range(n):
-        counts[:] = 0
-        spikes, n_active = 0, 0
-        for t in range(n_steps):
-            before = spikes
-            for k in range(n_classes):
-                counts[k] += output[i, t, k]
-                spikes += output[i, t, k]
-            if spikes > before:
-                best = 0
-                for k in range(1, n_classes):
-                    if counts[k] > counts[best]:
-                        best = k
-                total[n_active], winner[n_active] = spikes, best
-                confidence[n_active] = counts[best] / spikes
-                n_active += 1
-        at_end = winner[n_active - 1] if n_active > 0 else 0
-        enough = 0
-        reached[:] = 0
-        for p in range(phi.size):
-            while enough < n_active and total[enough] <= phi[p]:
-                enough += 1
-            at = enough
-            for q in range(theta.size):
-                at = max(at, reached[q])
-                while at < n_active and confidence[at] < theta[q]:
-                    at += 1
-                reached[q] = at
-                right[i, p, q] = (winner[at] if at < n_active else at_end) == target[i]
+        tally[:] = 0
+        _tally(output[i : i + 1], target[i : i + 1], lengths, phi, theta, work, tally, work_sum, at_end)
+        right[i] = tally[0, :, :, 0] > 0
