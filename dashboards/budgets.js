@@ -119,7 +119,7 @@ const Budgets = (() => {
     const objectives = Object.entries(page.objectives);
     const nRows = Object.values(columns)[0]?.values.length ?? 0;
     const values = Object.fromEntries(
-      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise])]
+      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise, ...budgets.ties])]
         .filter((c) => c && columns[c]).map((c) => [c, numbers(columns[c].values)]));
     const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
     const costs = objectives.map(([column, way]) => costOf(column, way));
@@ -214,7 +214,7 @@ const Budgets = (() => {
       };
       if (!budgets.maximise) return result;
       const ranking = [costOf(budgets.maximise, "max"), ...objectives.filter(([c]) => c !== budgets.maximise).map(([c, way]) => costOf(c, way)),
-        ...limits.map(({ column, way }) => costOf(column, way))];
+        ...limits.map(({ column, way }) => costOf(column, way)), ...budgets.ties.filter((c) => values[c]).map((c) => costOf(c, "min"))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
       result.pick = least(rivals.filter(isWithin), ranking);
       if (result.pick >= 0) {

@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
+import shutil
 import sys
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,6 +19,10 @@ if TYPE_CHECKING:
 Row = Mapping[str, object]
 FORMATS = ("table", "json", "csv", "parquet")
 _MOST_ROWS = 24
+_FEW_ROWS = 4  # fewer keep columns of one value, where these fit
+_PIPED = 160  # characters of a table that goes to no terminal
+_PROSE = 20  # texts that are longer may be wrapped between words, to no less than this
+_GAP = 2  # spaces between columns
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,10 @@ class Answer:
     columns: the columns of a table on a terminal; all columns if empty. Other formats have every column.
     text: shown in place of a table.
     code: exit code.
+    essential: columns that a narrow terminal shows too; it leaves out others, the widest first. Empty: it
+        leaves out none, and lists a row's values below each other where they do not fit side by side.
+    table: the rows of a table on a terminal, if these are fewer (equal ones as one row); other formats have
+        all rows.
     all_rows: whether a terminal shows every row, however many.
     is_printed: whether the command has printed its result, all but the notes.
     sections: further answers by title; CSV and Parquet hold the rows of the first alone.
@@ -35,6 +46,8 @@ class Answer:
     rows: Sequence[Row]
     notes: Sequence[str] = ()
     columns: Sequence[str] = ()
+    essential: Sequence[str] = ()
+    table: Sequence[Row] | None = None
     text: str = ""
     code: int = 0
     all_rows: bool = False
@@ -108,28 +121,138 @@ def _frame(answer: Answer) -> pandas.DataFrame:
 
 
 def _print_table(answer: Answer) -> None:
+    """Print a table that fits the terminal: no header and no number is broken."""
+    columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
+    rows = list(answer.rows if answer.table is None else answer.table)
+    width = _width() or _PIPED
+    if len(rows) > 1:
+        columns = [name for name in columns if any(cell(row.get(name)) not in ("", "-") for row in rows)]
+    fits = _total(_least_width(name, rows) for name in columns) <= width
+    same = [] if fits and len(rows) < _FEW_ROWS else _same(rows, columns)
+    columns = [name for name in columns if name not in same]
+    if same:
+        texts = [f"{name} {cell(rows[0].get(name))}" for name in same]
+        print("\n".join(_wrap(f"in all rows: {' · '.join(texts)}", width)))
+    shown = rows
+    if len(rows) > _MOST_ROWS and not answer.all_rows:
+        places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
+        shown = [rows[place] for place in places]
+    needed = {name: _least_width(name, shown) for name in columns}
+    left_out = _left_out(needed, answer.essential, width)
+    columns = [name for name in columns if name not in left_out]
+    if _total(needed[name] for name in columns) <= width:
+        _print_grid(shown, columns, needed, width)
+    else:
+        _print_records(shown, columns, width)
+    if len(shown) < len(rows):
+        print(f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all")
+    if left_out:
+        text = f"too narrow for {', '.join(left_out)}: widen the terminal, or --format csv prints all columns"
+        print("\n".join(_wrap(text, width)))
+
+
+def _same(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:
+    """Return the columns with one value in all of several rows; the first column is never among them."""
+    if len(rows) < 2:
+        return []
+    return [name for name in columns[1:] if len({cell(row.get(name)) for row in rows}) == 1]
+
+
+def _least_width(name: str, rows: Sequence[Row]) -> int:
+    """Return the width below which a column would break a number, a header or a word."""
+    cells = [cell(row.get(name)) for row in rows]
+    if _is_prose(name, rows):
+        words = max((len(word) for text in cells for word in text.split()), default=0)
+        return max(len(name), words, min(_PROSE, max(map(len, cells))))
+    return max(len(name), *map(len, cells))
+
+
+def _is_prose(name: str, rows: Sequence[Row]) -> bool:
+    """Return whether a column holds sentences, which may be wrapped between words."""
+    return any(isinstance(text := row.get(name), str) and len(text) > _PROSE and " " in text for row in rows)
+
+
+def _total(widths: Iterable[int]) -> int:
+    each = list(widths)
+    return sum(each) + _GAP * (len(each) - 1)
+
+
+def _left_out(needed: Mapping[str, int], essential: Sequence[str], width: int) -> list[str]:
+    """Return the columns that do not fit, the widest ones that are not essential, in their order."""
+    out: list[str] = []
+    for name in sorted(needed, key=lambda name: -needed[name]) if essential else ():
+        if _total(needed[x] for x in needed if x not in out) <= width:
+            break
+        if name not in essential:
+            out.append(name)
+    return [name for name in needed if name in out]
+
+
+def _print_grid(rows: Sequence[Row], columns: Sequence[str], needed: Mapping[str, int], width: int) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from dse.store import plain_cell
 
-    columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
-    rows = list(answer.rows)
-    shown = rows
-    if len(rows) > _MOST_ROWS and not answer.all_rows:
-        places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
-        shown = [rows[place] for place in places]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in columns:
-        numeric = all(isinstance(plain_cell(row.get(column)), int | float | None) for row in shown)
-        table.add_column(Text(column), justify="right" if numeric else "left", overflow="fold")
-    for row in shown:
-        table.add_row(*(Text(cell(row.get(column))) for column in columns))
-    console = Console(width=None if sys.stdout.isatty() else 160, highlight=False)
-    console.print(table)
-    if len(shown) < len(rows):
-        print(f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all")
+    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
+    for name in columns:
+        numeric = all(isinstance(plain_cell(row.get(name)), int | float | None) for row in rows)
+        table.add_column(
+            Text(name),
+            justify="right" if numeric else "left",
+            no_wrap=not _is_prose(name, rows),
+            min_width=needed[name],
+        )
+    for row in rows:
+        table.add_row(*(Text(cell(row.get(name))) for name in columns))
+    Console(width=width, highlight=False).print(table)
+
+
+def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> None:
+    """Print a row's values below each other, and an empty line between rows."""
+    texts = [[(name, cell(row.get(name))) for name in columns] for row in rows]
+    print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
+
+
+def _wrap(text: str, width: int, subsequent_indent: str = "") -> list[str]:
+    """Return lines that break between words alone; spaces within them stay."""
+    return textwrap.wrap(
+        text,
+        width,
+        subsequent_indent=subsequent_indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:
+    """Return names and texts side by side, wrapped between words at the width of the terminal.
+
+    Args:
+        pairs: a name and a text each.
+        width: in characters; None: that of the terminal, and without one no line is wrapped.
+    """
+    width = width or _width()
+    indent = max((len(name) for name, _ in pairs), default=0) + _GAP
+    if width is None or width - indent < _PROSE // 2:
+        indent = indent if width is None else _GAP
+    lines = []
+    for name, text in pairs:
+        head = f"{name:<{indent}}" if len(name) + _GAP <= indent else f"{name}{' ' * _GAP}"
+        if width is None:
+            lines.append(f"{head}{text}".rstrip())
+            continue
+        wrapped = _wrap(f"{head}{text}", width, subsequent_indent=" " * indent)
+        lines += wrapped or [name]
+    return "\n".join(lines)
+
+
+def _width() -> int | None:
+    """Return the width of the terminal or $COLUMNS in characters, None where the output goes elsewhere."""
+    if not (sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdecimal()):
+        return None
+    return max(shutil.get_terminal_size().columns, 1)
 
 
 def cell(value: object) -> str:

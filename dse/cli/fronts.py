@@ -26,6 +26,10 @@ _IDENTITY = (
 )
 
 
+POINTS = "points"
+"""Column of a table on a terminal: how many points of a trial have these objectives."""
+
+
 def front(
     points: pandas.DataFrame, objectives: Sequence[Goal], where: str | None = None, by: str | None = None
 ) -> Answer:
@@ -33,8 +37,46 @@ def front(
     from dse.skyline.front import skyline
 
     non_dominated = skyline(points, objectives, where, by)
-    rows = non_dominated.rows
-    return Answer(records(rows), non_dominated.notes, columns(rows, objectives))
+    return front_answer(non_dominated.rows, objectives, non_dominated.notes)
+
+
+def front_answer(
+    rows: pandas.DataFrame, objectives: Sequence[Goal], notes: Sequence[str], beside: Sequence[str] = ()
+) -> Answer:
+    """Return the rows of a front; a terminal shows equal points of a trial as one row.
+
+    Args:
+        rows: of the front.
+        objectives: that it is of.
+        notes: on it.
+        beside: further columns to show.
+    """
+    table = without_equals(rows, objectives)
+    shown = columns(table, objectives)
+    if len(table) < len(rows):
+        shown.append(POINTS)
+        notes = [
+            *notes,
+            f"{POINTS}: how many points of a trial are equal in all objectives; the one shown has the "
+            "least latency, then energy, then weights",
+        ]
+    shown += [name for name in beside if name in rows and name not in shown]
+    essential = [name for name in ("trial", *(name for name, _ in objectives)) if name in shown]
+    return Answer(records(rows), notes, shown, essential=essential, table=records(table))
+
+
+def without_equals(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> pandas.DataFrame:
+    """Return one row for the points of a trial that are equal in all objectives, with their number."""
+    from dse.skyline.pick import economy
+
+    if "trial" not in rows or rows.empty:
+        return rows
+    alike = [x for x in ("trial", "task", "hardware", "weight_bits", "pruned_after") if x in rows]
+    alike += [name for name, _ in objectives if name not in alike]
+    ordered = rows.sort_values([goal.column for goal in economy(rows)] or alike, kind="stable")
+    groups = ordered.groupby(alike, sort=False, dropna=False, observed=True)
+    first = ordered.assign(**{POINTS: groups["trial"].transform("size")}).drop_duplicates(alike)
+    return first.loc[[index for index in rows.index if index in first.index]]
 
 
 def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
@@ -58,6 +100,9 @@ def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
     if "family" in rows:  # the same, and also in studies of a single family
         axes = [name for name in axes if name != "model.kind"]
     parameters = [name for name in map(str, rows.columns) if name in axes or name in _IDENTITY]
-    varied = [name for name in parameters if rows[name].astype(str).nunique(dropna=False) > 1]
+    texts = {name: tuple(rows[name].astype(str)) for name in parameters}
+    varied = [name for name, values in texts.items() if len(set(values)) > 1]
+    if "task" in varied and texts.get("task.target") == texts["task"]:
+        varied.remove("task.target")
     chosen = [*(["trial"] if "trial" in rows else []), *varied, *names]
     return [name for name in dict.fromkeys(chosen) if name in rows]

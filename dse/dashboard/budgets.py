@@ -12,6 +12,7 @@ from dse.records import Array
 from dse.skyline.admissible import honest
 from dse.skyline.constraints import ExpressionError, split_budgets
 from dse.skyline.pareto import non_dominated
+from dse.skyline.pick import economy
 
 if TYPE_CHECKING:
     import pandas
@@ -49,6 +50,7 @@ def gather_budgets(
     Returns:
         columns: {column: 'max' or 'min'} of each column with a budget;
         maximise: the column that `dse pick` maximises, None if no column can be maximised;
+        ties: the columns, less being better, that decide between equally good points;
         results, hardware: the arguments;
         ranges: values of the filters, and {column: [least, largest]} of the points with these values.
     """
@@ -58,6 +60,7 @@ def gather_budgets(
     return {
         "columns": columns,
         "maximise": maximise,
+        "ties": [goal.column for goal in economy(points)],
         "results": results,
         "hardware": list(hardware),
         "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns]))),
@@ -71,17 +74,19 @@ def contenders(points: pandas.DataFrame, objectives: Mapping[str, str], maximise
     is at least as good in every column with a budget: any budget that admits the first admits the second.
     Rows with the same objectives as a returned row are returned too, since equal rows share a front.
     """
-    limited = {**objectives, **budget_columns(points, objectives), **({maximise: "max"} if maximise else {})}
+    deciding = {goal.column: goal.direction for goal in economy(points)}
+    limited = {**deciding, **budget_columns(points, objectives), **({maximise: "max"} if maximise else {})}
+    limited = {**objectives, **limited}
     if not objectives or not len(points):
         return np.zeros(0, np.int64)
     signed = [(-1.0 if way == "max" else 1.0) * numbers(points, name) for name, way in limited.items()]
     costs = np.column_stack([np.where(np.isfinite(values), values, np.inf) for values in signed])
-    deciding = []
+    among = []
     for group in groups_of(points, (*_FILTERS, "fits", "transductive")):
         best = group[non_dominated(costs[group])]
         alike = _alike(costs[group, : len(objectives)])
-        deciding.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
-    return np.sort(np.concatenate(deciding))
+        among.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
+    return np.sort(np.concatenate(among))
 
 
 def _can_be_named(column: str) -> bool:

@@ -91,7 +91,7 @@ def gather_page(
         for column in map(str, points.columns)
         if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
     ]
-    exact = {*present, *budgets["columns"], budgets["maximise"]}
+    exact = {*present, *budgets["columns"], *budgets["ties"], budgets["maximise"]}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
     defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
     return {

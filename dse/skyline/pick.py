@@ -15,6 +15,9 @@ from dse.skyline.front import Drawn, Draws, comparable, front_draws
 from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.table import numbers
 
+ECONOMY = (("latency_ms", "decision_latency_ms", "hardware_latency_ms"), ("energy_uj",), ("n_weights",))
+"""What decides between equally good points, less being better: the first of each group with numbers."""
+
 
 class Pick(NamedTuple):
     """The best row within the budgets, or the nearest rows.
@@ -41,8 +44,9 @@ def pick(
     """Return the best row within the budgets; if there is none, the nearest rows.
 
     Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
-    budgets in their order, then to the first row of the table. A row without the number of a tie break, such
-    as the energy of a classifier that a chip cannot run, comes last there.
+    budgets in their order, then to less latency, energy and weights (`economy`), then to the first row of the
+    table. A row without the number of a tie break, such as the energy of a classifier that a chip cannot run,
+    comes last there.
 
     Args:
         frame: design points.
@@ -60,9 +64,25 @@ def pick(
     rows, ranking, notes = _candidates(frame, budgets, maximise, tie_breaks)
     feasible = _feasible(rows, limits)
     if feasible.any():
-        best = np.lexsort((*ranking, ~feasible))[0]
-        return Pick(rows.iloc[int(best)], rows.iloc[:0], notes)
+        best = int(np.lexsort((*ranking, ~feasible))[0])
+        goals = [Goal(maximise, "max"), *(Goal(*pair) for pair in tie_breaks)]
+        last = [goal.column for goal in _last(rows, goals, limits)]
+        first = ranking[len(last) :]
+        n_equal = int((feasible & (first == first[:, [best]]).all(axis=0)).sum())
+        if last and n_equal > 1:
+            equal = ", ".join(goal.column for goal in goals)
+            notes = [*notes, f"{n_equal} design points tie in {equal}; least {', then '.join(last)} decides"]
+        return Pick(rows.iloc[best], rows.iloc[:0], notes)
     return Pick(None, _nearest(rows, limits, ranking).iloc[:n_nearest], notes)
+
+
+def economy(frame: pd.DataFrame) -> list[Goal]:
+    """Return the goals that decide between equally good points: less latency, then energy, then weights."""
+    goals = []
+    for names in ECONOMY:
+        numeric = [x for x in names if x in frame and pd.api.types.is_numeric_dtype(frame[x].dtype)]
+        goals += [Goal(x, "min") for x in numeric if np.isfinite(numbers(frame, x)).any()][:1]
+    return goals
 
 
 def contestants(
@@ -97,9 +117,19 @@ def _candidates(
 
 def _ranking(rows: pd.DataFrame, goals: Sequence[Goal], limits: Sequence[Budget]) -> Floats:
     """Return the keys that rank rows, (key, row), all minimised; the last comes first."""
-    used = [Goal(limit.column, limit.direction) for limit in limits if limit.direction]
-    costs = costs_of(rows, list(dict.fromkeys([*goals, *used])))
+    costs = costs_of(rows, [*_first(goals, limits), *_last(rows, goals, limits)])
     return np.where(np.isfinite(costs), costs, np.inf).T[::-1]
+
+
+def _first(goals: Sequence[Goal], limits: Sequence[Budget]) -> list[Goal]:
+    """Return the goals, then least use of the budgets."""
+    return list(dict.fromkeys([*goals, *(Goal(x.column, x.direction) for x in limits if x.direction)]))
+
+
+def _last(rows: pd.DataFrame, goals: Sequence[Goal], limits: Sequence[Budget]) -> list[Goal]:
+    """Return what decides where goals and budgets leave several rows."""
+    named = [goal.column for goal in _first(goals, limits)]
+    return [goal for goal in economy(rows) if goal.column not in named]
 
 
 def _feasible(rows: pd.DataFrame, limits: Sequence[Budget]) -> Bools:

@@ -55,6 +55,66 @@ def test_a_long_table_is_thinned_and_says_so(capsys: pytest.CaptureFixture[str])
     assert lines[25] == "24 of 1000 rows, evenly spaced; --format csv prints all"
 
 
+WIDE = [
+    {
+        "trial": n,
+        "task": "texture",
+        "model.input_delays": [0, 12, n],
+        "accuracy": 0.123456 + n,
+        "energy_uj": 3.25 * n,
+        "reason": f"a sentence of several words that may be wrapped between them, {n}",
+    }
+    for n in range(4)
+]
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+@pytest.mark.parametrize("essential", [(), ("trial", "accuracy", "energy_uj")])
+def test_no_header_and_no_number_is_broken(
+    width: int,
+    essential: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    show(Answer(WIDE, essential=essential), "skyline", "table")
+    out = capsys.readouterr().out
+    assert all(len(line.rstrip()) <= width for line in out.splitlines())
+    left_out = out.partition("too narrow for ")[2]
+    for name in WIDE[0]:
+        assert name in out and (name not in essential or name not in left_out)
+    for row in WIDE:
+        for name in ("trial", *(essential or WIDE[0])):
+            words = cell(row[name]).split() if name == "reason" else [cell(row[name])]
+            assert all(word in out for word in words)
+    assert bool(left_out) == (bool(essential) and width < 80)
+    assert out.startswith("in all rows: task texture")
+
+
+def test_rows_that_do_not_fit_are_listed_below_each_other(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "24")
+    rows = [{"target": "c99", "verdict": "faithful", "recordings": n, "ram_bytes": 12345} for n in (3, 4)]
+    show(Answer(rows), "verify", "table")
+    assert capsys.readouterr().out.splitlines() == [
+        *("in all rows: verdict", "faithful · ram_bytes", "12345", "target  recordings"),
+        *("c99              3", "c99              4"),
+    ]
+    show(Answer([rows[0]]), "verify", "table")
+    assert capsys.readouterr().out.splitlines() == [
+        *("target      c99", "verdict     faithful", "recordings  3", "ram_bytes   12345"),
+    ]
+
+
+def test_other_formats_have_every_row_and_column(capsys: pytest.CaptureFixture[str]) -> None:
+    answer = Answer([{"a": 1, "b": 2}] * 2, columns=["a"], table=[{"a": 1}])
+    show(answer, "skyline", "csv")
+    assert capsys.readouterr().out == "a,b\n1,2\n1,2\n"
+    show(answer, "skyline", "table")
+    assert [line.strip() for line in capsys.readouterr().out.splitlines()] == ["a", "1"]
+
+
 def test_markup_in_values_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     show(Answer([{"[red]name": "[/red][link=x]"}]), "skyline", "table")
     assert "[red]name" in (out := capsys.readouterr().out)

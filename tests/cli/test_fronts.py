@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.cli.fronts import columns
+from dse.cli.fronts import columns, front_answer
+from dse.skyline.goals import Goal
 from tests.skyline.tables import NAMING_OTHERS, WORDS
 
 GOALS = [("accuracy", "max"), ("n_weights", "min")]
@@ -41,6 +42,17 @@ def test_a_front_of_several_families_shows_what_all_of_them_have() -> None:
     assert shown == ["trial", "family", "encoder.gain", "read_out_ms", "accuracy", "n_weights"]
     assert "model.kind" in columns(mixed().drop(columns="family"), GOALS)
     assert columns(mixed().iloc[1:], GOALS) == ["trial", "accuracy", "n_weights"]
+
+
+def test_equal_points_of_a_trial_are_one_row_with_their_number() -> None:
+    latency = [900.0, 356.0, 1000.0, 10.0]
+    points = mixed().iloc[[1, 1, 1, 0]].assign(phi=[1, 2, 3, 4], latency_ms=latency).reset_index(drop=True)
+    answer = front_answer(points, [Goal(*pair) for pair in GOALS], ["a note"])
+    assert [(row["trial"], row["phi"], row["points"]) for row in answer.table or ()] == [(1, 2, 3), (0, 4, 1)]
+    assert len(answer.rows) == 4 and "points" in answer.columns and "points" not in answer.rows[0]
+    assert answer.notes[0] == "a note" and answer.notes[1].startswith("points: how many points of a trial")
+    alone = front_answer(points.iloc[2:], [Goal(*pair) for pair in GOALS], ["a note"])
+    assert "points" not in alone.columns and list(alone.notes) == ["a note"]
 
 
 def test_a_missed_budget_is_no_axis() -> None:

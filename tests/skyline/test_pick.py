@@ -35,6 +35,25 @@ def test_ties_go_to_what_was_asked_for_then_to_the_first_row():
     assert pick(same, ["energy_uj <= 50"]).row.name == 0
 
 
+def test_ties_in_every_goal_go_to_less_latency_then_energy_then_weights():
+    frame = table(
+        accuracy=[0.9, 0.9, 0.9, 0.8],
+        latency_ms=[1000.0, 356.0, 356.0, 1.0],
+        energy_uj=[1.0, 4.0, 3.0, 1.0],
+        n_weights=[1, 1, 1, 1],
+    )
+    found = pick(frame, [])
+    assert found.row.name == 2
+    assert found.notes == [
+        "3 design points tie in accuracy; least latency_ms, then energy_uj, then n_weights decides"
+    ]
+    assert pick(frame, [], tie_breaks=[("energy_uj", "min")]).row.name == 0  # the study's goals come first
+    assert pick(frame, ["energy_uj <= 3.5"]).row.name == 0  # and then the budgets
+    decided = frame.rename(columns={"latency_ms": "decision_latency_ms"}).assign(latency_ms=np.nan)
+    assert pick(decided, []).row.name == 2  # a chip that cannot say how long it takes
+    assert contestants(frame, []).index.tolist() == [2, 1, 0, 3]
+
+
 def test_a_row_that_lacks_a_tie_break_can_still_be_picked():
     frame = table(accuracy=[0.8, 0.9, 0.8], energy_uj=[2.0, np.nan, np.inf])
     found = pick(frame, [], tie_breaks=[("energy_uj", "min")])

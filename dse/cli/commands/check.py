@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer, add_format, listing
 from dse.cli.options import add_space, load
 from dse.config import ConfigError
 from dse.study.preview import preview
@@ -34,7 +34,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
             raise
         print(error, file=sys.stderr)
         return Answer([vars(fault) for fault in error.faults], code=_BAD_INPUT)
-    return Answer([row], text="\n".join(f"{name:<16}{_text(value)}" for name, value in row.items()))
+    return Answer([row], text=listing([(name, _text(value)) for name, value in row.items()]))
 
 
 def _text(value: object) -> str:

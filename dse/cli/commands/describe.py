@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer, add_format, listing
 from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
 from dse.config.locate import is_hardware_file
@@ -41,11 +41,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
         return Answer([], text=json.dumps(json_schema(), indent=2))
     if arguments.section is None:
         rows = sections()
-        return Answer(rows, text=_listing(rows, "section", "doc"))
+        return Answer(rows, text=listing([(row["section"], row["doc"]) for row in rows]))
     _expect("section", arguments.section, [row["section"] for row in sections()])
     known = names(arguments.section)
     if arguments.name is None and known:
-        return Answer(known, text=_listing(known, "name", "doc"))
+        return Answer(known, text=listing([(row["name"], row["doc"]) for row in known]))
     is_file = arguments.section == "hardware" and is_hardware_file(arguments.name)
     if known and not is_file:
         _expect(arguments.section, arguments.name, [row["name"] for row in known])
@@ -56,8 +56,3 @@ def answer(arguments: argparse.Namespace) -> Answer:
 def _expect(what: str, name: str, known: list[str]) -> None:
     if name not in known:
         raise ConfigError([Fault("dse describe", 0, f"unknown {what} '{name}'; {known_names(name, known)}")])
-
-
-def _listing(rows: list[dict[str, str]], name: str, doc: str) -> str:
-    width = max(len(row[name]) for row in rows) + 2
-    return "\n".join(f"{row[name]:<{width}}{row[doc]}" for row in rows)

@@ -97,7 +97,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
         sure = "" if arguments.confidence is None else f" in {arguments.confidence:.0%} of the samples"
         notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes, *remarks]
         shown = [*columns(picked.nearest, goals), *missed]
-        return Answer(records(picked.nearest), notes, shown, code=_NOTHING_FEASIBLE)
+        essential = [name for name in ("trial", *(name for name, _ in goals), *missed) if name in shown]
+        return Answer(records(picked.nearest), notes, shown, essential, code=_NOTHING_FEASIBLE)
     row: dict[str, Any] = {str(name): value for name, value in picked.row.items()}
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [

@@ -20,6 +20,7 @@ _SHOWN = (
     *_HONEST,
     *("runs", "hardware", "family", "trial", "study"),
 )
+_ESSENTIAL = ("system", "figure", "task", "published", "ours", "se")
 _PAPER = (
     *(
         "kind",
@@ -92,7 +93,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     audits = {f"audit of {name}": audit_answer(audit) for name, audit in gathered.audits.items()}
     notes = [*titles, *splits_of_rows, *gathered.notes]
-    return Answer(columns, notes, shown, code=code, all_rows=True, sections=audits)
+    return Answer(columns, notes, shown, _ESSENTIAL, code=code, all_rows=True, sections=audits)
 
 
 def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:

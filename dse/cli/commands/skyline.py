@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
-from dse.cli.fronts import columns, records
+from dse.cli.fronts import front_answer
 from dse.cli.numbers import draws
 from dse.cli.options import add_duty, add_hardware
 
@@ -70,22 +70,21 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if (large := _large(arguments)) is not None:
         objectives = objectives_of(arguments.objectives, arguments.results[0])
         skyline = blocks.parquet_skyline(large, objectives, arguments.where, by)
-        return Answer(records(skyline.rows), skyline.notes, columns(skyline.rows, objectives))
+        return front_answer(skyline.rows, objectives, skyline.notes)
     frames = pricing.tables(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
     frame = pricing.on_duty(
         pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
     )
     skyline = front.skyline(frame, objectives, arguments.where, by)
-    rows, shown = skyline.rows, columns(skyline.rows, objectives)
-    shown += [name for name in ("power_mw", "battery_h") if name in rows and name not in shown]
+    rows, beside = skyline.rows, ["power_mw", "battery_h"]
     if arguments.draws:
         names = [name for name, _ in objectives]
         drawing = pricing.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
         candidates = front.comparable(frame, objectives, arguments.where, by).rows
         share = front.front_share(candidates, objectives, drawing, by)
         rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
-        shown = [*shown, "front_share"]
+        beside.append("front_share")
     notes = list(skyline.notes)
     if any(name in resampling.ACCURACIES for name, _ in objectives) and all(
         Path(path).is_dir() for path in arguments.results
@@ -100,8 +99,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
             notes.append(f"no front_probability: {error}")
         else:
             rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
-            shown = [*shown, "front_probability"]
-    return Answer(records(rows), notes, shown)
+            beside.append("front_probability")
+    return front_answer(rows, objectives, notes, beside)
 
 
 def _large(arguments: argparse.Namespace) -> Path | None:
