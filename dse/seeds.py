@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 
 def design_key(design: Mapping[str, Any]) -> str:
@@ -27,3 +28,14 @@ def generator(study_seed: int, design: Mapping[str, Any], purpose: str, *index: 
     text = "\x1f".join([str(study_seed), design_key(design), purpose, *map(str, index)])
     key = np.frombuffer(hashlib.sha256(text.encode()).digest()[:16], dtype=np.uint64)
     return np.random.Generator(np.random.Philox(key=key))
+
+
+def position(rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    """Return where a generator stands in its sequence, as the bytes of a JSON text."""
+    text = json.dumps(rng.bit_generator.state, default=lambda array: array.tolist())
+    return np.frombuffer(text.encode(), np.uint8)
+
+
+def move_to(rng: np.random.Generator, place: npt.NDArray[np.uint8]) -> None:
+    """Let a generator go on from a `position` of the same kind of generator."""
+    rng.bit_generator.state = json.loads(place.tobytes())

@@ -6,6 +6,7 @@ A component is a frozen dataclass, registered in its section (`dse.registry`); i
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import (
     Any,
@@ -279,6 +280,11 @@ def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:
     return hasattr(family, "fit_cohort")
 
 
+def has_rungs(family: object) -> TypeGuard[RungFamily]:
+    """Return whether trainings of a family, or of a class of families, can pause: it has `fit_span`."""
+    return hasattr(family, "fit_span")
+
+
 def placed(family: CohortFamily, positions: Ints) -> CohortFamily:
     """Return a family as it trains on channels at (n_channels, 3) x, y and plane.
 
@@ -290,6 +296,34 @@ def placed(family: CohortFamily, positions: Ints) -> CohortFamily:
 
 
 F = TypeVar("F")
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A training that has not ended.
+
+    epochs: that it has trained.
+    state: named arrays from which it goes on to the same bits, alone or in any cohort.
+    outcome: what it would be if it ended here; None where nobody needs it.
+    """
+
+    epochs: int
+    state: Mapping[str, Array]
+    outcome: Outcome | None = None
+
+
+@dataclass(frozen=True)
+class Span:
+    """From where to where the designs of a cohort train.
+
+    states: of each design, where it goes on, all after the same number of epochs; empty: from the start.
+    until: epochs after which every training that has not ended by then pauses; None: none pauses.
+    is_due: called after every epoch; true: each training yields its state, and goes on.
+    """
+
+    states: Sequence[Mapping[str, Array]] = ()
+    until: int | None = None
+    is_due: Callable[[], bool] = lambda: False
 
 
 class FitRequest(NamedTuple, Generic[F]):
@@ -362,4 +396,25 @@ class CohortFamily(Family, Protocol):
             shared: random generators of what they share, such as the order of samples.
             device: 'cpu' or 'cuda'.
             threads: on the CPU; they change no bit of a result.
+        """
+
+
+@runtime_checkable
+class RungFamily(CohortFamily, Protocol):
+    """A family whose trainings can pause after any epoch and go on elsewhere; any other has one rung."""
+
+    def fit_span(
+        self,
+        dataset: Dataset,
+        designs: Sequence[FitRequest[Any]],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+        span: Span = Span(),
+    ) -> Iterator[tuple[int, Outcome | Rung | Exception]]:
+        """Do as `fit_cohort` from where designs stand; yield a `Rung` of each that pauses, with an outcome.
+
+        A static method. States that are yielded on the way have no outcome. In however many spans designs
+        train, and with whatever others, the results are those of one `fit_cohort`. Generators of requests and
+        of what designs share are new in every span: a state holds how far they were.
         """

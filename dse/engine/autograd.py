@@ -25,7 +25,7 @@ from dse.engine.events import Rows
 from dse.engine.goal import SPIKE_RATE, Goal, n_correct
 from dse.engine.layers import Weights, check_inputs
 from dse.engine.losses import Loss
-from dse.engine.member import Masters, Member, Report, Turn
+from dse.engine.member import Masters, Member, Report, State, Turn, as_part, of_part
 from dse.engine.shared import copies_of
 from dse.neurons import Population
 from dse.neurons.fixed_point import WEIGHT_SCALE
@@ -318,6 +318,14 @@ class _Matrix:
         for values in (self.weights, self.first, self.second):
             values *= self.kept
 
+    def state(self) -> dict[str, Array]:
+        tensors = {"weights": self.weights, "first": self.first, "second": self.second, "kept": self.kept}
+        return {name: x.detach().cpu().numpy().copy() for name, x in tensors.items() if x is not None}
+
+    def restore(self, state: State) -> None:
+        for name, values in state.items():
+            setattr(self, name, torch.tensor(values, device=self.weights.device))
+
     def update(self, gradient: Tensor, rate: float, step: int) -> None:
         self.weights, self.first, self.second = adam(
             self.weights, gradient, self.first, self.second, step, rate * self.unit
@@ -419,6 +427,22 @@ class _Network:
             tuple(None if r is None else copied(r) for r in self._rings),
         )
 
+    def state(self) -> dict[str, Array]:
+        """Return what training goes on from; see dse.engine.member.Engine."""
+        arrays = {"steps": np.array(self._steps)}
+        for depth, (matrix, ring) in enumerate(zip(self._matrices, self._rings, strict=True)):
+            arrays |= as_part(f"{depth}/feed_forward", matrix.state())
+            arrays |= {} if ring is None else as_part(f"{depth}/recurrent", ring.state())
+        return arrays
+
+    def restore(self, state: State) -> None:
+        """Go on from a state; see dse.engine.member.Engine."""
+        self._steps = int(state["steps"])
+        for depth, (matrix, ring) in enumerate(zip(self._matrices, self._rings, strict=True)):
+            matrix.restore(of_part(state, f"{depth}/feed_forward"))
+            if ring is not None:
+                ring.restore(of_part(state, f"{depth}/recurrent"))
+
 
 class AutogradEngine:
     """Networks that are trained one after another on each batch they share; see dse.engine.member.Engine."""
@@ -441,6 +465,14 @@ class AutogradEngine:
     def masters(self, member: int) -> Masters:
         """Return a copy of a member's master weights."""
         return self._networks[member].masters()
+
+    def state(self, member: int) -> State:
+        """Return a copy of what a member's training goes on from."""
+        return self._networks[member].state()
+
+    def restore(self, member: int, state: State) -> None:
+        """Go on from a member's state."""
+        self._networks[member].restore(state)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from dse.engine.events import Rows
 from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
-from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
+from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.shared import Copies, copies_of
 from dse.neurons.fixed_point import WEIGHT_SCALE
 from dse.records import Arithmetic, Array, Ints
@@ -57,6 +57,22 @@ class _Matrix:
         for values in (self.weights, self.first, self.second, self.table):
             values *= mask.astype(values.dtype)
         return replace(self, kept=mask)
+
+    @property
+    def _changed(self) -> tuple[str, ...]:
+        """Names of the arrays that an update reads and writes."""
+        return ("weights", "first", "second", *(() if self.table is self.weights else ("table",)))
+
+    def state(self) -> dict[str, Array]:
+        """Return a copy of what an update reads and writes."""
+        kept = {} if self.kept is None else {"kept": self.kept.astype(bool)}
+        return {name: getattr(self, name).copy() for name in self._changed} | kept
+
+    def restored(self, state: State) -> _Matrix:
+        """Return the matrix with the numbers of a state; layers read its arrays, which change in place."""
+        for name in self._changed:
+            np.copyto(getattr(self, name), state[name], casting="no")
+        return replace(self, kept=state["kept"].astype(self.gradient.dtype)) if "kept" in state else self
 
     def keep_removed(self) -> None:
         """Clear the gradient of removed weights; with their moments at 0 Adam leaves them at exactly 0."""
@@ -217,6 +233,28 @@ class _Network:
             ),
         )
 
+    def state(self) -> dict[str, Array]:
+        """Return what training goes on from; see dse.engine.member.Engine."""
+        arrays = {"steps": np.array([self.steps, self.delay_steps])}
+        parts = zip(self.matrices, self.rings, self.delays, strict=True)
+        for depth, (matrix, ring, late) in enumerate(parts):
+            arrays |= as_part(f"{depth}/feed_forward", matrix.state())
+            arrays |= {} if ring is None else as_part(f"{depth}/recurrent", ring.state())
+            arrays |= {} if late is None else as_part(f"{depth}/delay", late.state())
+        return arrays
+
+    def restore(self, state: State) -> None:
+        """Go on from a state; see dse.engine.member.Engine."""
+        self.steps, self.delay_steps = state["steps"].tolist()
+        for depth, late in enumerate(self.delays):
+            of_layer = of_part(state, str(depth))
+            ring = self.rings[depth]
+            self.matrices[depth] = self.matrices[depth].restored(of_part(of_layer, "feed_forward"))
+            if ring is not None:
+                self.rings[depth] = ring.restored(of_part(of_layer, "recurrent"))
+            if late is not None:
+                late.restore(of_part(of_layer, "delay"))
+
 
 def _ring(layer: TrainedLayer, arithmetic: Arithmetic) -> _Matrix | None:
     if layer.recurrent is None:
@@ -278,6 +316,14 @@ class CpuEngine:
     def masters(self, member: int) -> Masters:
         """Return a copy of a member's master weights."""
         return self._networks[member].masters()
+
+    def state(self, member: int) -> State:
+        """Return a copy of what a member's training goes on from."""
+        return self._networks[member].state()
+
+    def restore(self, member: int, state: State) -> None:
+        """Go on from a member's state."""
+        self._networks[member].restore(state)
 
 
 def _workspace(networks: Sequence[_Network], n_rows: int, thread: int) -> Workspace:

@@ -20,6 +20,7 @@ spikes, dse.engine.arrivals is faster.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,6 +109,15 @@ class Delays:
         )
         # A master beyond an end would have no gradient and never come back.
         np.clip(self.masters, 0, self.longest, out=self.masters)
+
+    def state(self) -> dict[str, Array]:
+        """Return a copy of what an update reads and writes."""
+        return {name: getattr(self, name).copy() for name in ("masters", "first", "second", "table")}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Take over the numbers of a state."""
+        for name in ("masters", "first", "second", "table"):
+            np.copyto(getattr(self, name), state[name], casting="no")
 
 
 @_part

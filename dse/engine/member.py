@@ -74,6 +74,20 @@ class Member:
         return Goal(self.loss, self.true_rate, self.false_rate, self.heads, self.hidden_spike_penalty)
 
 
+State = Mapping[str, Array]
+"""Named arrays from which a training goes on."""
+
+
+def of_part(state: State, part: str) -> dict[str, Array]:
+    """Return the arrays of a state below `<part>/`, without that in their names."""
+    return {name.removeprefix(f"{part}/"): x for name, x in state.items() if name.startswith(f"{part}/")}
+
+
+def as_part(part: str, state: State) -> dict[str, Array]:
+    """Return arrays with their names below `<part>/`."""
+    return {f"{part}/{name}": x for name, x in state.items()}
+
+
 @dataclass(frozen=True)
 class Turn:
     """What one member does with a batch.
@@ -137,4 +151,15 @@ class Engine(Protocol):
 
     def masters(self, member: int) -> Masters:
         """Return a copy of a member's master weights."""
+        ...
+
+    def state(self, member: int) -> State:
+        """Return a copy of what a member's training goes on from, between two batches.
+
+        It fits an engine of the same kind. It holds weights, moments, what pruning left, and updates so far.
+        """
+        ...
+
+    def restore(self, member: int, state: State) -> None:
+        """Go on from where `state` was taken of the same member, whatever trained beside it."""
         ...

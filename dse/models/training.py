@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dse.config.contracts import FitRequest, Generators
+from dse.config.contracts import FitRequest, Generators, Rung, Span
 from dse.config.settings import Training
 
-__all__ = ["FitRequest", "Generators", "Training", "TrainingDiverged"]
+__all__ = ["FitRequest", "Generators", "Rung", "Span", "Training", "TrainingDiverged"]
 
 
 class TrainingDiverged(RuntimeError):

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from dse import store
-from dse.config.contracts import CohortFamily, Family, FitRequest, Teacher, placed, trains_in_cohorts
+from dse.config.contracts import (
+    CohortFamily,
+    Family,
+    FitRequest,
+    Rung,
+    RungFamily,
+    Span,
+    Teacher,
+    has_rungs,
+    placed,
+    trains_in_cohorts,
+)
 from dse.config.settings import Training
 from dse.measure.heads import head_sizes
 from dse.records import Answers, Dataset, Ints, Network, Outcome, Response
@@ -23,7 +35,7 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
 
     The result follows from the seed; `respond` gives the answers of the fit again, also after storing;
     answers do not depend on later input, and are those of the windows that the data set names; weights are
-    counted; a design trains to the same bits alone and in a cohort.
+    counted; a design trains to the same bits alone and in a cohort, and with pauses where it can pause.
 
     Args:
         family: small enough to train in a second.
@@ -176,4 +188,25 @@ def _check_cohort(name: str, family: CohortFamily, alone: Outcome, data: Dataset
     expect(
         same(_results(outcome), _results(alone)),
         f"{name} must train to the same result alone and in a cohort",
+    )
+    if has_rungs(family):
+        _check_rungs(name, family, alone, data, training)
+
+
+def _check_rungs(name: str, family: RungFamily, whole: Outcome, data: Dataset, training: Training) -> None:
+    own = small.generators(1)
+    requests = [FitRequest(family, training, own)]
+    states: list[Mapping[str, Any]] = []
+    for until in range(1, training.epochs):
+        ((_, rung),) = family.fit_span(data, requests, own, span=Span(states, until))
+        expect(
+            isinstance(rung, Rung) and rung.epochs == until and rung.outcome is not None,
+            f"{name}.fit_span must yield a rung with an outcome after {until} epochs, got {rung!r}",
+        )
+        assert isinstance(rung, Rung)
+        states = [rung.state]
+    ((_, ended),) = family.fit_span(data, requests, own, span=Span(states))
+    expect(
+        isinstance(ended, Outcome) and same(_results(ended), _results(whole)),
+        f"{name} must train to the same result in spans and without a pause",
     )

@@ -16,7 +16,7 @@ from dse.engine.gpu.layout import WIDTH, columns, stages
 from dse.engine.gpu.level import Dropout, Level, Tiles
 from dse.engine.gpu.numbers import NUMBERS
 from dse.engine.gpu.weights import Weights, on_device
-from dse.engine.member import Masters, Member, Report, Turn
+from dse.engine.member import Masters, Member, Report, State, Turn, as_part, of_part
 from dse.records import Array
 
 Gains = Mapping[int, Sequence[Array | None]]
@@ -227,6 +227,32 @@ class Slab:
     def masters(self, number: int) -> Masters:
         """Return a copy of a member's master weights."""
         return self._matrices(number, lambda weights: weights.masters)
+
+    def state(self, number: int) -> dict[str, Array]:
+        """Return what a member's training goes on from; see dse.engine.member.Engine."""
+        arrays = {"steps": np.array(self._n_updates[number])}
+        for depth, (level, layer) in enumerate(zip(self._levels, self._members[number].layers, strict=False)):
+            first = int(np.argmax(level.stage.owner == number))
+            part = level.feed_forward.panels_of(first, *layer.feed_forward.shape)
+            arrays |= as_part(f"{depth}/feed_forward", level.feed_forward.state(part))
+            if level.ring is not None and layer.recurrent is not None:
+                part = level.ring.panels_of(first, *layer.recurrent.shape)
+                arrays |= as_part(f"{depth}/recurrent", level.ring.state(part))
+        return arrays
+
+    def restore(self, number: int, state: State) -> None:
+        """Go on from a member's state; see dse.engine.member.Engine."""
+        self._n_updates[number] = int(state["steps"])
+        every = self._tiles(range(len(self._members)))
+        layers = self._members[number].layers
+        for depth, (level, tiles, layer) in enumerate(zip(self._levels, every, layers, strict=False)):
+            first, of_layer = int(np.argmax(level.stage.owner == number)), of_part(state, str(depth))
+            part = level.feed_forward.panels_of(first, *layer.feed_forward.shape)
+            arrays = of_part(of_layer, "feed_forward")
+            level.feed_forward = level.feed_forward.restored(arrays, part, tiles.every)
+            if level.ring is not None and layer.recurrent is not None:
+                part = level.ring.panels_of(first, *layer.recurrent.shape)
+                level.ring = level.ring.restored(of_part(of_layer, "recurrent"), part, tiles.ring)
 
     def gradients(self, number: int) -> Masters:
         """Return dL/d(weight as it ran) of a member's last batch, float64 in ideal arithmetic."""

@@ -14,6 +14,7 @@ from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.gpu import products, updates
 from dse.engine.gpu.layout import WIDTH, Panels, matrix, panel, tiles_for
 from dse.engine.gpu.numbers import UNFUSED, Numbers
+from dse.engine.member import State
 from dse.records import Array
 
 
@@ -166,6 +167,30 @@ class Weights:
         pruned.deploy(tiles)
         return pruned
 
+    def state(self, part: slice) -> dict[str, Array]:
+        """Return a copy of what an update reads and writes in a part of the panels."""
+        arrays = {"weights": self.masters, "first": self.first, "second": self.second}
+        kept = {} if self.kept is None else {"kept": self.kept[part].cpu().numpy() != 0}
+        return {name: x[part].cpu().numpy().copy() for name, x in arrays.items()} | kept
+
+    def restored(self, state: State, part: slice, tiles: Tensor) -> Weights:
+        """Return the weights with the numbers of a state in a part of the panels.
+
+        Args:
+            state: of `state`.
+            part: of the panels.
+            tiles: tiles that are deployed anew.
+        """
+        arrays = {"weights": self.masters, "first": self.first, "second": self.second}
+        for name, values in arrays.items():
+            values[part] = on_device(state[name], values.device)
+        self.deploy(tiles)
+        if "kept" not in state:
+            return self
+        mask = torch.ones_like(self.gradients) if self.kept is None else self.kept.clone()
+        mask[part] = on_device(state["kept"].astype(np.float32), mask.device).to(mask.dtype)
+        return replace(self, kept=mask)
+
     def keep_removed(self) -> None:
         """Clear the gradient of removed weights; with their moments at 0 Adam leaves them at exactly 0."""
         if self.kept is not None:
@@ -209,6 +234,11 @@ class Weights:
         )
         self.deploy(tiles)
 
+    def panels_of(self, first: int, n_in: int, n_out: int) -> slice:
+        """Return where the panels of a (source, neuron) matrix lie, given its member's first tile."""
+        begin = int(self.panels.offset[first])
+        return slice(begin, begin + tiles_for(n_in) * WIDTH * tiles_for(n_out) * WIDTH)
+
     def matrix(self, values: Tensor, first: int, n_in: int, n_out: int) -> Array:
         """Return a copy of the (source, neuron) matrix of the member whose first tile is given.
 
@@ -218,9 +248,7 @@ class Weights:
             n_in: source neurons.
             n_out: neurons.
         """
-        begin = int(self.panels.offset[first])
-        size = tiles_for(n_in) * WIDTH * tiles_for(n_out) * WIDTH
-        flat = values[begin : begin + size].cpu().numpy()
+        flat = values[self.panels_of(first, n_in, n_out)].cpu().numpy()
         return matrix(flat.reshape(tiles_for(n_out), -1, WIDTH), n_in, n_out)
 
 

@@ -16,7 +16,7 @@ from dse.engine.gpu.layout import WIDTH, tiles_for
 from dse.engine.gpu.numbers import INTERPRETED, NUMBERS, SPIKE_TYPE
 from dse.engine.gpu.slab import Counts, Slab
 from dse.engine.layers import check_inputs
-from dse.engine.member import Masters, Member, Report, Turn
+from dse.engine.member import Masters, Member, Report, State, Turn
 from dse.records import Arithmetic, Array
 
 INPUT_BYTES = 2**30
@@ -120,6 +120,16 @@ class WideEngine:
         """Return a copy of a member's master weights."""
         slab, place = self._place[member]
         return self._slabs[slab].masters(place)
+
+    def state(self, member: int) -> State:
+        """Return a copy of what a member's training goes on from."""
+        slab, place = self._place[member]
+        return self._slabs[slab].state(place)
+
+    def restore(self, member: int, state: State) -> None:
+        """Go on from a member's state."""
+        slab, place = self._place[member]
+        self._slabs[slab].restore(place, state)
 
     def gradients(self, member: int) -> Masters:
         """Return dL/d(weight as it ran) of the last batch that a member trained on."""

@@ -20,7 +20,7 @@ class Augmentation:
     def __init__(self, dataset: Dataset, training: Training, shared: Generators) -> None:
         self._dataset, self._training = dataset, training
         names = ("blend", "dilation", "channel shift", "event dropout")
-        self._draws = {name: shared(name) for name in names}
+        self.draws = {name: shared(name) for name in names}
 
     def batch(self, samples: Ints, start: Ints) -> Spikes:
         """Return the changed windows of some training samples, as samples in their order.
@@ -39,11 +39,11 @@ class Augmentation:
             others,
             cut,
             self._factors(n),
-            self._draws["channel shift"].integers(n_shifts, size=n) if n_shifts > 1 else np.zeros(n, int),
+            self.draws["channel shift"].integers(n_shifts, size=n) if n_shifts > 1 else np.zeros(n, int),
             self._shifts,
             data.n_steps,
             self._training.event_dropout,
-            self._draws["event dropout"],
+            self.draws["event dropout"],
         )
 
     def _windows(self, samples: Ints, start: Ints) -> Windows:
@@ -54,7 +54,7 @@ class Augmentation:
 
     def _others(self, samples: Ints, windows: Windows) -> tuple[Windows, Ints]:
         """Return windows of the same classes, and the step from which each is shown; (n,) n_steps: never."""
-        data, share, rng = self._dataset, self._training.blend, self._draws["blend"]
+        data, share, rng = self._dataset, self._training.blend, self.draws["blend"]
         never = np.full(len(samples), data.n_steps)
         if not share:
             return windows, never
@@ -69,7 +69,7 @@ class Augmentation:
 
     def _factors(self, n: int) -> Floats:
         low, high = self._training.dilation
-        return self._draws["dilation"].uniform(low, high, n) if low < high else np.full(n, low)
+        return self.draws["dilation"].uniform(low, high, n) if low < high else np.full(n, low)
 
     @cached_property
     def _by_class(self) -> tuple[Ints, Ints, Ints]:

@@ -11,7 +11,7 @@ from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
 from dse.engine.layout import padded
 from dse.models.snn import respond, train
 from dse.models.snn.settings import Stack
-from dse.models.training import FitRequest, Generators, Training, TrainingDiverged
+from dse.models.training import FitRequest, Generators, Rung, Span, Training, TrainingDiverged
 from dse.records import Array, Dataset, Floats, Network, Outcome, Parameters, Response
 from dse.registry import register
 
@@ -40,6 +40,7 @@ class SNN(Stack):
         ((_, outcome),) = train.train(dataset, [FitRequest(self, training, rngs)], rngs)
         if isinstance(outcome, TrainingDiverged):
             raise outcome
+        assert isinstance(outcome, Outcome)  # nobody has asked for a pause
         return outcome
 
     def respond(self, fitted: Network, dataset: Dataset, samples: Array) -> Response:
@@ -62,7 +63,21 @@ class SNN(Stack):
         threads: int = 1,
     ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
         """Train designs on the same batches; see `dse.models.snn.train.train`."""
-        return train.train(dataset, designs, shared, device, threads)
+        for number, ended in train.train(dataset, designs, shared, device, threads):
+            assert not isinstance(ended, Rung)  # nobody has asked for a pause
+            yield number, ended
+
+    @staticmethod
+    def fit_span(
+        dataset: Dataset,
+        designs: Sequence[FitRequest[Stack]],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+        span: Span = Span(),  # noqa: B008
+    ) -> Iterator[tuple[int, Outcome | Rung | TrainingDiverged]]:
+        """Train designs on the same batches from where they stand; see `dse.models.snn.train.train`."""
+        return train.train(dataset, designs, shared, device, threads, span)
 
     def n_weights(self, n_channels: int, n_classes: int) -> int:
         """Return W_t before pruning: between layers (delayed copies included) and within recurrent ones."""

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, without
+from dse.engine.member import as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune
@@ -22,10 +24,11 @@ from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
-from dse.models.training import FitRequest, Generators, TrainingDiverged
+from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
 from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
-from dse.records import Dataset, Ints, Layer, Network, Outcome, Response, Spikes
+from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
+from dse.seeds import move_to, position
 
 PROBE_SAMPLES = 64
 COLLAPSED = 0.99
@@ -38,12 +41,14 @@ def train(
     shared: Generators,
     device: str = "cpu",
     threads: int = 1,
-) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+    span: Span = Span(),  # noqa: B008
+) -> Iterator[tuple[int, Outcome | Rung | TrainingDiverged]]:
     """Train classifiers on `dataset.train`; yield each with its number as it finishes.
 
     A finished design has responded on validation and, where there is one, on test. The weights that are
     kept are those of the last epoch (or the mean of the last epochs), whatever validation says of earlier
-    ones. A design whose numbers run away ends at once, and its neighbours go on untouched.
+    ones. A design whose numbers run away ends at once, and its neighbours go on untouched. A training that
+    goes on from the state of a `Rung` ends with the same bits as one that never paused.
 
     Args:
         dataset: spikes, windows, split.
@@ -52,9 +57,11 @@ def train(
             those of `Augmentation` and of `Teachers`).
         device: 'cpu' or 'cuda'.
         threads: of the CPU, over the samples of a batch.
+        span: from where to where they train.
 
     Raises:
-        ValueError: there is no training sample, or the designs cannot train on the same batches.
+        ValueError: there is no training sample, the designs cannot train on the same batches, or they stand
+            at different epochs.
         MissingExtra: the neurons have no kernel, and torch is not installed.
     """
     if not dataset.train.size:
@@ -72,6 +79,11 @@ def train(
     def rows_of(spikes: Spikes, samples: Ints, start: Ints) -> Rows:
         return gather(spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
 
+    shared_draws = {name: shared(name) for name in ("batches", "crops", "input dropout")}
+    batches, crops, silenced = shared_draws.values()
+    augmentation = Augmentation(dataset, training, shared) if training.augmentation else None
+    if augmentation is not None:
+        shared_draws |= augmentation.draws
     chosen = shared("probe").permutation(dataset.train)[:PROBE_SAMPLES]
     probe = rows_of(dataset.spikes, chosen, dataset.start[chosen])
     clock = _Clock()
@@ -80,7 +92,11 @@ def train(
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
-    for trainee in trainees:
+    for trainee, state in zip_longest(trainees, span.states):
+        if state is not None:
+            trainee.restore(state)
+            live.append(trainee)
+            continue
         try:
             taught = teachers.taught(trainee.training)
         except (TrainingDiverged, ValueError) as error:
@@ -93,12 +109,29 @@ def train(
         return
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
-    batches, crops, silenced = shared("batches"), shared("crops"), shared("input dropout")
-    augmentation = Augmentation(dataset, training, shared) if training.augmentation else None
+    for trainee, state in zip(trainees, span.states, strict=False):
+        engine.restore(trainee.number, of_part(state, "engine"))
+    for name, rng in shared_draws.items() if span.states else ():
+        move_to(rng, span.states[0][f"shared/{name}"])
     n_batches = -(-dataset.train.size // training.batch_size)
-    epoch = 0
+    done = {len(trainee.history["loss"]) for trainee in live}
+    if len(done) != 1:
+        raise ValueError(f"the designs of a cohort must go on from the same epoch, got {sorted(done)}")
+    (epoch,) = done
+
+    def state_of(trainee: Trainee) -> dict[str, Array]:
+        draws = {f"shared/{name}": position(rng) for name, rng in shared_draws.items()}
+        return trainee.state() | draws | as_part("engine", engine.state(trainee.number))
+
     clock.lap()
     while live:
+        if span.until is not None and epoch >= span.until:
+            for trainee in live:
+                masters = engine.masters(trainee.number)
+                trainee.delays = masters.delay
+                outcome = _outcome(trainee, [*masters.feed_forward, *masters.recurrent], dataset, delays)
+                yield trainee.number, Rung(epoch, state_of(trainee), outcome)
+            return
         for trainee in live:
             if trainee.model.pruned and epoch == int(trainee.model.prune_epoch * trainee.training.epochs):
                 trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
@@ -136,8 +169,11 @@ def train(
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                yield trainee.number, _outcome(trainee, dataset, delays)
+                yield trainee.number, _outcome(trainee, trainee.mean, dataset, delays)
         live = [x for x in live if not (x.diverged or x.finished)]
+        if live and epoch != span.until and span.is_due():
+            for trainee in live:
+                yield trainee.number, Rung(epoch, state_of(trainee))
         clock.lap()
 
 
@@ -153,13 +189,15 @@ class _Clock:
         return self._last - before
 
 
-def _outcome(trainee: Trainee, dataset: Dataset, delays: tuple[int, ...]) -> Outcome:
-    """Return a finished design's network and responses."""
+def _outcome(
+    trainee: Trainee, matrices: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
+) -> Outcome:
+    """Return a design's network of these weights, feed-forward, then recurrent, and its responses."""
     began = time.perf_counter()
     model = trainee.model
     layers = trainee.member.layers
     n = len(layers)
-    weights = [None if w is None else w.astype(np.float32) for w in trainee.mean]
+    weights = [None if w is None else w.astype(np.float32) for w in matrices]
     if trainee.kept is not None:
         kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
         weights = [

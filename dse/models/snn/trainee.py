@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dse.engine.events import Rows
-from dse.engine.member import Masters, Member, Report, TrainedLayer, Turn
+from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, of_part
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
 from dse.neurons.fixed_point import WEIGHT_SCALE, quantise_passes
 from dse.records import Array, Floats, Ints
+from dse.seeds import move_to, position
 
 SATURATED = 0.95
 """Share of the steps in which a neuron fires that counts as always."""
@@ -122,6 +123,31 @@ class Trainee:
     @property
     def finished(self) -> bool:
         return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
+
+    def state(self) -> dict[str, Array]:
+        """Return what is known of the training after an epoch, by name; `restore` takes it over."""
+        counts = np.array([self.clipped_batches, self.quiet_epochs])
+        arrays = {"seconds": np.array(self.seconds), "counts": counts, "dropout": position(self.silenced)}
+        arrays |= {f"history/{name}": np.array(curve) for name, curve in self.history.items()}
+        arrays |= {f"mean/{k}": mean for k, mean in enumerate(self.mean) if mean is not None}
+        arrays |= {} if self.soft is None else {"soft": self.soft}
+        if self.kept is not None:
+            matrices = (*self.kept.feed_forward, *self.kept.recurrent)
+            arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
+        return arrays
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self.seconds = float(state["seconds"])
+        self.clipped_batches, self.quiet_epochs = (int(n) for n in state["counts"])
+        move_to(self.silenced, state["dropout"])
+        self.history = {name: curve.tolist() for name, curve in of_part(state, "history").items()}
+        self.soft = state.get("soft")
+        n, means, kept = len(self.member.layers), of_part(state, "mean"), of_part(state, "kept")
+        self.mean = [means.get(str(k)) for k in range(2 * n)] if means else []
+        if kept:
+            masks = [kept.get(str(k)) for k in range(2 * n)]
+            self.kept = Masters(tuple(x for x in masks[:n] if x is not None), tuple(masks[n:]))
 
     def turn(self, epoch: float, samples: Ints) -> Turn:
         """Return learning rate, dropout and targets of a batch of samples; whole neurons drop out per sample.

@@ -515,6 +515,28 @@ def test_pruned_weights_stay_at_0_as_on_the_cpu() -> None:
     assert_same(ours.masters(0), alone.masters(0))
 
 
+def test_members_go_on_from_their_states_beside_others_to_the_same_bits() -> None:
+    members = [member((INPUTS, 66, 4), 7), member((INPUTS, 6, 4), 8, ring=True), MEMBERS[4], MEMBERS[0]]
+    turns, x = turns_of(members), rows_of(X[:, :3])
+    rng = np.random.default_rng(21)
+    whole = engine.start(members, N, 3)
+    for k in (0, 1):
+        start = start_of(members[k])
+        ring = tuple(None if r is None else rng.random(r.shape) < 0.5 for r in start.recurrent)
+        whole.prune(k, Masters(tuple(rng.random(w.shape) < 0.5 for w in start.feed_forward), ring))
+    whole.step(x, LABELS, turns)
+    states = [whole.state(k) for k in range(4)]
+    expected = whole.step(x, LABELS, turns)
+    order = [3, 1, 0]
+    again = engine.start([members[k] for k in order], N, 3)
+    for place, k in enumerate(order):
+        again.restore(place, states[k])
+    reports = again.step(x, LABELS, {place: turns[k] for place, k in enumerate(order)})
+    for place, k in enumerate(order):
+        assert reports[place] == expected[k]
+        assert_same(again.masters(place), whole.masters(k))
+
+
 @pytest.mark.parametrize(
     "x",
     [
