@@ -36,8 +36,8 @@ from dse.records import (
     Workload,
 )
 from dse.search.cohorts import Demand
+from dse.study.executors.work import Failure
 from dse.study.record import Numbers, RunRecord
-from dse.study.workers import Failure
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""

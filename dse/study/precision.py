@@ -27,8 +27,8 @@ from dse.models.snn.quantise import BITS, rounded
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.records import Array, Network, Outcome, Response
 from dse.study import jobs
+from dse.study.executors.work import Failure
 from dse.study.record import Numbers, RunRecord
-from dse.study.workers import Failure
 
 if TYPE_CHECKING:
     import pandas

@@ -26,10 +26,11 @@ from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import StoreError
 from dse.study import jobs, precision
+from dse.study.executors.work import Failure
 from dse.study.journal import Entry
 from dse.study.progress import Progress
 from dse.study.record import RunRecord, load_record
-from dse.study.workers import Failure, Workers, memory_budget
+from dse.study.workers import Workers
 
 _Member = tuple[int, int | None]  # the trial and the fold of a data set
 
@@ -75,7 +76,7 @@ class Runs:
         self._workers = workers
         self._progress = progress
         execution = space.execution
-        self._budget = memory_budget(execution.memory_gib, workers.n, execution.device)
+        self._budget = workers.memory_budget(execution.memory_gib, execution.device)
         self._cache = _opened_cache(folder, progress)
         self._records: dict[tuple[int, int], RunRecord] = {}
         self._warned: set[str] = set()

@@ -1,137 +1,63 @@
 """A function over jobs, in worker processes: one job at a time and one thread each.
 
 A job may yield its result in parts, which arrive at once: parts that arrived before the job ended early stay
-valid.
-
-A worker that dies (killed for memory, segmentation fault) costs the job that it was running and nothing
-else: it is replaced, and the job's result is a `Failure` that names the signal. A shared pool such as
-joblib's cannot do this: one dead worker ends every running job and hides the job that killed it. Each worker
-has a separate process group, so Ctrl-C reaches the parent alone; workers end with the parent, however it
-ends, because the pipe between them closes. POSIX only.
-
-A job may hold components of plugins: a worker loads the plugins that its parent has loaded.
+valid. A worker that dies (killed for memory, segmentation fault) costs the job that it was running and
+nothing else: the job's result is a `Failure` that says how it died.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import itertools
-import multiprocessing
-import os
 import pickle
 import queue
-import subprocess
-import sys
-import threading
-import time
-import traceback
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
-from pathlib import Path
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
 
-from dse import registry
+from dse.study.executors import Executor
+from dse.study.executors.loky import Loky
+from dse.study.executors.work import Failure, Message, pack, part_of
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Part = TypeVar("Part")
 
-THREADS = {
-    name: "1"
-    for name in (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-    )
-}
-"""Set before a worker's interpreter starts: numerical libraries read them when they are imported."""
-
-WORKER_DIED = "WorkerDied"
-_GRACE_S = 0.2
-# Where Linux states the memory limit of a container: cgroup v2, then v1.
-_CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a job has no result: the exception's class name, its message and its traceback; or 'WorkerDied'."""
-
-    error: str
-    message: str
-    details: str = ""
-
-    @classmethod
-    def of(cls, error: Exception) -> Failure:
-        """Return an exception as a failure."""
-        return cls(type(error).__name__, str(error), "".join(traceback.format_exception(error)))
-
-    @property
-    def reason(self) -> str:
-        """The failure in one line."""
-        if self.error == WORKER_DIED:
-            return self.message
-        return f"{self.error}: {self.message}" if self.message else self.error
-
-
-def memory_budget(gib: float | None, n_workers: int, device: str) -> int:
-    """Return the bytes that a worker may use: as stated, else an equal part of three quarters of the memory.
-
-    Args:
-        gib: stated budget; None: not stated.
-        n_workers: workers that share the memory.
-        device: 'cpu' for the machine's memory, 'cuda' for the first GPU's.
-    """
-    return int(gib * 2**30) if gib is not None else 3 * _memory(device) // (4 * n_workers)
-
-
-def _memory(device: str) -> int:
-    """Return a device's memory in bytes; in a container, at most the container's limit."""
-    if device == "cuda":
-        import torch
-
-        if torch.cuda.is_available():
-            return int(torch.cuda.get_device_properties(0).total_memory)
-    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    limits = [path.read_text().strip() for path in map(Path, _CONTAINER_LIMITS) if path.is_file()]
-    return min([machine, *(int(limit) for limit in limits if limit.isdecimal())])
+_STARTS = 3
+"""Workers that may die one after the other before they begin a job."""
 
 
 class Workers:
-    """Up to `n` worker processes, started when first needed and ended with the `with` block.
+    """The workers of an executor, ended with the `with` block; one `map` or `stream` at a time.
 
-    One `map` or `stream` at a time.
+    Args:
+        n: number of worker processes on this machine.
+        executor: instead of them.
 
     Raises:
         ValueError: n is below 1.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, executor: Executor | None = None) -> None:
         if n < 1:
             raise ValueError(f"jobs must be at least 1, got {n}")
-        self.n = n
-        self._idle: list[_Worker] = []
+        self._executor = executor or Loky(n)
+        self._numbers = itertools.count()
+
+    @property
+    def n(self) -> int:
+        """Number of jobs that run at a time."""
+        return self._executor.n
+
+    def memory_budget(self, gib: float | None, device: str) -> int:
+        """Return the bytes that a worker may use: as stated, else what the executor has for each."""
+        return int(gib * 2**30) if gib is not None else self._executor.memory_bytes(device)
 
     def __enter__(self) -> Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for worker in self._idle:
-            worker.kill()
-        self._idle.clear()
-
-    def _free(self) -> _Worker:
-        """Return an idle worker, or a new one; no job is blamed for a worker that died while idle."""
-        while self._idle:
-            worker = self._idle.pop()
-            if worker.process.poll() is None:
-                return worker
-            worker.kill()
-        return _Worker.start()
+        self._executor.close()
 
     def map(
         self, function: Callable[[Job], Result], jobs: Iterable[Job]
@@ -157,112 +83,65 @@ class Workers:
             jobs: taken one by one as workers become free; pickled, so keep them small.
         """
         waiting = iter(jobs)
-        busy: dict[Connection, tuple[_Worker, Job]] = {}
+        inbox: queue.SimpleQueue[bytes | int] = queue.SimpleQueue()  # messages; numbers of ended tasks
+        running: dict[int, _Task[Job]] = {}
+
+        def start(job: Job, n_starts: int) -> None:
+            number = next(self._numbers)
+            handle = self._executor.submit(pack(number, function, job), inbox.put, lambda: inbox.put(number))
+            running[number] = _Task(job, handle, n_starts)
+
         try:
             while True:
-                for job in itertools.islice(waiting, self.n - len(busy)):
-                    worker = self._free()
-                    busy[worker.connection] = worker, job
-                    worker.send((function, job))
-                if not busy:
+                for job in itertools.islice(waiting, max(0, self.n - len(running))):
+                    start(job, 1)
+                if not running:
                     return
-                for ready in wait(list(busy)):
-                    assert isinstance(ready, Connection)  # nothing else is waited for
-                    worker, job = busy[ready]
-                    is_last, part = worker.receive()
-                    if is_last:
-                        del busy[ready]
-                        if worker.is_alive:
-                            self._idle.append(worker)
-                    if not is_last or part is not None:
-                        yield job, part
-        finally:  # the caller has stopped: nobody reads the results of running jobs
-            for worker, _ in busy.values():
-                worker.kill()
+                arrived = inbox.get()
+                if isinstance(arrived, bytes):
+                    message: Message = pickle.loads(arrived)
+                    if (sender := running.get(message.task)) is not None:  # else it has ended
+                        yield from ((sender.job, part) for part in sender.parts(message))
+                    continue
+                task = running.pop(arrived)
+                messages = self._executor.result(task.handle)
+                if isinstance(messages, Failure):
+                    if task.n_received or task.n_starts == _STARTS:
+                        yield task.job, messages
+                    else:  # no job is blamed for a worker that died before it began
+                        start(task.job, task.n_starts + 1)
+                    continue
+                for each in map(pickle.loads, messages):
+                    yield from ((task.job, part) for part in task.parts(each))
+        finally:
+            if running:  # the caller has stopped: nobody reads the results of running jobs
+                self._executor.close()
 
 
 def _once(function: Callable[[Job], Result], job: Job) -> Iterator[Result]:
     yield function(job)
 
 
-@dataclass(frozen=True)
-class _Worker:
-    """A worker seen from the parent."""
+@dataclass
+class _Task(Generic[Job]):
+    """A job that runs.
 
-    process: subprocess.Popen[bytes]
-    connection: Connection
+    n_starts: workers that have begun or died with it.
+    received: attempt -> number of its messages that have arrived.
+    """
 
-    @classmethod
-    def start(cls) -> _Worker:
-        ours, theirs = multiprocessing.Pipe()
-        path = os.pathsep.join(entry for entry in sys.path if entry)
-        command = f"from dse.study.workers import _serve; _serve({theirs.fileno()})"
-        process = subprocess.Popen(
-            [sys.executable, "-c", command],
-            stdin=subprocess.DEVNULL,
-            stdout=2,  # stdout is for results: what a library prints in a worker goes to stderr
-            env={**os.environ, **THREADS, "PYTHONPATH": path},
-            pass_fds=[theirs.fileno()],
-            process_group=0,
-        )
-        theirs.close()
-        return cls(process, ours)
+    job: Job
+    handle: object
+    n_starts: int
+    received: dict[str, int] = field(default_factory=dict)
 
     @property
-    def is_alive(self) -> bool:
-        return not self.connection.closed
+    def n_received(self) -> int:
+        return sum(self.received.values())
 
-    def send(self, message: object) -> None:
-        data = pickle.dumps((registry.loaded_plugins(), pickle.dumps(message)))
-        with contextlib.suppress(BrokenPipeError):  # it died just now: receive() reports it
-            self.connection.send_bytes(data)
-
-    def receive(self) -> tuple[bool, Any]:
-        """Return whether the job has ended, and its next part; at its end a `Failure` or None."""
-        try:
-            is_last, part = self.connection.recv()
-            return is_last, part
-        except (EOFError, ConnectionResetError):
-            # Whoever kills a process tree may reach the worker first: do not blame the job if we die too.
-            time.sleep(_GRACE_S)
-            code = self.process.wait()
-            self.connection.close()
-            how = f"signal {-code}" if code < 0 else f"exit code {code}"
-            return True, Failure(WORKER_DIED, f"worker died: {how}")
-
-    def kill(self) -> None:
-        self.connection.close()
-        self.process.kill()
-        self.process.wait()
-
-
-def _serve(descriptor: int) -> None:
-    """Run jobs from the pipe until the parent closes it, which ends the process at once."""
-    connection = Connection(descriptor)
-    messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(connection, messages), daemon=True).start()
-    while True:
-        for answer in _answers(messages.get()):
-            connection.send_bytes(answer)
-
-
-def _listen(connection: Connection, messages: queue.SimpleQueue[bytes]) -> None:
-    while True:
-        try:
-            messages.put(connection.recv_bytes())
-        except (EOFError, OSError):
-            os._exit(0)
-
-
-def _answers(message: bytes) -> Iterator[bytes]:
-    """Yield the parts of a job, then why it ended: None, or a failure."""
-    end = None
-    try:
-        plugins, content = pickle.loads(message)
-        registry.load_the_same(plugins)  # before the job is unpickled: it may hold their components
-        function, job = pickle.loads(content)
-        for part in function(job):
-            yield pickle.dumps((False, part))
-    except Exception as error:
-        end = Failure.of(error)
-    yield pickle.dumps((True, end))
+    def parts(self, message: Message) -> Iterator[Any]:
+        """Yield the part in a message, unless it came before or the message is the first of its attempt."""
+        if message.number == self.received.get(message.attempt, 0):
+            self.received[message.attempt] = message.number + 1
+            if message.number:
+                yield part_of(message)

@@ -15,9 +15,10 @@ import yaml
 from dse import store
 from dse.config import ConfigError, load_space
 from dse.study import explore, jobs
+from dse.study.executors.work import Failure
 from dse.study.results import Study
 from dse.study.runs import Runs
-from dse.study.workers import Failure, Workers
+from dse.study.workers import Workers
 
 LABEL = np.tile(np.repeat([0, 1, 2], 3), 2)
 FORCE = np.tile([1, 2, 3], 6)

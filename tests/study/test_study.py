@@ -25,8 +25,9 @@ from dse.measure.run import read_out
 from dse.recordings import RecordingError
 from dse.study import explore, results, runs
 from dse.study import jobs as study_jobs
+from dse.study.executors.work import Failure
 from dse.study.results import Study
-from dse.study.workers import WORKER_DIED, Failure, Workers
+from dse.study.workers import Workers
 from tests import spaces, tiny_study
 from tests.tiny_study import make_space
 
@@ -299,7 +300,7 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(
         for job in jobs:
             first = dict(list(job.designs.items())[:1])
             assert not list(study_jobs.prepare(dataclasses.replace(job, designs=first)))
-            yield job, Failure(WORKER_DIED, "worker died: signal 9")
+            yield job, Failure.died("signal 9")
 
     monkeypatch.setattr(Workers, "stream", dies)
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))

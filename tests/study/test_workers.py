@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from dse import registry
-from dse.study import workers as execution
-from dse.study.workers import THREADS, Failure, Workers, memory_budget
+from dse.study.executors import loky
+from dse.study.executors.work import THREADS, Failure
+from dse.study.workers import Workers
 from tests.waiting import PATIENCE_S, until
 
 
@@ -58,9 +59,9 @@ def test_a_dead_worker_costs_its_own_job_only() -> None:
     with Workers(2) as workers:
         results = dict(workers.map(misbehave, jobs))
     assert {job: results[job] for job in "abcd"} == {job: job.upper() for job in "abcd"}
-    assert results["9"] == Failure("WorkerDied", "worker died: signal 9")
-    assert results["11"] == Failure("WorkerDied", "worker died: signal 11")
-    assert results["exit"] == Failure("WorkerDied", "worker died: exit code 3")
+    assert results["9"] == Failure.died("signal 9")
+    assert results["11"] == Failure.died("signal 11")
+    assert results["exit"] == Failure.died("exit code 3")
 
 
 def test_an_exception_is_a_failure_with_its_reason_and_its_traceback() -> None:
@@ -98,7 +99,7 @@ def test_parts_before_an_early_end_stand() -> None:
     assert parts[3, "raise"][:3] == [0, 1, 2]
     assert isinstance(failure := parts[3, "raise"][3], Failure)
     assert failure.reason == "ValueError: phi must be at least 0"
-    assert parts[1, "9"] == [0, Failure("WorkerDied", "worker died: signal 9")]
+    assert parts[1, "9"] == [0, Failure.died("signal 9")]
     assert len(found) == 2 + 2 + 4 + 2
 
 
@@ -114,14 +115,14 @@ def test_parts_arrive_while_the_job_goes_on(tmp_path: Path) -> None:
 def test_a_worker_may_take_what_is_stated_or_its_share(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert memory_budget(1.5, 4, "cpu") == 3 * 2**29
+    assert Workers(4).memory_budget(1.5, "cpu") == 3 * 2**29
     machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    assert 0 < memory_budget(None, 1, "cpu") <= 3 * machine // 4
+    assert 0 < Workers(1).memory_budget(None, "cpu") <= 3 * machine // 4
     limits = [tmp_path / "unlimited", tmp_path / "limit", tmp_path / "absent"]
     limits[0].write_text("max\n")
     limits[1].write_text(f"{8 * 2**20}\n")
-    monkeypatch.setattr(execution, "_CONTAINER_LIMITS", limits)
-    assert memory_budget(None, 2, "cpu") == 3 * 2**20
+    monkeypatch.setattr(loky, "_CONTAINER_LIMITS", limits)
+    assert Workers(2).memory_budget(None, "cpu") == 3 * 2**20
 
 
 def test_workers_have_one_thread_each() -> None:
@@ -150,11 +151,8 @@ def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
         [(_, pid)] = workers.map(sleep, [0.0])
         assert isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
-        until(
-            lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None,
-            "the worker to die",
-        )
-        assert list(workers.map(square, [3])) == [(3, 9)]
+        assert list(workers.map(square, [3])) == [(3, 9)], "whether its end is known by now or not"
+        until(lambda: _gone(pid), "the worker to die")
 
 
 def test_leaving_the_block_ends_a_running_job_at_once() -> None:
