@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dse import data as data
     from dse import figures as figures
     from dse.config import ConfigError as ConfigError
     from dse.config import load_space as load_space
@@ -41,6 +42,7 @@ __all__ = [
     "ConfigError",
     "Study",
     "__version__",
+    "data",
     "evaluate",
     "export",
     "figures",
@@ -57,8 +59,8 @@ def __getattr__(name: str) -> Any:
     Raises:
         AttributeError: the name is not public.
     """
-    if name == "figures":
-        return importlib.import_module("dse.figures")
+    if name in ("data", "figures"):
+        return importlib.import_module(f"dse.{name}")
     if name not in _home:
         raise AttributeError(f"module 'dse' has no attribute '{name}'; public names: {', '.join(__all__)}")
     return getattr(importlib.import_module(_home[name]), name)

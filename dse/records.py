@@ -37,12 +37,14 @@ class Signals:
     offsets: (n + 1,) int64, starts at 0, never decreases.
     step_ms: sampling period.
     columns: label columns, each (n,): numbers or strings.
+    resampled: sentences on samples that were interpolated.
     """
 
     values: Floats
     offsets: Ints
     step_ms: float
     columns: Mapping[str, Array]
+    resampled: tuple[str, ...] = ()
     front_end: ClassVar[FrontEnd | None] = "encoder"
 
     @property
@@ -59,8 +61,8 @@ class Signals:
         return np.diff(self.offsets)
 
     def notes(self) -> list[str]:
-        """Return no repairs: only event files are repaired."""
-        return []
+        """Return what was interpolated, one sentence per file."""
+        return list(self.resampled)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ _LABELS = ("columns", "class_names")
 _ADDED: Mapping[str, Mapping[str, Raw]] = {
     "preprocessing": {"every_event": False},
     "encoder": {"full_scale": None},
+    "data": {"axes": None, "time": None, "time_unit": None, "resample": None},
 }
 
 
@@ -82,7 +83,11 @@ def sources(design: Sections, base: Path) -> dict[str, dict[str, Raw]]:
     keys: dict[str, dict[str, Raw]] = {"data": {}, "test": {}}
     for name, source in (("data", design.data), ("test", design.test)):
         if source is not None:
-            settings = {key: value for key, value in sections[name].items() if key not in PLACES}
+            settings = {
+                key: value
+                for key, value in sections[name].items()
+                if key not in PLACES and (key not in _ADDED["data"] or value is not None)
+            }
             keys[name] = settings | {"file": source.content(base)}
     return keys
 

@@ -213,7 +213,7 @@ def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools,
         places = encoder.positions(positions)
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
-        places, signals.step_ms, signals.lengths, levels, rows, first=low,
+        places, signals.step_ms, signals.lengths, levels, rows, signals.notes, low,
     )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ from dse.recordings.folders import by_path, content_of, files_below
 from dse.recordings.formats import Format, detect, named
 from dse.recordings.formats.arrays import UNITS_US, USUAL
 from dse.recordings.labels import columns_key
-from dse.recordings.table import column_names
+from dse.recordings.tables import column_names
 from dse.registry import Rule, param, register
 
 AUTO = "auto"

@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 
 from dse.recordings import RecordingError, npz
+from dse.recordings.borders import checked_offsets
 from dse.recordings.files import content, locate
 from dse.recordings.labels import class_names_key, columns_key, label_columns
-from dse.recordings.time_series import checked_offsets
 from dse.records import Events, Ints
 from dse.registry import param, register
 

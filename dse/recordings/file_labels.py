@@ -13,7 +13,7 @@ from dse.config.faults import known_names
 from dse.recordings import RecordingError
 from dse.recordings.folders import some
 from dse.recordings.labels import label_columns
-from dse.recordings.table import column_names, read_table
+from dse.recordings.tables import column_names, read_table
 from dse.records import Array
 
 FILE = "file"

@@ -1,4 +1,4 @@
-"""Named arrays of an .npz file, read without pickle; every fault is one RecordingError line."""
+"""Named arrays of a file, read without pickle; every fault is one RecordingError line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from dse.config.faults import known_names
-from dse.recordings import RecordingError
+from dse.recordings import RecordingError, arrays
 from dse.recordings.files import locate
 from dse.recordings.labels import shape_faults
 from dse.records import Array
@@ -21,11 +21,13 @@ Shapes = Mapping[str, tuple[int, ...]]
 
 
 def headers(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shape of every array of an .npz file, reading its headers only.
+    """Return the shape of every array of an .npz file, reading its headers only, or of another (`arrays`).
 
     Raises:
-        RecordingError: the file is empty, cut short, or no .npz file.
+        RecordingError: the file is empty, cut short, or of another kind.
     """
+    if arrays.is_one(path):
+        return arrays.headers(path)
     shapes = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -50,22 +52,27 @@ def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def load(path: Path, names: Iterable[str]) -> dict[str, Array]:
-    """Return the named arrays of an .npz file.
+    """Return the named arrays of an .npz file, or of another (`arrays`).
 
     Raises:
         RecordingError: the file is unreadable, a name is not in it, or an array needs pickle.
     """
-    known = headers(path)
-    arrays = {}
-    for name in dict.fromkeys(names):
+    names = list(dict.fromkeys(names))
+    values = arrays.load(path, names) if arrays.is_one(path) else {}
+    known = values if arrays.is_one(path) else headers(path)
+    for name in names:
         if name not in known:
-            raise RecordingError(missing(path, name, known))
+            raise RecordingError(missing(path, name, headers(path)))
+        if name in values:
+            continue
         try:
             with np.load(path, allow_pickle=False) as archive:
-                arrays[name] = archive[name]
+                values[name] = archive[name]
         except DAMAGED_ARCHIVE as error:
+            if "Object arrays" in str(error):
+                raise RecordingError(arrays.pickled(path.name, name)) from None
             raise _unreadable(path, error, f"array '{name}' of ") from None
-    return arrays
+    return {name: values[name] for name in names}
 
 
 def faults(

@@ -1,4 +1,4 @@
-"""Sampled recordings in an .npz file: laid end to end with offsets, or of one length in a cube."""
+"""Sampled recordings in arrays: laid end to end with offsets, or of one length in a cube."""
 
 from __future__ import annotations
 
@@ -10,24 +10,31 @@ from typing import Self
 import numpy as np
 
 from dse.recordings import RecordingError, npz
+from dse.recordings.beside import labels_key, load, names_in, shapes_in
+from dse.recordings.borders import end_to_end
 from dse.recordings.files import content, locate
-from dse.recordings.labels import class_names_key, columns_key, label_columns
+from dse.recordings.labels import class_names_key, columns_key, label_columns, shape_faults
 from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
 from dse.records import Array, Ints, Signals
 from dse.registry import param, register
+
+_AXES = (["channel", "recording", "step"], ["recording", "step"])
 
 
 @register("recordings", "time_series")
 @dataclasses.dataclass(frozen=True)
 class TimeSeries:
-    """Sampled recordings of an .npz file.
+    """Sampled recordings of an .npz, .npy, .mat or .h5 file.
 
     `signal` is (sum of lengths, channel) with `offsets`, recording i being signal[offsets[i]:offsets[i+1]],
-    or (recording, sample, channel) without.
+    or (recording, sample, channel) without. The array of an .npy file is named `array`; a cell of matrices in
+    an .mat file holds recordings of different lengths.
     """
 
     file: str = param(
-        doc="the .npz file: an absolute path, or relative to the YAML file or to $DSE_DATA", axis=False
+        doc="the .npz, .npy, .mat or .h5 file: an absolute path, or relative to the YAML file or to "
+        "$DSE_DATA",
+        axis=False,
     )
     step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
     signal: str = param("signal", doc="name of the array of samples", axis=False)
@@ -40,38 +47,88 @@ class TimeSeries:
     columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
     positions: tuple[tuple[int, int], ...] | None = positions_key()
+    axes: str | None = param(
+        None,
+        doc="order of the axes of a cube, e.g. 'step channel recording'; 'recording step': one channel "
+        "(default: recording step channel)",
+        axis=False,
+    )
+    labels: str | None = labels_key()
 
     def __post_init__(self) -> None:
         check_positions(self.positions)
+        if self.axes is not None and (self.offsets is not None or sorted(self.axes.split()) not in _AXES):
+            if self.offsets is not None:
+                raise RecordingError("data.axes must be absent where data.offsets is given")
+            raise RecordingError(
+                f"data.axes must name recording, step and perhaps channel, each once, got '{self.axes}'"
+            )
 
     def _names(self) -> list[str]:
         offsets = [] if self.offsets is None else [self.offsets]
-        return [self.signal, *offsets, *self.columns.values(), *self.class_names.values()]
+        return [self.signal, *offsets, *(self._label_names() if self.labels is None else [])]
+
+    def _label_names(self) -> list[str]:
+        return [*self.columns.values(), *self.class_names.values()]
+
+    def _shape(self, shapes: npz.Shapes) -> tuple[int, int] | None:
+        """Return number of recordings and of channels of a cube; None where its axes are others."""
+        shape, axes = shapes.get(self.signal, ()), (self.axes or "recording step channel").split()
+        if len(shape) != len(axes):
+            return None
+        return shape[axes.index("recording")], shape[axes.index("channel")] if "channel" in axes else 1
 
     def _count(self, shapes: npz.Shapes) -> int | None:
         if self.offsets is None:
-            return shapes[self.signal][0] if self.signal in shapes else None
-        return shapes[self.offsets][0] - 1 if self.offsets in shapes else None
+            cube = self._shape(shapes)
+            return cube[0] if cube else shapes[self.signal][0] if shapes.get(self.signal) else None
+        return shapes[self.offsets][0] - 1 if shapes.get(self.offsets) else None
 
     def _n_channels(self, shapes: npz.Shapes) -> int | None:
+        if self.offsets is None:
+            cube = self._shape(shapes)
+            return cube[1] if cube else None
         shape = shapes.get(self.signal, ())
-        return shape[-1] if len(shape) == (3 if self.offsets is None else 2) else None
+        return shape[-1] if len(shape) == 2 else None
 
     def check(self, base: Path) -> list[str]:
-        """Return the faults that the file's headers show."""
-        faults = npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
+        """Return the faults that the headers of the file, and of that of the labels, show."""
+        columns, class_names = (self.columns, self.class_names) if self.labels is None else ({}, {})
+        faults = npz.faults(self.file, base, self._names(), columns, class_names, self._count)
+        if self.labels is not None:
+            faults += self._label_faults(base, self.labels)
         if self.positions is None or faults:
             return faults
         return position_faults(self.positions, self._n_channels(npz.headers(locate(self.file, base))))
 
+    def _label_faults(self, base: Path, labels: str) -> list[str]:
+        try:
+            path, shapes = locate(labels, base), shapes_in(locate(labels, base))
+            count = self._count(npz.headers(locate(self.file, base)))
+        except RecordingError as error:
+            return [str(error)]
+        absent = [npz.missing(path, name, shapes) for name in self._label_names() if name not in shapes]
+        if count is None or absent:
+            return absent
+        return shape_faults(shapes, self.columns, self.class_names, count, path.name)
+
     def with_columns_found(self, base: Path) -> Self:
-        """Return the component with only the label columns that its file holds."""
+        """Return the component with only the label columns that its file, or that of the labels, holds."""
+        if self.labels is not None:
+            try:
+                known = names_in(locate(self.labels, base))
+            except RecordingError:
+                return dataclasses.replace(self, labels=None, columns={}, class_names={})
+            columns = {column: name for column, name in self.columns.items() if name in known}
+            names = {column: name for column, name in self.class_names.items() if column in columns}
+            return dataclasses.replace(self, columns=columns, class_names=names)
         columns, class_names = npz.columns_found(self.file, base, self.columns, self.class_names)
         return dataclasses.replace(self, columns=columns, class_names=class_names)
 
     def content(self, base: Path) -> str:
-        """Return the hash of the file."""
-        return content(locate(self.file, base))
+        """Return the hashes of the file and of that of the labels."""
+        files = [self.file, *([] if self.labels is None else [self.labels])]
+        return " ".join(content(locate(file, base)) for file in files)
 
     def read(self, base: Path) -> Signals:
         """Return the recordings.
@@ -82,9 +139,33 @@ class TimeSeries:
         path = locate(self.file, base)
         arrays = npz.load(path, self._names())
         offsets = None if self.offsets is None else arrays[self.offsets]
-        flat, borders = end_to_end(arrays[self.signal], offsets, f"{path.name}: '{self.signal}'")
+        where, signal = f"{path.name}: '{self.signal}'", arrays[self.signal]
+        if offsets is None:
+            signal, offsets = self._in_order(signal, where)
+        flat, borders = end_to_end(signal, offsets, where)
+        if self.labels is not None:
+            path = locate(self.labels, base)
+            arrays = load(path, self._label_names())
         columns = label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name)
         return Signals(flat, borders, float(self.step_ms), columns)
+
+    def _in_order(self, signal: Array, where: str) -> tuple[Array, Ints | None]:
+        """Return a cube with its axes in their usual order, or recordings end to end with their borders."""
+        if signal.dtype.kind == "O":
+            if any(x.dtype.kind not in "biuf" or x.ndim != 2 for x in signal):
+                raise RecordingError(f"{where} must hold one matrix of numbers per recording")
+            if len({x.shape[1] for x in signal}) != 1:
+                raise RecordingError(f"{where} must have as many channels in every recording")
+            return np.concatenate(list(signal)), np.cumsum([0, *map(len, signal)])
+        axes = (self.axes or "recording step channel").split()
+        if signal.ndim != len(axes):
+            hint = "; data.axes: recording step is one channel" if signal.ndim == 2 and not self.axes else ""
+            raise RecordingError(
+                f"{where} must be ({', '.join(axes)}) without offsets, got shape {signal.shape}{hint}"
+            )
+        if "channel" not in axes:
+            signal, axes = signal[..., None], [*axes, "channel"]
+        return signal.transpose([axes.index(name) for name in ("recording", "step", "channel")]), None
 
     def channel_positions(self, base: Path) -> Ints:
         """Return x, y and plane 0 of every channel, which is a taxel.
@@ -97,63 +178,3 @@ class TimeSeries:
         if not n:
             raise RecordingError(f"{path.name}: '{self.signal}' has no channel")
         return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
-
-
-def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Ints]:
-    """Return samples (sum of lengths, channel) float32 and borders (n + 1,) int64, both checked.
-
-    Raises:
-        RecordingError: wrong number of axes, bad borders, an empty recording, NaN or infinite samples.
-    """
-    if values.dtype.kind not in "biuf":
-        raise RecordingError(f"{where} must hold numbers, got {values.dtype}")
-    if offsets is None:
-        if values.ndim != 3:
-            raise RecordingError(
-                f"{where} must be (recording, sample, channel) without offsets, got shape {values.shape}"
-            )
-        n, n_steps, n_channels = values.shape
-        offsets, values = np.arange(n + 1) * n_steps, values.reshape(n * n_steps, n_channels)
-    elif values.ndim != 2:
-        raise RecordingError(f"{where} must be (sample, channel), got shape {values.shape}")
-    borders = checked_offsets(offsets, len(values), where)
-    if values.shape[1] == 0:
-        raise RecordingError(f"{where} has no channel")
-    with np.errstate(over="ignore"):  # what is too large for float32 is reported as infinite
-        flat = np.ascontiguousarray(values, dtype=np.float32)
-    bad = ~np.isfinite(flat)
-    if bad.any():
-        sample, channel = (int(x) for x in np.argwhere(bad)[0])
-        recording = int(np.searchsorted(borders, sample, side="right")) - 1
-        raise RecordingError(
-            f"{where} must be finite, got {flat[sample, channel]} in recording {recording}, "
-            f"sample {sample - borders[recording]}, channel {channel}"
-        )
-    return flat, borders
-
-
-def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Ints:
-    """Return borders as int64, checked from 0 to n_rows; no recording is empty unless it may be.
-
-    Raises:
-        RecordingError: they do not.
-    """
-    if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu":
-        raise RecordingError(
-            f"{where}: offsets must be integers, one more than there are recordings, "
-            f"got {offsets.dtype} of shape {offsets.shape}"
-        )
-    borders = offsets.astype(np.int64)
-    lengths = np.diff(borders)
-    if (lengths < 0).any():
-        i = int((lengths < 0).argmax())
-        raise RecordingError(
-            f"{where}: offsets must not decrease, got {borders[i]} and then {borders[i + 1]}"
-        )
-    if borders[0] != 0 or borders[-1] != n_rows:
-        raise RecordingError(
-            f"{where}: offsets must run from 0 to its end at {n_rows}, got {borders[0]} to {borders[-1]}"
-        )
-    if not may_be_empty and (lengths == 0).any():
-        raise RecordingError(f"{where}: recording {int((lengths == 0).argmax())} is empty")
-    return borders

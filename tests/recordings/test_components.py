@@ -9,12 +9,14 @@ from dse import registry
 from dse.recordings import PLACES, RecordingError
 
 COMPONENTS = registry.known("recordings")
-REQUIRED = {"step_ms": 1.0, "channels": ("a",), "taxel": "taxel"}
+REQUIRED = {"step_ms": 1.0, "channels": ("a",), "taxel": "taxel", "samples": ("a",)}
 ABSENT = {"file": "absent.npz", "folder": "absent", "scene": "absent.yaml"}
 
 
 def test_the_known_formats():
-    assert list(COMPONENTS) == ["event_files", "events", "raster", "scene", "table", "time_series"]
+    assert list(COMPONENTS) == [
+        *("event_files", "events", "long_table", "raster", "scene", "table", "time_series", "wide_table")
+    ]
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
@@ -41,7 +43,7 @@ def test_what_is_missing_is_one_fault_and_one_error(name, tmp_path):
             ask(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["events", "raster", "table", "time_series"])
+@pytest.mark.parametrize("name", ["events", "long_table", "raster", "table", "time_series", "wide_table"])
 def test_content_is_what_is_in_the_file_and_not_where_it_lies(name, tmp_path):
     fields = {field.name for field in dataclasses.fields(COMPONENTS[name])}
     keys = {key: value for key, value in REQUIRED.items() if key in fields}

@@ -54,5 +54,5 @@ def test_empty_file_and_pickled_array(write, tmp_path):
     with pytest.raises(RecordingError, match=r"empty\.npz: the file is empty"):
         npz.headers(tmp_path / "empty.npz")
     path = write("x.npz", label=np.array([{}, []], dtype=object))
-    with pytest.raises(RecordingError, match=r"array 'label' of .*allow_pickle"):
+    with pytest.raises(RecordingError, match=r"x\.npz: array 'label' holds Python objects"):
         npz.load(path, ["label"])

@@ -1,3 +1,5 @@
+import dataclasses
+
 import pandas as pd
 import pytest
 
@@ -69,13 +71,13 @@ def _with(frame, column, row, value):
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"samples": _with(SAMPLES, "left", 3, None)}, "x.csv: column 'left' is empty or NaN in row 3"),
+        ({"samples": _with(SAMPLES, "left", 3, None)}, "x.csv: column 'left' is empty or NaN in line 5"),
         ({"samples": _with(SAMPLES, "left", 3, "u")}, "x.csv: column 'left' must hold numbers, got"),
         (
             {"samples": _with(SAMPLES, "right", 4, "inf")},
             "must be finite, got inf in recording 0, sample 1, channel 1",
         ),
-        ({"samples": _with(SAMPLES, "id", 1, None)}, "x.csv: 'id' is empty in row 1"),
+        ({"samples": _with(SAMPLES, "id", 1, None)}, "x.csv: 'id' is empty in line 3"),
         (
             {"samples": _with(SAMPLES, "id", 1, "c")},
             "x.csv: recording 'c' has no row in the label table labels.csv",
@@ -149,9 +151,13 @@ def test_unlabelled_tables_keep_the_columns_they_have(tmp_path):
             "must be sensor channels only, got 'cloth', which is a label column",
         ),
         ({"channels": ("t",), "time_ms": "t"}, "must be sensor channels only, got 't'"),
+        ({"channels": ("left",), "time": "t", "time_ms": "t"}, "data.time and data.time_ms exclude each"),
+        ({"channels": ("left",), "time_ms": None, "time_unit": "s"}, "data.time_unit needs data.time"),
+        ({"channels": ("left",), "time_ms": None, "resample": "linear"}, "data.resample needs data.time"),
+        ({"channels": ("left",), "recording": None, "time": "t"}, "data.labels needs data.recording"),
         (
-            {"channels": ("left",), "labels": None},
-            "data.labels is required: the table that holds data.columns",
+            {"channels": ("left",), "recording": None, "labels": None, "time_ms": None},
+            "data.recording must name a column where data.time does not",
         ),
     ],
 )
@@ -166,3 +172,48 @@ def test_channels_lie_where_positions_say(tmp_path):
     assert Table("x.csv", 1.0, ("a", "b")).channel_positions(tmp_path).tolist() == [[0, 0, 0], [1, 0, 0]]
     with pytest.raises(RecordingError, match="for each of the 2 taxels, got 1"):
         Table("x.csv", 1.0, ("a", "b"), positions=((3, 1),))
+
+
+TIDY = pd.DataFrame(
+    {
+        "seconds": [0.0, 0.01, 0.02, 0.0, 0.01],
+        "left": [1.0, 2.0, 3.0, 30.0, 40.0],
+        "cloth": ["wool", "wool", "wool", "silk", "silk"],
+    }
+)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1), ("ms", 1e3), ("us", 1e6)])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_tidy_table_needs_no_other_file(tmp_path, unit, scale, separator):
+    TIDY.assign(seconds=TIDY.seconds * scale).to_csv(tmp_path / "x.csv", index=False, sep=separator)
+    source = Table("x.csv", 10, ("left",), None, columns={"fabric": "cloth"}, time="seconds", time_unit=unit)
+    assert source.check(tmp_path) == []
+    signals = source.read(tmp_path)
+    assert signals.offsets.tolist() == [0, 3, 5] and signals.values.ravel().tolist() == [1, 2, 3, 30, 40]
+    assert signals.columns["fabric"].tolist() == ["wool", "silk"] and signals.notes() == []
+    assert source.with_columns_found(tmp_path) == source
+
+
+def test_a_label_that_changes_within_a_recording_is_named_with_its_line(tmp_path):
+    TIDY.assign(id=list("aaabb"), cloth=["wool", "silk", "wool", "silk", "silk"]).to_csv(tmp_path / "x.csv")
+    source = Table("x.csv", 10, ("left",), "id", columns={"fabric": "cloth"})
+    with pytest.raises(RecordingError, match=r"got 'wool' and, in line 3, 'silk' in recording 'a'"):
+        source.read(tmp_path)
+
+
+def test_uneven_times_are_a_fault_or_are_interpolated_with_a_note(tmp_path):
+    TIDY.assign(id=list("aaabb"), seconds=[0, 0.01, 0.04, 0, 0.01]).to_csv(tmp_path / "x.csv")
+    source = Table("x.csv", 10, ("left",), "id", time="seconds", time_unit="s")
+    with pytest.raises(RecordingError, match=r"must rise by step_ms = 10 ms.*data\.resample: linear"):
+        source.read(tmp_path)
+    signals = dataclasses.replace(source, resample="linear").read(tmp_path)
+    assert signals.offsets.tolist() == [0, 5, 7]
+    assert signals.values.ravel().tolist() == pytest.approx([1, 2, 2 + 1 / 3, 2 + 2 / 3, 3, 30, 40])
+    assert signals.notes() == [
+        "x.csv: 1 of 2 recordings have samples at uneven times; they were interpolated every 10 ms "
+        "(widest gap 30 ms)"
+    ]
+    TIDY.assign(id=list("aaabb"), seconds=[0, 0.01, 0.01, 0, 0.01]).to_csv(tmp_path / "x.csv")
+    with pytest.raises(RecordingError, match="times must rise, got 10 ms and then 10 ms in sample 2"):
+        dataclasses.replace(source, resample="linear").read(tmp_path)

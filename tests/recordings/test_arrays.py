@@ -1,0 +1,123 @@
+"""Arrays of .npy, MATLAB and HDF5 files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+from dse.recordings import RecordingError, npz
+from dse.recordings.time_series import TimeSeries
+
+CUBE = np.arange(24, dtype=np.float64).reshape(2, 4, 3)
+NAMES = np.array(["silk", "wool"])
+
+
+def cells(*values: object) -> np.ndarray:
+    array = np.empty(len(values), object)
+    array[:] = values
+    return array
+
+
+def save(folder: Path, kind: str) -> TimeSeries:
+    """Write the same two recordings in a format, and return what reads them."""
+    keys = {"signal": "p", "columns": {"fabric": "cloth"}, "axes": "step channel recording"}
+    cube = CUBE.transpose(1, 2, 0)
+    if kind == "npy":
+        np.save(folder / "x.npy", CUBE)
+        np.save(folder / "y.npy", NAMES)
+        return TimeSeries("x.npy", 4, "array", labels="y.npy", columns={"fabric": "array"})
+    if kind == "npy and csv":
+        np.save(folder / "x.npy", CUBE)
+        pd.DataFrame({"cloth": NAMES}).to_csv(folder / "y.csv", index=False)
+        return TimeSeries("x.npy", 4, "array", labels="y.csv", columns={"fabric": "cloth"})
+    if kind == "mat":
+        savemat(folder / "x.mat", {"p": cube, "cloth": cells(*NAMES)})
+        return TimeSeries("x.mat", 4, **keys)
+    if kind == "mat 7.3":
+        with h5py.File(folder / "x.mat", "w", userblock_size=512) as file:
+            file["p"] = cube.T  # MATLAB is column-major
+            file["p"].attrs["MATLAB_class"] = np.bytes_("double")
+            for name in NAMES:
+                file[f"#refs#/{name}"] = np.array([[ord(x)] for x in name], np.uint16)
+                file[f"#refs#/{name}"].attrs["MATLAB_class"] = np.bytes_("char")
+            references = [[file[f"#refs#/{name}"].ref for name in NAMES]]
+            file.create_dataset("cloth", data=references, dtype=h5py.ref_dtype)
+            file["cloth"].attrs["MATLAB_class"] = np.bytes_("cell")
+        return TimeSeries("x.mat", 4, **keys)
+    with h5py.File(folder / "x.h5", "w") as file:
+        file["touch/p"] = cube
+        file["touch/cloth"] = NAMES.astype(object)
+    return TimeSeries("x.h5", 4, **{**keys, "signal": "touch/p", "columns": {"fabric": "touch/cloth"}})
+
+
+@pytest.mark.parametrize("kind", ["npy", "npy and csv", "mat", "mat 7.3", "h5"])
+def test_a_cube_is_the_same_in_every_format(tmp_path: Path, kind: str) -> None:
+    source = save(tmp_path, kind)
+    assert source.check(tmp_path) == []
+    signals = source.read(tmp_path)
+    assert signals.values.tolist() == CUBE.reshape(8, 3).tolist() and signals.offsets.tolist() == [0, 4, 8]
+    assert signals.columns["fabric"].tolist() == ["silk", "wool"]
+    assert len(source.channel_positions(tmp_path)) == 3
+    assert source.with_columns_found(tmp_path) == source
+
+
+def test_a_cell_of_matrices_holds_recordings_of_different_lengths(tmp_path: Path) -> None:
+    savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 2))), "v": [5.0, 7.0]})
+    source = TimeSeries("x.mat", 4, "p", columns={"speed": "v"})
+    assert source.check(tmp_path) == [] and npz.headers(tmp_path / "x.mat")["p"] == (2, -1, 2)
+    signals = source.read(tmp_path)
+    assert signals.offsets.tolist() == [0, 3, 5] and signals.columns["speed"].tolist() == [5, 7]
+    savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 3))), "v": [5.0, 7.0]})
+    with pytest.raises(RecordingError, match=r"x\.mat: 'p' must have as many channels in every recording"):
+        source.read(tmp_path)
+
+
+def test_one_channel_needs_no_axis_of_its_own(tmp_path: Path) -> None:
+    np.save(tmp_path / "x.npy", CUBE[..., 0])
+    with pytest.raises(
+        RecordingError, match=r"got shape \(2, 4\); data\.axes: recording step is one channel"
+    ):
+        TimeSeries("x.npy", 4, "array").read(tmp_path)
+    signals = TimeSeries("x.npy", 4, "array", axes="recording step").read(tmp_path)
+    assert signals.values.ravel().tolist() == CUBE[..., 0].ravel().tolist()
+    for keys, message in (
+        ({"axes": "recording time"}, "must name recording, step and perhaps channel, each once"),
+        ({"axes": "recording step", "offsets": "o"}, "data.axes must be absent where data.offsets is given"),
+    ):
+        with pytest.raises(RecordingError, match=message):
+            TimeSeries("x.npy", 4, "array", **keys)
+
+
+def test_faults_name_the_file_and_what_is_wrong(tmp_path: Path) -> None:
+    for name in ("x.npy", "x.mat", "x.h5"):
+        (tmp_path / name).write_bytes(b"no such thing, but long enough" * 99)
+        with pytest.raises(RecordingError, match=rf"{name}: the file cannot be read: it is not an? "):
+            npz.headers(tmp_path / name)
+        (tmp_path / name).write_bytes(b"")
+        with pytest.raises(RecordingError, match=f"{name}: the file is empty"):
+            npz.load(tmp_path / name, ["array"])
+    np.save(tmp_path / "x.npy", CUBE)
+    np.save(tmp_path / "y.npy", NAMES[:1])
+    source = TimeSeries("x.npy", 4, "array", labels="y.npy", columns={"fabric": "array"})
+    assert source.check(tmp_path) == [
+        "y.npy: column 'fabric' (array 'array') must have one value for each of the 2 recordings, got "
+        "shape (1,)"
+    ]
+    assert "no array 'pressure'; known: array" in TimeSeries("x.npy", 4, "pressure").check(tmp_path)[0]
+    assert "'absent.csv' not found" in TimeSeries("x.npy", 4, "array", labels="absent.csv").check(tmp_path)[0]
+
+
+@pytest.mark.parametrize("name", ["x.npz", "x.npy"])
+def test_lists_of_unequal_length_are_told_apart_from_damage(tmp_path: Path, name: str) -> None:
+    ragged = cells(CUBE[0], CUBE[1, :2])
+    if name == "x.npz":
+        np.savez(tmp_path / name, array=ragged)
+    else:
+        np.save(tmp_path / name, ragged, allow_pickle=True)
+    with pytest.raises(RecordingError, match=r"array 'array' holds Python objects.*dse\.data\.from_arrays"):
+        TimeSeries(name, 4, "array").read(tmp_path)
