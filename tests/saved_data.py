@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.dataset import cache
 from dse.dataset.files import write_dataset, write_spikes
 from dse.dataset.parts import Part, Rows
 from dse.records import Array, Dataset
@@ -37,8 +38,10 @@ def part_of(data: Dataset) -> Part:
 def save(data: Dataset, folder: Path) -> None:
     """Write a data set to a folder, and its spikes to one beside it."""
     beside = folder.with_name(f"{folder.name} spikes")
-    for each in (folder, beside):
-        each.mkdir(parents=True)
-    write_spikes([part_of(data)], beside)
     split = data.train, data.validation, data.test
-    write_dataset(folder, beside.name, data.target, data.classes, split, {}, ["too easy"], data.heads)
+
+    def fill(place: Path) -> None:
+        write_dataset(place, beside.name, data.target, data.classes, split, {}, ["too easy"], data.heads)
+
+    cache.made(beside.parent, beside.name, lambda place: write_spikes([part_of(data)], place))
+    cache.made(folder.parent, folder.name, fill)

@@ -242,10 +242,8 @@ def _run(folder: Path) -> _Run | None:
         return isinstance(classes, list) and all(isinstance(name, str) for name in classes)
 
     try:
-        record = store.read_json(folder / "record.json")
+        record = store.read_record(folder)
     except StoreError:
-        return None
-    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
         return None
     heads = record.get("heads", {})
     if not (

@@ -256,17 +256,12 @@ def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1
         RecordingError: as for `prepare`, or the recordings have changed.
         OSError: the cache cannot be written.
     """
-    try:
-        dataset = load(folder)
-    except RecordingError:
-        find(folder.parent, folder.name)  # removes what is damaged
+    dataset = find(folder.parent, folder.name)
+    if dataset is None:
         prepared = prepare(design, base, folder.parent, threads)
         if prepared != folder:
-            raise RecordingError(f"{folder}: the recordings have changed since they were prepared") from None
+            raise RecordingError(f"{folder}: the recordings have changed since they were prepared")
         return load(prepared)
-    spikes = folder.parent / read_meta(folder)["spikes"]
-    for used in (folder, spikes):
-        cache.mark_used(used)
     return dataset
 
 

@@ -1,6 +1,6 @@
 """Prepared data on disk, shared by every study, job and process of a user.
 
-    <root>/<key>/         an entry: its files, and `entry.json` with their sizes
+    <root>/<key>/         an entry: its files, and `entry.json` with its key, their sizes and checksums
     <root>/.writing-*     being written or removed; one whose writer has died is removed
 
 The root is $DSE_CACHE, else $XDG_CACHE_HOME/dse, else ~/.cache/dse. A key is a hash of everything that its
@@ -9,21 +9,29 @@ and the first is kept.
 
 When all entries together exceed the limit ($DSE_CACHE_GIB), the least recently used are evicted, but none
 that was used within a day. A process that has mapped the files of an evicted entry keeps them; a process
-that misses an entry makes it again.
+that misses an entry makes it again. A process checks the checksums of an entry when it first finds it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from dse.store import atomic, is_temporary, remove
+from dse.store import (
+    Damaged,
+    StoreError,
+    atomic,
+    checksum,
+    is_temporary,
+    read_json,
+    remove,
+    write_sealed_json,
+)
 
 MOST_GIB = 20.0
 """Limit where DSE_CACHE_GIB is not set, or a tenth of the disk if that is less."""
@@ -33,6 +41,8 @@ EVICTABLE_AFTER_S = 24 * 3600.0
 
 _LOCK = ".lock"
 _ENTRY = "entry.json"
+
+_intact: set[Path] = set()  # entries whose checksums this process has checked
 
 
 def usual_root() -> Path:
@@ -84,17 +94,32 @@ def find(root: Path, key: str) -> Path | None:
     """Return the folder of an entry, or None where there is none; a damaged one is removed.
 
     Raises:
-        OSError: the root cannot be written.
+        OSError: the root cannot be written, or a file cannot be read now.
+        StoreError: as OSError, of `entry.json`.
     """
     folder = root / key
     if not folder.is_dir():
         return None
-    sizes = _sizes(folder)
-    if sizes is None or any(not _has_size(folder / name, size) for name, size in sizes.items()):
-        remove(folder)
+    files = _files(folder)
+    if files is None or not _is_intact(folder, files):
+        discard(root, key)
         return None
     mark_used(folder)
     return folder
+
+
+def _is_intact(folder: Path, files: Mapping[str, tuple[int, str]]) -> bool:
+    """Return whether the files of an entry have their sizes and, once per process, their checksums."""
+    try:
+        if any((folder / name).stat().st_size != size for name, (size, _) in files.items()):
+            return False
+        if folder not in _intact:
+            if any(checksum(folder / name) != digest for name, (_, digest) in files.items()):
+                return False
+            _intact.add(folder)
+    except (FileNotFoundError, IsADirectoryError):
+        return False
+    return True
 
 
 def mark_used(folder: Path) -> None:
@@ -123,14 +148,18 @@ def made(root: Path, key: str, fill: Callable[[Path], None]) -> Path:
             part.mkdir()
             until_renamed.enter_context(_locked(part))
         fill(part)
-        sizes = {path.name: path.stat().st_size for path in part.iterdir() if path.name != _LOCK}
-        (part / _ENTRY).write_text(json.dumps(sizes), encoding="utf-8")
+        files = {
+            path.name: [path.stat().st_size, checksum(path)] for path in part.iterdir() if path.name != _LOCK
+        }
+        write_sealed_json(part / _ENTRY, {"key": key, "files": files})
+    _intact.discard(root / key)  # the entry of another process may be in its place
     tidy(root)
     return root / key
 
 
 def discard(root: Path, key: str) -> None:
     """Remove an entry; processes that have mapped its files keep them."""
+    _intact.discard(root / key)
     remove(root / key)
 
 
@@ -147,12 +176,16 @@ def tidy(root: Path) -> None:
         abandoned = [path for path in root.iterdir() if is_temporary(path) and not _is_locked(path)]
     for part in abandoned:
         remove(part)
-    # A folder without readable sizes is no entry: whatever else a user stores here stays.
-    sizes = {path: _sizes(path) for path in root.iterdir() if path.name[0] != "."}
-    entries = {path: sum(each.values()) for path, each in sizes.items() if each is not None}
+    # A folder without a readable `entry.json` is no entry: whatever else a user stores here stays.
+    sizes = {path: _size(path) for path in root.iterdir() if path.name[0] != "."}
+    entries = {path: size for path, size in sizes.items() if size is not None}
+    now_s = time.time()
     last_use_s = {path: _last_use_s(path) for path in entries}
+    for path in [path for path, used_s in last_use_s.items() if used_s > now_s]:
+        mark_used(path)  # the clock was set back: it would never be evicted
+        last_use_s[path] = now_s
     excess = sum(entries.values()) - limit
-    evictable_s = time.time() - EVICTABLE_AFTER_S
+    evictable_s = now_s - EVICTABLE_AFTER_S
     for path in sorted(entries, key=last_use_s.__getitem__):
         if excess <= 0 or last_use_s[path] > evictable_s:
             break
@@ -174,8 +207,10 @@ def _locked(folder: Path) -> Iterator[None]:
 def _is_locked(folder: Path) -> bool:
     try:
         handle = os.open(folder / _LOCK, os.O_RDWR)
-    except OSError:  # no lock: its writer died before, or it is being removed
+    except (FileNotFoundError, NotADirectoryError):  # its writer died before, or it is being removed
         return False
+    except OSError:  # such as for lack of file descriptors: nobody knows
+        return True
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -185,17 +220,28 @@ def _is_locked(folder: Path) -> bool:
     return False
 
 
-def _sizes(folder: Path) -> dict[str, int] | None:
-    """Return the sizes that an entry's files must have; None where nothing readable states them."""
+def _files(folder: Path) -> dict[str, tuple[int, str]] | None:
+    """Return the sizes and the checksums that an entry's files must have; None where it does not state them.
+
+    Raises:
+        StoreError: `entry.json` cannot be read now.
+    """
     try:
-        sizes = json.loads((folder / _ENTRY).read_text(encoding="utf-8"))
-        return {str(name): int(size) for name, size in sizes.items()}
-    except (OSError, ValueError, AttributeError, TypeError):
+        entry = read_json(folder / _ENTRY)
+        if entry["key"] != folder.name:
+            return None
+        return {str(name): (int(size), str(digest)) for name, (size, digest) in entry["files"].items()}
+    except (Damaged, KeyError, ValueError, AttributeError, TypeError):
         return None
 
 
-def _has_size(path: Path, size: int) -> bool:
-    return path.is_file() and path.stat().st_size == size
+def _size(folder: Path) -> int | None:
+    """Return the size of an entry; None for what is none, and where nobody knows."""
+    try:
+        files = _files(folder)
+    except StoreError:
+        return None
+    return None if files is None else sum(size for size, _ in files.values())
 
 
 def _last_use_s(folder: Path) -> float:

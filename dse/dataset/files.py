@@ -28,6 +28,7 @@ from dse.records import Array, Dataset, Head, Spikes
 from dse.store import heads_document, heads_of
 
 _META = "meta.json"
+_ABSENT = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 _OF_SPIKES = ("row_offsets", "channel")
 _OF_WINDOWS = ("start", "low", "high")
 _OF_DATASET = ("target", "train", "validation", "test")
@@ -267,7 +268,7 @@ def _write_meta(folder: Path, meta: Mapping[str, Raw]) -> None:
 def _readable(folder: Path, what: str) -> Iterator[None]:
     try:
         yield
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+    except (*_ABSENT, ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
         if isinstance(error, RecordingError):
             raise
         raise RecordingError(f"{folder}: the {what} cannot be read ({error})") from None

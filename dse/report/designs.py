@@ -81,7 +81,7 @@ class StudyTask:
         """Return the columns of every run of a design for this task, on its first hardware profile."""
         several: list[Mapping[str, Any]] = []
         for path in self._runs(trial):
-            run = store.read_json(path / "record.json")
+            run = store.read_record(path)
             numbers = run["of_heads"][self.task] if self.joint else run
             chips = list(numbers.get("hardware", {}).values())
             several.append({**numbers.get("columns", {}), **(chips[0] if chips else {})})
@@ -146,10 +146,10 @@ def record(study: Path, trial: int) -> Mapping[str, Any]:
     Raises:
         StoreError: it is missing or damaged.
     """
-    path = store.run_folder(study, trial, 0) / "record.json"
-    content = store.read_json(path)
-    if not isinstance(content, dict) or "sections" not in content:
-        raise store.StoreError(f"{path}: is not the record of a run")
+    folder = store.run_folder(study, trial, 0)
+    content = store.read_record(folder)
+    if "sections" not in content:
+        raise store.damaged(folder / store.RECORD, "is not the record of a finished run")
     return content
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from dse import store
 from dse.records import Bools
 from dse.skyline.constraints import ExpressionError, matches, named_columns, split_budgets
 from dse.skyline.front import Skyline, as_list, skyline
@@ -100,9 +101,11 @@ def parquet_skyline(
 
     Raises:
         ExpressionError: as in `skyline`.
+        StoreError: the file is no longer what dse has written.
     """
     import pyarrow.parquet
 
+    store.verify(Path(path))
     with pyarrow.parquet.ParquetFile(path) as file:
         deciding = {*(name for name, _ in goals), *named_columns([where] if where else []), *as_list(by)}
         names = [name for name in file.schema_arrow.names if name in {*deciding, *_OF_CLASS}]

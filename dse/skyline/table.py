@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from dse import store
 from dse.records import Floats, Ints
 from dse.skyline.constraints import ExpressionError, column
+
+_PARQUET = (".parquet", ".pq")
 
 
 class TableError(ValueError):
@@ -22,12 +25,15 @@ def read(path: str | Path) -> pd.DataFrame:
 
     Raises:
         TableError: no such file, another kind of file, a damaged or an empty one.
+        StoreError: a table that dse has written is no longer what was written.
     """
     file = Path(path)
     if file.is_dir():
         file = file / "points.parquet"
     if not file.is_file():
         raise TableError(f"{file}: no such file")
+    if file.suffix.lower() in _PARQUET:
+        store.verify(file)
     try:
         frame = _read(file)
     except TableError:
@@ -43,7 +49,7 @@ def _read(file: Path) -> pd.DataFrame:
     kind = file.suffix.lower()
     if kind == ".csv":
         return pd.read_csv(file)
-    if kind in (".parquet", ".pq"):
+    if kind in _PARQUET:
         return pd.read_parquet(file)
     if kind == ".json":
         content = json.loads(file.read_text(encoding="utf-8"))

@@ -9,6 +9,9 @@
         artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
             and precision_*.npz, what it measured at other precisions
 
+Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
+byte is an error when it is read. The journal has a checksum per line (`dse.study.journal`).
+
 A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
 therefore either complete or absent, and its presence is what makes the run finished.
 """
@@ -27,7 +30,6 @@ from dse.store.arrays import (
 )
 from dse.store.files import (
     WARNINGS,
-    StoreError,
     atomic,
     checksum,
     exclusive,
@@ -35,33 +37,47 @@ from dse.store.files import (
     is_temporary,
     published,
     read_json,
+    read_sealed_text,
     remove,
     sweep,
     write_json,
+    write_sealed_json,
+    write_sealed_text,
     write_text,
 )
 from dse.store.plain import heads_document, heads_of, plain, plain_cell
-from dse.store.runs import SCHEMA, load_run, run_folder, save_run
+from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, save_run
+from dse.store.sealed import REMEDY, Damaged, StoreError, damaged, is_sealed, read_bytes, unreadable, verify
+from dse.store.tables import parquet, write_table
 
 __all__ = [
     "DAMAGED_ARCHIVE",
+    "RECORD",
+    "REMEDY",
     "SCHEMA",
     "WARNINGS",
+    "Damaged",
     "StoreError",
     "atomic",
     "checksum",
+    "damaged",
     "exclusive",
     "explained",
     "fitted_of",
     "heads_document",
     "heads_of",
+    "is_sealed",
     "is_temporary",
     "load_arrays",
     "load_run",
+    "parquet",
     "plain",
     "plain_cell",
     "published",
+    "read_bytes",
     "read_json",
+    "read_record",
+    "read_sealed_text",
     "record_arrays",
     "record_of",
     "remove",
@@ -71,8 +87,13 @@ __all__ = [
     "save_arrays",
     "save_run",
     "sweep",
+    "unreadable",
+    "verify",
     "work_arrays",
     "work_of",
     "write_json",
+    "write_sealed_json",
+    "write_sealed_text",
+    "write_table",
     "write_text",
 ]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import io
 import lzma
 import types
 import typing
@@ -24,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from dse.records import Answers, Array, Ints, Layer, Network, Operations, Parameters, Response, Workload
-from dse.store.files import StoreError
+from dse.store.sealed import BLANK, StoreError, damaged, is_sealed, read_bytes, seal
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -51,23 +52,29 @@ _DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
-    """Write a compressed .npz."""
+    """Write a compressed .npz, which is sealed."""
     with path.open("wb") as file:
         np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = BLANK
+    seal(path)
 
 
 def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, Array]:
     """Return the arrays of an .npz; only those among `names`, if given, are read.
 
     Raises:
-        StoreError: the file is missing or damaged.
+        Damaged: the file is missing, or not what was written.
+        StoreError: it cannot be read now.
     """
+    content = io.BytesIO(read_bytes(path))
     try:
-        # Opened here: numpy leaves a damaged file open.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        with np.load(content, allow_pickle=False) as archive:
+            if not archive.files or (archive.zip.comment and not is_sealed(archive.zip.comment)):
+                raise ValueError("its end is not what was written")
             return {name: archive[name] for name in archive.files if names is None or name in names}
-    except DAMAGED_ARCHIVE as error:
-        raise StoreError(f"{path}: cannot be read: {error}") from error
+    except (*DAMAGED_ARCHIVE, TypeError, AttributeError) as error:
+        raise damaged(path, f"cannot be read: {error}") from error
 
 
 def record_arrays(record: DataclassInstance, prefix: str = "") -> dict[str, Array]:

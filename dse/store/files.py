@@ -10,18 +10,18 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dse.store.plain import plain
+from dse.store.sealed import BLANK, StoreError, damaged, is_sealed, read_bytes, seal
 
 WARNINGS = "warnings.json"
 _TEMPORARY = ".writing-"
-
-
-class StoreError(Exception):
-    """A study folder cannot be written or read; one line says why. Finished runs are never lost."""
+_SEAL = "seal"
+_COMMENT = "# "
+_ROWS = "rows"
 
 
 @contextlib.contextmanager
@@ -139,27 +139,68 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def write_json(path: Path, document: Any) -> None:
+def write_sealed_text(path: Path, text: str) -> None:
+    """Replace a text file in whose format `#` begins a comment; the first line is its seal."""
+    with published(path) as temporary:
+        temporary.write_text(f"{_COMMENT}{BLANK.decode()}\n{text}", encoding="utf-8")
+        seal(temporary)
+
+
+def read_sealed_text(path: Path) -> str:
+    """Return the text of `write_sealed_text`, or of any text file.
+
+    Raises:
+        Damaged: it is missing, or not what was written.
+        StoreError: it cannot be read now.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise damaged(path, f"cannot be read: {error}") from None
+    if "\n" not in text or "\0" in text:
+        raise damaged(path, "has no whole line, or NUL characters")
+    first, _, rest = text.partition("\n")
+    return rest if first.startswith(_COMMENT) and is_sealed(first.encode()) else text
+
+
+def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
     """Replace a JSON file. NaN and infinities are written as Python's json does.
 
     Raises:
         TypeError: the document holds something that JSON cannot hold.
     """
-    write_text(path, json.dumps(document, indent=1, default=plain) + "\n")
+    with published(path) as temporary:
+        write_sealed_json(temporary, document)
+
+
+def write_sealed_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Write a JSON file at once: an object, its seal first; a list is its member `rows`.
+
+    Raises:
+        OSError: the file cannot be written.
+        TypeError: as in `write_json`.
+    """
+    members = document if isinstance(document, Mapping) else {_ROWS: document}
+    content = json.dumps({_SEAL: BLANK.decode(), **members}, indent=1, default=plain)
+    path.write_text(content + "\n", encoding="utf-8")
+    seal(path)
 
 
 def read_json(path: Path) -> Any:
-    """Return a JSON file's content.
+    """Return the document of a JSON file, without its seal.
 
     Raises:
-        StoreError: it is missing or damaged.
+        Damaged: it is missing, or not what was written.
+        StoreError: it cannot be read now.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
+        document = json.loads(read_bytes(path))
     except (ValueError, RecursionError) as error:
-        raise StoreError(f"{path}: cannot be read: {error}") from error
+        raise damaged(path, f"cannot be read: {error}") from None
+    if not isinstance(document, dict) or _SEAL not in document:
+        return document
+    del document[_SEAL]
+    return document[_ROWS] if document.keys() == {_ROWS} else document
 
 
 def checksum(path: Path) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dse.store.files import StoreError, checksum, published, read_json
-from dse.store.plain import plain
+import dse
+from dse.store.files import checksum, published, read_json, write_sealed_json
+from dse.store.sealed import StoreError, damaged, unreadable
 
 SCHEMA = 1
+RECORD = "record.json"
 
 
 def run_folder(study: Path, trial: int, repeat: int) -> Path:
@@ -26,37 +27,60 @@ def save_run(folder: Path, record: Mapping[str, Any], files: Mapping[str, Callab
         record: what record.json holds beside the schema and the checksums.
         files: name -> function that writes the file at the path it is given.
     """
+    identity = {"schema": SCHEMA, "version": dse.__version__, "study": folder.parents[2].name}
     with published(folder) as temporary:
         temporary.mkdir()
         checksums = {}
         for name, write in files.items():
             write(temporary / name)
             checksums[name] = checksum(temporary / name)
-        document = {"schema": SCHEMA, **record, "files": checksums}
-        (temporary / "record.json").write_text(
-            json.dumps(document, indent=1, default=plain), encoding="utf-8"
+        write_sealed_json(temporary / RECORD, {**identity, **record, "files": checksums})
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Return the record of the run in a folder without reading the files that it names.
+
+    Raises:
+        Damaged: it is missing, damaged, or that of another run.
+        StoreError: it is of a newer schema, or cannot be read now.
+    """
+    path = folder / RECORD
+    record = read_json(path)
+    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
+        raise damaged(path, "is not the record of a run")
+    schema = record.get("schema", 0)
+    if type(schema) is int and schema > SCHEMA:
+        raise StoreError(
+            f"{path}: schema {schema} is newer than {SCHEMA}, the schema that this version of dse reads; "
+            "install a newer version"
         )
+    trial, repeat = record.get("trial"), record.get("repeat")
+    if (
+        not (type(trial) is int and type(repeat) is int)
+        or folder.parts[-2:] != run_folder(folder, trial, repeat).parts[-2:]
+    ):
+        raise damaged(path, f"is the record of trial {trial!r} repeat {repeat!r}")
+    return record
 
 
 def load_run(folder: Path) -> dict[str, Any] | None:
     """Return a finished run's record, or None where there is no such run.
 
     Raises:
-        StoreError: the record or a file that it names is damaged, missing, or of a newer schema.
+        Damaged: as in `read_record`, or a file that the record names is damaged or missing.
+        StoreError: as in `read_record`, or a file cannot be read now.
     """
     if not folder.is_dir():
         return None
-    record = read_json(folder / "record.json")
-    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
-        raise StoreError(f"{folder / 'record.json'}: is not the record of a run")
-    if record.get("schema", 0) > SCHEMA:
-        raise StoreError(
-            f"{folder / 'record.json'}: schema {record['schema']} is newer than {SCHEMA}, the schema that "
-            "this version of dse reads"
-        )
+    record = read_record(folder)
     for name, expected in record["files"].items():
-        if not (folder / name).is_file():
-            raise StoreError(f"{folder / name}: is missing")
-        if checksum(folder / name) != expected:
-            raise StoreError(f"{folder / name}: is damaged (its checksum differs)")
+        if _digest(folder / name) != expected:
+            raise damaged(folder / name, "is damaged (its checksum differs)")
     return record
+
+
+def _digest(path: Path) -> str:
+    try:
+        return checksum(path)
+    except OSError as error:
+        raise unreadable(path, error) from None

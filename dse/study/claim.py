@@ -19,26 +19,37 @@ _HINT = "change it back, or use another study name or --results folder"
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
-def claim(space: SearchSpace, folder: Path) -> None:
+def claim(space: SearchSpace, folder: Path) -> list[str]:
     """Write the search space, its plugins and the environment to the folder, or check that they are the same.
 
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
     trials, other precisions of trained networks, targets, and hardware after the first. The device may not:
     another one rounds differently. Until a run has finished, any search space may replace the one before.
 
+    A damaged copy of the search space is written anew if the finished runs were trained as this one says.
+
+    Returns:
+        What was damaged and is written anew, a sentence each.
+
     Raises:
         ConfigError: the folder was started with another search space; one fault per key or plugin.
     """
-    path = folder / "search_space.yaml"
+    path, notes = folder / "search_space.yaml", []
     now = yaml.safe_load(space.to_yaml())
     files = [Path(plugin.source) for plugin in space.plugins if plugin.source.endswith(".py")]
     copies = {file: folder / "plugins" / f"{number}_{file.name}" for number, file in enumerate(files)}
     if next(folder.glob("artefacts/*/repeat_*"), None) is None:
         store.remove(folder / "journal.log")
     elif path.exists():
+        before = now
+        try:
+            before = plain_space(path)
+        except store.Damaged as error:
+            _check_runs(space, folder)
+            notes.append(f"{error}; it is written anew: the finished runs fit this search space")
         faults = [
             Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was started with {old!r}; {_HINT}")
-            for key, old, new in _changes(plain_space(path), now)
+            for key, old, new in _changes(before, now)
             if (not key.startswith("execution.") or key == "execution.device")
             and key not in _PLACES
             and not (key == "search.n_trials" and _count(new) >= _count(old))
@@ -49,16 +60,70 @@ def claim(space: SearchSpace, folder: Path) -> None:
         faults += [
             Fault(str(file), 0, f"differs from {copy}, which {folder} was started with; {_HINT}")
             for file, copy in copies.items()
-            if copy.is_file() and copy.read_bytes() != file.read_bytes()
+            if copy.is_file() and (was := _copied(copy, notes)) is not None and was != _text(file)
         ]
         if faults:
             raise ConfigError(faults)
-    store.write_text(path, space.to_yaml())
+    store.write_sealed_text(path, space.to_yaml())
     for file, copy in copies.items():
-        with store.published(copy) as temporary:
-            temporary.write_bytes(file.read_bytes())
-    sessions = store.read_json(folder / "environment.json") if (folder / "environment.json").exists() else []
-    store.write_json(folder / "environment.json", [*sessions, environment.describe()])
+        store.write_sealed_text(copy, _text(file))
+    store.write_json(
+        folder / "environment.json", [*_sessions(folder / "environment.json", notes), environment.describe()]
+    )
+    return notes
+
+
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8", errors="replace")
+
+
+def _copied(copy: Path, notes: list[str]) -> str | None:
+    """Return the copy of a plugin; None, with a note, if it is damaged."""
+    try:
+        return store.read_sealed_text(copy)
+    except store.Damaged as error:
+        notes.append(f"{error}; it is written anew")
+        return None
+
+
+def _sessions(path: Path, notes: list[str]) -> list[Any]:
+    """Return the sessions so far; none, with a note, if the file is damaged."""
+    try:
+        sessions = store.read_json(path) if path.exists() else []
+        if not isinstance(sessions, list):
+            raise store.damaged(path, "holds no list of sessions")
+    except store.Damaged as error:
+        notes.append(f"{error}; it is begun anew")
+        return []
+    return sessions
+
+
+def _check_runs(space: SearchSpace, folder: Path) -> None:
+    """Check that the finished runs were trained as the search space says.
+
+    Raises:
+        ConfigError: one was trained otherwise.
+    """
+    for run in sorted(folder.glob("artefacts/*/repeat_*")):
+        try:
+            record = store.read_record(run)
+            trained = record.get("sections", {})
+            would = space.resolve(record["design"]).to_plain()
+        except store.Damaged:
+            continue
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            text = f"does not hold the design of {run}: {error}; {_HINT}"
+            raise ConfigError([Fault(str(space.source), 0, text)]) from None
+        differing = [
+            (f"{section}.{key}", old, would[section][key])
+            for section in ("task", "model", "training")
+            for key, old in (trained.get(section) or {}).items()
+            if key in (would.get(section) or {}) and would[section][key] != old
+        ]
+        differing += [] if record["seed"] == space.seed else [("seed", record["seed"], space.seed)]
+        if differing:
+            texts = [f"{key} is {new!r}, but {run} was trained with {old!r}" for key, old, new in differing]
+            raise ConfigError([Fault(str(space.source), 0, f"{text}; {_HINT}") for text in texts])
 
 
 def _changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:

@@ -61,8 +61,8 @@ def run(
     n_workers = jobs or space.execution.jobs
     with store.exclusive(folder), shown(progress, n_workers) as report:
         store.sweep(folder)
-        pricing.check(profiles, folder)
-        claim(space, folder)
+        for note in [*pricing.check(profiles, folder), *claim(space, folder)]:
+            report.note(note)
         _keep_audit(space, folder)
         ledger = Ledger(folder / "journal.log", space)
         workers = Workers(n_workers)
@@ -118,7 +118,7 @@ class _Tables:
         pricing.keep(self._profiles, self._folder)
         runs = self._runs.trials()
         with store.published(self._folder / "trials.parquet") as path:
-            tables.trials_table(self._space, runs).to_parquet(path, index=False)
+            store.write_table(path, tables.trials_table(self._space, runs))
         with store.published(self._folder / "points.parquet") as path:
             points.write_points(path, self._space, self._folder, runs, self._profiles)
 

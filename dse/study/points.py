@@ -98,10 +98,9 @@ def write_points(
         parts = parts if n_rows <= IN_MEMORY else []
         parts.append(part)
     if n_rows <= IN_MEMORY:
-        _table(parts, space).to_parquet(path, index=False)
+        store.write_table(path, _table(parts, space))
         return
     import pyarrow
-    import pyarrow.parquet
 
     with contextlib.ExitStack() as opened:
         writer = None
@@ -112,7 +111,7 @@ def write_points(
                 for i, name in enumerate(schema.names):
                     if frame[name].dtype == object:
                         schema = schema.set(i, schema.field(i).with_type(pyarrow.string()))
-                writer = opened.enter_context(pyarrow.parquet.ParquetWriter(path, schema))
+                writer = opened.enter_context(store.parquet(path, schema))
             writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
 
 

@@ -4,7 +4,7 @@ A setting is (weight_bits, pruned): it states how the weights of a trained netwo
 (`dse.models.snn.quantise`). The results at a setting are one file in the run's folder,
 
     precision_<weight_bits>_<pruned>.npz
-        schema, weight_bits, pruned
+        schema, trial, repeat, weight_bits, pruned
         numbers          JSON text: the measured part of record.json
         <file>/<name>    the arrays of <file> at this setting, such as read_out.npz
 
@@ -38,7 +38,7 @@ Setting = tuple[int, float]
 AS_TRAINED: Setting = (BITS, 0.0)
 
 _SCHEMA = "dse/precision/1"
-_KEYS = ("schema", "weight_bits", "pruned", "numbers")
+_KEYS = ("schema", "trial", "repeat", "weight_bits", "pruned", "numbers")
 _ROUNDING = 1e-9  # accuracies are ratios of counts: closer than this they are equal
 
 
@@ -75,8 +75,8 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
     """
     loaded = jobs.load(job.run)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
-    record = job.run.folder / "record.json"
-    trained = RunRecord.from_plain(store.read_json(record), record).measured.columns
+    record = store.read_record(job.run.folder)
+    trained = RunRecord.from_plain(record, job.run.folder / store.RECORD).measured.columns
     run = job.run
     if run.phi_step is not None:  # the same settings as in training
         surface = next(run.folder.glob("surface*.npz"))
@@ -189,6 +189,8 @@ def _evaluate(
         files |= jobs.arrays_of(run, head, f"_{name}")
     arrays = {
         "schema": np.array(_SCHEMA),
+        "trial": np.array(run.trial),
+        "repeat": np.array(run.repeat),
         "weight_bits": np.array(setting[0]),
         "pruned": np.array(setting[1]),
         "numbers": np.array(json.dumps(numbers, default=store.plain)),
@@ -198,20 +200,27 @@ def _evaluate(
         store.save_arrays(temporary, arrays)
 
 
+def _place(arrays: Mapping[str, Array]) -> tuple[str, ...]:
+    """Return the last two names of the folder of the run that was evaluated."""
+    return store.run_folder(Path(), int(arrays["trial"]), int(arrays["repeat"])).parts[-2:]
+
+
 def _path(folder: Path, setting: Setting) -> Path:
     weight_bits, pruned = setting
     return folder / f"precision_{weight_bits}_{float(pruned)!r}.npz"
 
 
 def _read(path: Path) -> Evaluation | None:
-    """Return the evaluation in a file; None if it is missing, damaged, or of another schema."""
+    """Return the evaluation in a file; None if it is missing, damaged, or of another schema or run."""
     try:
         arrays = store.load_arrays(path)
         if str(arrays["schema"]) != _SCHEMA:
             return None
         numbers = Numbers.from_plain(json.loads(str(arrays["numbers"])))
         setting = int(arrays["weight_bits"]), float(arrays["pruned"])
-    except (store.StoreError, KeyError, ValueError):
+        if "trial" in arrays and path.parent.parts[-2:] != _place(arrays):
+            return None
+    except (store.Damaged, KeyError, ValueError, TypeError, AttributeError):
         return None
     files: dict[str, dict[str, Array]] = {}
     for key, array in arrays.items():

@@ -33,20 +33,29 @@ DRAWS = 200
 """Default number of samples of a chip's uncertain numbers."""
 
 
-def check(profiles: Sequence[Profile], folder: Path) -> None:
+def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     """Check that profiles have the numbers that a study stores: its sampler received costs from these.
+
+    Returns:
+        A sentence about each copy that is damaged; `keep` writes it anew.
 
     Raises:
         ConfigError: a number of a profile has changed.
     """
-    faults = []
+    faults, notes = [], []
     for chip in profiles:
         stored = folder / _FOLDER / f"{chip.name}.yaml"
-        if stored.is_file() and _figures(profile(folder, chip.name)) != _figures(chip):
+        try:
+            differs = stored.is_file() and _figures(profile(folder, chip.name)) != _figures(chip)
+        except store.Damaged as error:
+            notes.append(f"{error}; it is written anew")
+            continue
+        if differs:
             hint = "change it back, rename the profile, or use another --results folder"
             faults.append(Fault(chip.name, 0, f"the numbers differ from those in {stored}; {hint}"))
     if faults:
         raise ConfigError(faults)
+    return notes
 
 
 def _figures(chip: Profile) -> object:
@@ -57,7 +66,7 @@ def _figures(chip: Profile) -> object:
 def keep(profiles: Sequence[Profile], folder: Path) -> None:
     """Write the profiles of a study to its folder, as they are now."""
     for chip in profiles:
-        store.write_text(folder / _FOLDER / f"{chip.name}.yaml", chip.text)
+        store.write_sealed_text(folder / _FOLDER / f"{chip.name}.yaml", chip.text)
 
 
 def profile(folder: Path, name: str) -> Profile:
@@ -68,7 +77,7 @@ def profile(folder: Path, name: str) -> Profile:
     """
     stored = folder / _FOLDER / f"{name}.yaml"
     if stored.is_file():
-        return read(stored.read_text(encoding="utf-8"), str(stored))
+        return read(store.read_sealed_text(stored), str(stored))
     return load(name)
 
 

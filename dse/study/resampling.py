@@ -200,7 +200,7 @@ def _largest_se(folder: Path, rows: pandas.DataFrame) -> Floats:
     se = np.nan_to_num(numbers(rows, "accuracy_se")) if "accuracy_se" in rows else np.zeros(len(rows))
     trials = rows["trial"].to_numpy(np.int64)
     for places in rows.groupby("trial", sort=False).indices.values():
-        record = store.read_json(store.run_folder(folder, int(trials[places[0]]), 0) / "record.json")
+        record = store.read_record(store.run_folder(folder, int(trials[places[0]]), 0))
         n = max(int(record["samples"]["validation"]), 1)
         se[places] += wilson_se(np.rint(np.nan_to_num(accuracy[places]) * n), n)
     return se

@@ -208,16 +208,21 @@ def plain_space(path: Path) -> dict[str, Any]:
         StoreError: it is missing or damaged.
     """
     try:
-        space = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise store.StoreError(f"{path}: cannot be read: {error}") from error
-    return dict(space)
+        space = yaml.safe_load(store.read_sealed_text(path))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise store.damaged(path, f"cannot be read: {' '.join(str(error).split())}") from error
+    if not isinstance(space, dict) or not space:
+        raise store.damaged(path, "is no search space")
+    return space
 
 
 def _table(path: Path) -> pandas.DataFrame:
     import pandas
 
+    store.verify(path)
     try:
         return pandas.read_parquet(path)
-    except (OSError, ValueError) as error:
-        raise store.StoreError(f"{path}: cannot be read: {error}") from error
+    except OSError as error:
+        raise store.unreadable(path, error) from error
+    except Exception as error:  # Arrow raises errors of many kinds
+        raise store.damaged(path, f"cannot be read: {str(error).splitlines()[0]}") from error

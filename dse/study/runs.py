@@ -24,7 +24,7 @@ from dse.recordings import RecordingError
 from dse.records import Dataset
 from dse.registry import PluginError
 from dse.search import cohorts
-from dse.store import StoreError
+from dse.store import Damaged, StoreError
 from dse.study import jobs, precision
 from dse.study.executors.work import Failure
 from dse.study.journal import Entry
@@ -109,10 +109,11 @@ class Runs:
                 folder = store.run_folder(self._folder, entry.trial, repeat)
                 try:
                     record = load_record(folder)
-                    if record is not None and not _is_of(entry, record):
-                        raise StoreError(f"{folder}: holds another design than the journal states")
-                except StoreError as error:
-                    self._progress.note(f"{error}; this run is repeated")
+                    if record is not None and not _is_of(entry, self._space.seed, record):
+                        raise Damaged(f"{folder}: holds a run of another design or seed")
+                except Damaged as error:
+                    what = str(error).removesuffix(f"; {store.REMEDY}")
+                    self._progress.note(f"{what}; this run is repeated")
                     store.remove(folder)
                     continue
                 if record is not None and (record.needs_bytes or math.inf) <= self._budget:
@@ -436,8 +437,7 @@ class Runs:
 
     def _warn(self, keys: Iterable[str]) -> None:
         """Print the warnings about data sets once, and store them with the study."""
-        path = self._folder / store.WARNINGS
-        known: list[str] = store.read_json(path) if path.exists() else []
+        path, known = self._folder / store.WARNINGS, self._known_warnings()
         warnings = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
         for text in dict.fromkeys(warnings):
             if text not in self._warned:
@@ -446,10 +446,20 @@ class Runs:
         if set(warnings) - set(known):
             store.write_json(path, list(dict.fromkeys([*known, *warnings])))
 
+    def _known_warnings(self) -> list[str]:
+        """Return the warnings that are stored; they are collected anew in place of a damaged file."""
+        path = self._folder / store.WARNINGS
+        try:
+            known = store.read_json(path) if path.exists() else []
+        except Damaged as error:
+            self._progress.note(f"{error}; it is written anew")
+            store.remove(path)
+            return []
+        return known if isinstance(known, list) else []
+
     def remark(self, sentences: Sequence[str], prefix: str) -> None:
         """Print sentences about the study, and store them as warnings in place of those with the prefix."""
-        path = self._folder / store.WARNINGS
-        known: list[str] = store.read_json(path) if path.exists() else []
+        path, known = self._folder / store.WARNINGS, self._known_warnings()
         for text in sentences:
             self._progress.note(f"warning: {text}")
         now = [*(text for text in known if not text.startswith(prefix)), *sentences]
@@ -481,13 +491,13 @@ def _opened_cache(folder: Path, progress: Progress) -> Path:
     return root
 
 
-def _is_of(entry: Entry, record: RunRecord) -> bool:
-    return seeds.design_key(record.design) == seeds.design_key(entry.design)
+def _is_of(entry: Entry, seed: int, record: RunRecord) -> bool:
+    return seeds.design_key(record.design) == seeds.design_key(entry.design) and record.seed == seed
 
 
 def _stop_if_blameless(failure: Failure) -> None:
     """Raise an error that is not the design's fault: a full disk, or a plugin's file that has changed."""
-    if failure.error in (StoreError.__name__, PluginError.__name__):
+    if failure.error in (StoreError.__name__, Damaged.__name__, PluginError.__name__):
         raise StoreError(failure.message)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from dse.config import ConfigError, load_space
 from dse.figures.progress import Progress, gather_progress
 from dse.records import Floats
-from dse.store import StoreError, read_json, run_folder
+from dse.store import StoreError, read_json, read_record, run_folder, verify
 from dse.study.fronts import GROUPS, fronts
 from dse.study.journal import Entry, read_journal, seconds
 from dse.study.results import Study
@@ -220,10 +220,9 @@ def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
 def _record(folder: Path) -> dict[str, Any]:
     """Return the record of a run without checking its files, which are many and may be large."""
     try:
-        record = read_json(folder / "record.json")
+        return read_record(folder)
     except StoreError:
         return {}
-    return record if isinstance(record, dict) else {}
 
 
 def _table(path: Path, columns: Sequence[str]) -> pandas.DataFrame:
@@ -232,11 +231,12 @@ def _table(path: Path, columns: Sequence[str]) -> pandas.DataFrame:
     import pyarrow.parquet
 
     try:
+        verify(path)
         names = pyarrow.parquet.read_schema(path).names
         # Words are few among many points: as categories they are grouped in a fraction of the time.
         words = [name for name in GROUPS if name in columns]
         return pandas.read_parquet(path, columns=[n for n in columns if n in names], read_dictionary=words)
-    except (OSError, ValueError, pyarrow.ArrowException):
+    except (StoreError, OSError, ValueError, pyarrow.ArrowException):
         return pandas.DataFrame()
 
 
@@ -282,7 +282,7 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
     events = np.sort(np.array(happened))
     try:
         starts = sorted(seconds(session["started"]) for session in read_json(folder / "environment.json"))
-    except (StoreError, ValueError, KeyError, TypeError):
+    except (StoreError, ValueError, KeyError, TypeError, OverflowError):
         starts = []
     start_s = np.array(starts or events[:1].tolist())
     last = np.searchsorted(events, np.append(start_s[1:], np.inf)) - 1  # the last event of each

@@ -56,7 +56,9 @@ class Folder:
     def end(self, trial, repeat=0, *, at, status="finished", reason=""):
         path = self.path / "artefacts" / f"{trial:05d}" / f"repeat_{repeat}" / "record.json"
         path.parent.mkdir(parents=True)
-        path.write_text(json.dumps({"trial": trial, "repeat": repeat, "status": status, "reason": reason}))
+        path.write_text(
+            json.dumps({"trial": trial, "repeat": repeat, "status": status, "reason": reason, "files": {}})
+        )
         os.utime(path, (START + at, START + at))
 
     def table(self, trials, points=()):

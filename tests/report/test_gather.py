@@ -325,7 +325,7 @@ def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
     written = write(tmp_path / "damaged", [{"accuracy": 0.9, "t_p_ms": 3.0}])
     run = store.run_folder(written.folder, 0, 0)
     (run / "read_out.npz").unlink()
-    with pytest.raises(store.StoreError, match=r"repeat_0/read_out\.npz: cannot be read"):
+    with pytest.raises(store.StoreError, match=r"repeat_0/read_out\.npz: is missing"):
         report([written])
     (run / "record.json").write_text("{")
     with pytest.raises(store.StoreError, match=r"record\.json"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import subprocess
 import sys
@@ -88,7 +87,7 @@ def test_json_that_is_nested_without_end_is_damaged(tmp_path: Path) -> None:
 
 def test_json_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
     store.write_json(tmp_path / "x.json", {"a": np.arange(2), "b": (1, 2)})
-    assert json.loads((tmp_path / "x.json").read_text()) == {"a": [0, 1], "b": [1, 2]}
+    assert store.read_json(tmp_path / "x.json") == {"a": [0, 1], "b": [1, 2]}
     with pytest.raises(TypeError, match="object cannot be written as JSON"):
         store.write_json(tmp_path / "y.json", object())
     assert not (tmp_path / "y.json").exists()

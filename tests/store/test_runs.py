@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -43,25 +44,55 @@ def _flip(path: Path) -> None:
     path.write_bytes(content)
 
 
+def _edit(path: Path) -> None:
+    path.write_text(path.read_text().replace('"accuracy": 0.5', '"accuracy": 0.6'))
+
+
 @pytest.mark.parametrize(
     ("name", "damage", "message"),
     [
         ("a.npz", _truncate, "is damaged"),
         ("a.npz", _flip, "is damaged"),
         ("a.npz", os.remove, "is missing"),
-        ("record.json", _truncate, "cannot be read"),
-        ("record.json", os.remove, "cannot be read"),
+        ("record.json", _truncate, "is damaged"),
+        ("record.json", os.remove, "is missing"),
+        ("record.json", lambda path: (path.unlink(), os.mkfifo(path)), "is not a file"),
         ("record.json", lambda path: path.write_text("[]"), "is not the record of a run"),
+        ("record.json", _edit, "is damaged"),
     ],
 )
 def test_damage_is_named(tmp_path: Path, name: str, damage: Any, message: str) -> None:
-    _save(tmp_path / "run")
-    damage(tmp_path / "run" / name)
-    with pytest.raises(store.StoreError, match=f"{name}: {message}"):
-        store.load_run(tmp_path / "run")
+    folder = store.run_folder(tmp_path, 1, 0)
+    _save(folder)
+    damage(folder / name)
+    with pytest.raises(store.Damaged, match=f"{name}: {message}.*; `dse doctor RESULTS` says"):
+        store.load_run(folder)
 
 
 def test_a_record_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
-    _save(tmp_path / "run", schema=store.SCHEMA + 1)
+    folder = store.run_folder(tmp_path, 1, 0)
+    _save(folder, schema=store.SCHEMA + 1)
     with pytest.raises(store.StoreError, match="is newer than"):
-        store.load_run(tmp_path / "run")
+        store.load_run(folder)
+
+
+def test_a_run_in_the_place_of_another_is_refused(tmp_path: Path) -> None:
+    _save(store.run_folder(tmp_path, 1, 0))
+    other = store.run_folder(tmp_path, 3, 0)
+    other.parent.mkdir()
+    store.run_folder(tmp_path, 1, 0).rename(other)
+    with pytest.raises(store.Damaged, match="is the record of trial 1 repeat 0"):
+        store.load_run(other)
+
+
+def test_a_process_without_file_descriptors_finds_no_damage(tmp_path: Path) -> None:
+    folder = store.run_folder(tmp_path, 1, 0)
+    _save(folder)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        with pytest.raises(store.StoreError, match="cannot be read: Too many open files") as refused:
+            store.load_run(folder)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert not isinstance(refused.value, store.Damaged)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dse.config import ConfigError, load_space
-from dse.store import StoreError
+from dse.store import StoreError, read_sealed_text
 from dse.study.claim import claim
 from dse.study.results import Study
 from tests.spaces import write_space
@@ -34,7 +34,7 @@ def test_a_plugin_that_changed_or_is_gone_is_one_line(tmp_path: Path) -> None:
     (folder / "artefacts" / "00000" / "repeat_0").mkdir(parents=True)
     claim(load_space(path), folder)
     [copy] = (folder / "plugins").iterdir()
-    assert (copy.name, copy.read_text()) == ("0_mine.py", file.read_text())
+    assert (copy.name, read_sealed_text(copy)) == ("0_mine.py", file.read_text())
 
     file.write_text(PLUGIN)
     with pytest.raises(ConfigError) as changed:

@@ -47,7 +47,7 @@ def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> jobs.
         sections=design_of(model, Training(epochs=2, batch_size=9, learning_rate=0.1)),
         data=folder / "data",
         base=folder,
-        folder=folder / name,
+        folder=store.run_folder(folder / name, 0, 0),
         phi=(0, 3),
         theta=(0.4, 0.9),
         hardware=(),
@@ -65,8 +65,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> jobs.Run:
 @pytest.fixture
 def run(made: jobs.Run, tmp_path: Path) -> jobs.Run:
     """The same with a folder of its own."""
-    shutil.copytree(made.folder, tmp_path / "run")
-    return dataclasses.replace(made, folder=tmp_path / "run")
+    folder = store.run_folder(tmp_path, 0, 0)
+    shutil.copytree(made.folder, folder)
+    return dataclasses.replace(made, folder=folder)
 
 
 def done(run: jobs.Run, *settings: precision.Setting) -> None:
@@ -194,8 +195,8 @@ def test_which_runs_have_other_precisions(run: jobs.Run, tmp_path: Path) -> None
 
 
 def test_repeats_have_the_settings_that_each_of_them_has(run: jobs.Run, tmp_path: Path) -> None:
-    shutil.copytree(run.folder, tmp_path / "other")
-    other = dataclasses.replace(run, folder=tmp_path / "other")
+    other = dataclasses.replace(run, folder=store.run_folder(tmp_path / "other", 0, 0))
+    shutil.copytree(run.folder, other.folder)
     done(run, *SETTINGS)
     done(other, (2, 0.0), (4, 0.5))
     found = common([run.folder, other.folder])

@@ -598,9 +598,9 @@ def test_more_hardware_needs_no_training(finished: Study, copied: Path) -> None:
     with pytest.raises(ConfigError, match=r"hardware is .* was started with"):
         explore.run(first, copied / "results", progress=False)
     kept = found.folder / "hardware" / "loihi1_silicon.yaml"
-    kept.write_text("# looked at\n" + kept.read_text(encoding="utf-8"), encoding="utf-8")
+    store.write_sealed_text(kept, "# looked at\n" + store.read_sealed_text(kept))
     explore.run(more, copied / "results", progress=False)
-    kept.write_text(kept.read_text(encoding="utf-8").replace("value: 35.5", "value: 35.4"), encoding="utf-8")
+    store.write_sealed_text(kept, store.read_sealed_text(kept).replace("value: 35.5", "value: 35.4"))
     with pytest.raises(ConfigError, match=r"loihi1_silicon: the numbers differ from those in .*yaml; change"):
         explore.run(more, copied / "results", progress=False)
 
