@@ -316,12 +316,12 @@ class Rung:
 class Span:
     """From where to where the designs of a cohort train.
 
-    states: of each design, where it goes on, all after the same number of epochs; empty: from the start.
+    states: read each design's state, all after the same number of epochs; empty: they train from the start.
     until: epochs after which every training that has not ended by then pauses; None: none pauses.
     is_due: called after every epoch; true: each training yields its state, and goes on.
     """
 
-    states: Sequence[Mapping[str, Array]] = ()
+    states: Sequence[Callable[[], Mapping[str, Array]]] = ()
     until: int | None = None
     is_due: Callable[[], bool] = lambda: False
 

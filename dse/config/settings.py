@@ -589,6 +589,13 @@ class ExecutionSettings:
         doc="device for training; with cuda all processes share the first GPU",
         axis=False,
     )
+    checkpoint_s: float = param(
+        60.0,
+        doc="time between two checkpoints of a training, from which it goes on if it is killed",
+        unit="s",
+        low=0,
+        axis=False,
+    )
     memory_gib: float | None = param(
         None,
         doc="device memory that each process may use; a design that needs more is not trained (default: "

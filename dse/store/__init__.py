@@ -8,6 +8,7 @@
         plugins/            copies of its plugins' files    hardware/   its hardware profiles
         artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
             and precision_*.npz, what it measured at other precisions
+        checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
 
 Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
 byte is an error when it is read. The journal has a checksum per line (`dse.study.journal`).

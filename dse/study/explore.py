@@ -69,6 +69,7 @@ def run(
         runs = Runs(space, folder, profiles, workers, report)
         results_tables = _Tables(space, folder, runs, profiles)
         runs.recall(ledger.entries)
+        runs.forget_checkpoints()
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:

@@ -6,6 +6,10 @@ A job holds paths and settings only; spikes are read from the prepared data set 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
+import math
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -14,7 +18,16 @@ from pathlib import Path
 import numpy as np
 
 from dse import dataset, seeds, store
-from dse.config.contracts import Family, FitRequest, Generators, placed, trains_in_cohorts
+from dse.config.contracts import (
+    Family,
+    FitRequest,
+    Generators,
+    Rung,
+    Span,
+    has_rungs,
+    placed,
+    trains_in_cohorts,
+)
 from dse.config.resolved import LeftOut, Sections
 from dse.config.teacher import teacher_of
 from dse.dataset.cache import mark_used
@@ -36,8 +49,10 @@ from dse.records import (
     Workload,
 )
 from dse.search.cohorts import Demand
+from dse.study import checkpoints
+from dse.study.checkpoints import Checkpoint
 from dse.study.executors.work import Failure
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import Numbers, RunRecord, plain_rungs
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
@@ -114,6 +129,11 @@ class Run:
     read_out_every_ms: float | None = None
     folds: tuple[Fold, ...] = ()
 
+    @property
+    def study(self) -> Path:
+        """The folder of the study."""
+        return self.folder.parents[2]
+
     def measured(
         self, outcome: Outcome, data: Dataset, weight_bits: int = 8, unseen: UnseenTargets | None = None
     ) -> Measurement:
@@ -152,11 +172,17 @@ class Run:
 
 @dataclasses.dataclass(frozen=True)
 class TrainingJob:
-    """A cohort: runs of the same data, repeat and family that share batches, to be trained in one job."""
+    """A cohort: runs of the same data, repeat and family that share batches, to be trained in one job.
+
+    until: epochs after which trainings pause at a rung; None: they train to their ends.
+    checkpoint_s: seconds between two checkpoints.
+    """
 
     runs: tuple[Run, ...]
     device: str = "cpu"
     threads: int = 1
+    until: int | None = None
+    checkpoint_s: float = math.inf
 
 
 def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
@@ -252,14 +278,16 @@ def load(run: Run, threads: int = 1) -> Loaded:
 def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     """Train the runs of a cohort, first without their folds; measure and publish each as it finishes.
 
-    A run that fails without a fold is not trained any further.
+    Runs go on from their checkpoints. A run that fails without a fold is not trained any further. Folds are
+    trained in the job that ends the training of their run, from the start.
 
     Yields:
-        A run's number, and None after it is published, or why it failed. An error of all runs is raised.
+        A run's number, and None after it or its rung is published, or why it failed. An error of all runs is
+        raised.
     """
     unseen: list[dict[str, dict[str, OfTargets]]] = [{} for _ in job.runs]
     failed: dict[int, Failure] = {}
-    for fold in job.runs[0].folds:
+    for fold in job.runs[0].folds if job.until is None else ():
         left = [number for number in range(len(job.runs)) if number not in failed]
         for place, result in _without(_of(job, left), fold) if left else ():
             if isinstance(result, Failure):
@@ -272,24 +300,59 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
         return
     loaded = load(job.runs[0], job.threads)
     missing = set(left)
-    for place, outcome in _outcomes(_of(job, left), loaded.data):
-        number = left[place]
-        missing.discard(number)
-        why: Failure | None = None
-        try:
-            if isinstance(outcome, Exception):
-                raise outcome
-            _publish(job.runs[number], outcome, loaded, unseen[number])
-        except (store.StoreError, MemoryError):
-            raise  # a full disk is not the run's fault, and alone the run may have the memory
-        except Exception as error:
-            why = Failure.of(error)
-        del outcome  # before the next one answers
-        yield number, why
+    for numbers, points in _at_one_epoch(job, left):
+        span = Span([point.state for point in points], job.until, _timer(job.checkpoint_s))
+        for place, ended in _outcomes(_of(job, numbers), loaded.data, span=span):
+            number, rungs = numbers[place], points[place].rungs if points else {}
+            if isinstance(ended, Rung) and ended.outcome is None:
+                run = job.runs[number]
+                about = {"trial": run.trial, "repeat": run.repeat, "rungs": plain_rungs(rungs)}
+                checkpoints.save(run.study, ended.epochs, _training(run, job.device), about, ended.state)
+                continue
+            missing.discard(number)
+            why: Failure | None = None
+            try:
+                if isinstance(ended, Exception):
+                    raise ended
+                _publish(job.runs[number], job.device, ended, loaded, unseen[number], rungs)
+            except (store.StoreError, MemoryError):
+                raise  # a full disk is not the run's fault, and alone the run may have the memory
+            except Exception as error:
+                why = Failure.of(error)
+            del ended  # before the next one answers
+            yield number, why
     if missing:
         raise RuntimeError(
             f"{type(job.runs[0].sections.model).__name__}.fit_cohort left out designs {sorted(missing)}"
         )
+
+
+def _at_one_epoch(job: TrainingJob, numbers: Sequence[int]) -> Iterator[tuple[list[int], list[Checkpoint]]]:
+    """Yield runs that stand at the same epoch, with their checkpoints; without any, those at the start.
+
+    They are all the runs of a job, unless it was killed between the checkpoints of two runs.
+    """
+    groups: dict[int, dict[int, Checkpoint | None]] = {}
+    for number in numbers:
+        run, point = job.runs[number], None
+        if has_rungs(run.sections.model):
+            point = checkpoints.newest(run.study, run.trial, run.repeat, _training(run, job.device))
+        groups.setdefault(0 if point is None else point.epochs, {})[number] = point
+    for _, members in sorted(groups.items()):
+        yield list(members), [point for point in members.values() if point is not None]
+
+
+def _timer(seconds: float) -> Callable[[], bool]:
+    """Return a function that is true where so many seconds have passed since it last was."""
+    last_s = time.monotonic()
+
+    def is_due() -> bool:
+        nonlocal last_s
+        due = time.monotonic() - last_s >= seconds
+        last_s = time.monotonic() if due else last_s
+        return due
+
+    return is_due
 
 
 def _of(job: TrainingJob, numbers: Sequence[int]) -> TrainingJob:
@@ -308,6 +371,7 @@ def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Fa
     where = f"without {fold.left_out.column} {fold.left_out.name}"
     try:
         for number, outcome in _outcomes(job, data, f"{where}: "):
+            assert not isinstance(outcome, Rung)  # folds never pause
             if isinstance(outcome, Exception):
                 failure = Failure.of(outcome)
                 yield number, dataclasses.replace(failure, message=f"{where}: {failure.message}")
@@ -324,8 +388,17 @@ def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Fa
         raise RuntimeError(f"{where}: {error}") from error
 
 
-def _outcomes(job: TrainingJob, data: Dataset, prefix: str = "") -> Iterator[tuple[int, Outcome | Exception]]:
-    """Train the runs of a job on a data set; `prefix` begins the names of their random generators."""
+def _outcomes(
+    job: TrainingJob, data: Dataset, prefix: str = "", span: Span | None = None
+) -> Iterator[tuple[int, Outcome | Rung | Exception]]:
+    """Train the runs of a job on a data set.
+
+    Args:
+        job: of the runs.
+        data: what they train on.
+        prefix: begins the names of their random generators.
+        span: from where to where, of families whose trainings can pause; None: from the start to the end.
+    """
     first = job.runs[0]
     family = first.sections.model
     if not trains_in_cohorts(family):
@@ -340,6 +413,8 @@ def _outcomes(job: TrainingJob, data: Dataset, prefix: str = "") -> Iterator[tup
     designs = [
         FitRequest(run.sections.model, run.sections.training, _generators(run, prefix)) for run in job.runs
     ]
+    if span is not None and has_rungs(family):
+        return family.fit_span(data, designs, shared, job.device, job.threads, span)
     return family.fit_cohort(data, designs, shared, job.device, job.threads)
 
 
@@ -359,8 +434,33 @@ def _generators(run: Run, prefix: str = "") -> Generators:
     return rngs
 
 
-def _publish(job: Run, outcome: Outcome, loaded: Loaded, unseen: UnseenTargets) -> None:
-    """Measure a run and write its record and its arrays."""
+def _training(run: Run, device: str) -> str:
+    """Return a hash of what the result of a training follows from."""
+    sections = {name: x for name, x in run.sections.to_plain().items() if name not in ("data", "test")}
+    parts = [sections, run.design, run.seed, run.repeat, run.data.name, device]  # data by their content
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=store.plain).encode()).hexdigest()
+
+
+def _publish(
+    job: Run,
+    device: str,
+    ended: Outcome | Rung,
+    loaded: Loaded,
+    unseen: UnseenTargets,
+    rungs: Mapping[int, Numbers],
+) -> None:
+    """Measure a run that has finished, or stands at a rung, and write its record and its arrays.
+
+    Args:
+        job: the run.
+        device: where it trains.
+        ended: what it is now.
+        loaded: what it was trained on.
+        unseen: accuracies of the trainings without some groups.
+        rungs: epochs -> what was measured there before.
+    """
+    outcome = ended.outcome if isinstance(ended, Rung) else ended
+    assert outcome is not None  # the training pauses here
     data, leak = loaded.data, loaded.leak
     if job.phi_step is not None and isinstance(outcome.validation, Response):
         most = most_output_spikes(job.sections.model, outcome.network, data)
@@ -378,7 +478,10 @@ def _publish(job: Run, outcome: Outcome, loaded: Loaded, unseen: UnseenTargets) 
         data=job.data.name,
         samples={"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
         leak=leak,
+        rungs=rungs,
     )
+    if isinstance(ended, Rung):
+        record = dataclasses.replace(record, rungs={**rungs, ended.epochs: record.measured})
     arrays = {
         "weights.npz": store.record_arrays(outcome.network),
         "response.npz": _response_arrays(outcome.validation, data, data.validation),
@@ -390,7 +493,13 @@ def _publish(job: Run, outcome: Outcome, loaded: Loaded, unseen: UnseenTargets) 
     for name, head in measurement.heads.items():
         arrays |= arrays_of(job, head, f"_{name}")
     files = {name: _writer(content) for name, content in arrays.items()}
-    store.save_run(job.folder, record.to_plain(), files)
+    if isinstance(ended, Rung):
+        checkpoints.save(
+            job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state, files
+        )
+    else:
+        store.save_run(job.folder, record.to_plain(), files)
+        checkpoints.remove(job.study, job.trial, job.repeat)
 
 
 def most_output_spikes(model: Family, fitted: Network | Parameters, data: Dataset) -> int:

@@ -69,6 +69,7 @@ class RunRecord:
     classes, heads: of its answers.
     data: key of the data set. samples: number of samples in each part of it.
     leak: why evaluations on the data know the labels; '' if they do not.
+    rungs: epochs -> what was measured after so many, at each rung where the training paused.
     files: names of its artefacts.
     """
 
@@ -86,6 +87,7 @@ class RunRecord:
     data: str = ""
     samples: Mapping[str, int] = field(default_factory=dict)
     leak: str = ""
+    rungs: Mapping[int, Numbers] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
     @property
@@ -121,6 +123,7 @@ class RunRecord:
             "status": "finished",
             "reason": "",
             **self.numbers.to_plain(),
+            **({"rungs": plain_rungs(self.rungs)} if self.rungs else {}),
         }
 
     @classmethod
@@ -146,10 +149,16 @@ class RunRecord:
                 data=plain.get("data", ""),
                 samples=plain.get("samples", {}),
                 leak=plain.get("transductive", ""),
+                rungs={int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()},
                 files=tuple(plain.get("files", ())),
             )
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise StoreError(f"{where}: key {error} is missing or invalid") from error
+
+
+def plain_rungs(rungs: Mapping[int, Numbers]) -> dict[str, Any]:
+    """Return what was measured at rungs, epochs -> numbers, as plain data."""
+    return {str(epochs): numbers.to_plain() for epochs, numbers in rungs.items()}
 
 
 def load_record(folder: Path) -> RunRecord | None:

@@ -25,7 +25,7 @@ from dse.records import Dataset
 from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import Damaged, StoreError
-from dse.study import jobs, precision
+from dse.study import checkpoints, jobs, precision
 from dse.study.executors.work import Failure
 from dse.study.journal import Entry
 from dse.study.progress import Progress
@@ -121,6 +121,10 @@ class Runs:
                 elif record is not None:
                     self._check_data(entry, record)
                     self._records[entry.trial, repeat] = record
+
+    def forget_checkpoints(self) -> None:
+        """Remove the checkpoints of finished runs, which a killed worker may have left."""
+        checkpoints.forget(self._folder, self._records)
 
     def complete(
         self, entries: Sequence[Entry], repeats: int, after_each: Callable[[], None] = lambda: None
@@ -228,6 +232,9 @@ class Runs:
         fitting, demands, execution = [], [], self._space.execution
         for run in runs:
             demand = jobs.demand(run, load(run.data), execution.threads)
+            epochs = max(checkpoints.folders(self._folder, run.trial, run.repeat), default=0)
+            left = 1 - epochs / run.sections.training.epochs  # runs at one epoch may train together
+            demand = dataclasses.replace(demand, key=(demand.key, epochs), cost=demand.cost * left)
             if demand.alone_bytes > self._budget:
                 text = (
                     f"training needs {demand.alone_bytes} bytes, more than the {self._budget} of a process; "
@@ -239,9 +246,12 @@ class Runs:
                 demands.append(demand)
                 self._work[run.trial, run.repeat] = demand.cost
         self._progress.plan([demand.cost for demand in demands])
-        device, threads = execution.device, execution.threads
+        device, threads, checkpoint_s = execution.device, execution.threads, execution.checkpoint_s
         plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
-        return [jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads) for members in plan]
+        return [
+            jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads, None, checkpoint_s)
+            for members in plan
+        ]
 
     def _unfinished(self, cohort: jobs.TrainingJob, why: Failure) -> list[jobs.TrainingJob]:
         """Return a job for each unfinished run of a job that ended early; a run that was alone has failed."""
@@ -291,6 +301,7 @@ class Runs:
             needs_bytes=needs_bytes,
         )
         store.save_run(store.run_folder(self._folder, number, repeat), record.to_plain(), {})
+        checkpoints.remove(self._folder, number, repeat)
         self._keep(record)
 
     def _prepared(self, missing: Sequence[tuple[Entry, int]]) -> list[jobs.Run]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -196,7 +197,7 @@ def _check_cohort(name: str, family: CohortFamily, alone: Outcome, data: Dataset
 def _check_rungs(name: str, family: RungFamily, whole: Outcome, data: Dataset, training: Training) -> None:
     own = small.generators(1)
     requests = [FitRequest(family, training, own)]
-    states: list[Mapping[str, Any]] = []
+    states: list[Callable[[], Mapping[str, Any]]] = []
     for until in range(1, training.epochs):
         ((_, rung),) = family.fit_span(data, requests, own, span=Span(states, until))
         expect(
@@ -204,7 +205,7 @@ def _check_rungs(name: str, family: RungFamily, whole: Outcome, data: Dataset, t
             f"{name}.fit_span must yield a rung with an outcome after {until} epochs, got {rung!r}",
         )
         assert isinstance(rung, Rung)
-        states = [rung.state]
+        states = [functools.partial(dict, rung.state)]
     ((_, ended),) = family.fit_span(data, requests, own, span=Span(states))
     expect(
         isinstance(ended, Outcome) and same(_results(ended), _results(whole)),

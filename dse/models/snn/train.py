@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -92,10 +91,9 @@ def train(
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
-    for trainee, state in zip_longest(trainees, span.states):
-        if state is not None:
-            trainee.restore(state)
-            live.append(trainee)
+    for trainee in trainees:
+        if span.states:
+            live.append(trainee)  # its state holds what it learns from a teacher
             continue
         try:
             taught = teachers.taught(trainee.training)
@@ -109,10 +107,13 @@ def train(
         return
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
-    for trainee, state in zip(trainees, span.states, strict=False):
+    for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
+        state = read()
+        trainee.restore(state)
         engine.restore(trainee.number, of_part(state, "engine"))
-    for name, rng in shared_draws.items() if span.states else ():
-        move_to(rng, span.states[0][f"shared/{name}"])
+        for name, rng in shared_draws.items():
+            move_to(rng, state[f"shared/{name}"])
+        del state  # before the next one takes memory
     n_batches = -(-dataset.train.size // training.batch_size)
     done = {len(trainee.history["loss"]) for trainee in live}
     if len(done) != 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ WITHOUT_KERNEL: Designs = {
 
 def span(data: Dataset, designs: Designs, states: dict[int, Any], until: int | None) -> dict[int, Any]:
     requests = [FitRequest(m.placed(data.positions), t, own(k)) for k, (m, t) in designs.items()]
-    part = Span([states[k] for k in designs if k in states], until)
+    part = Span([partial(dict, states[k]) for k in designs if k in states], until)
     numbers = list(designs)
     return {numbers[k]: done for k, done in SNN.fit_span(data, requests, SHARED, span=part)}
 

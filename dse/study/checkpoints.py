@@ -1,0 +1,146 @@
+"""Checkpoints: where trainings stand, on disk, so that a killed job repeats the last epochs alone.
+
+    checkpoints/<epochs>/artefacts/<trial>/repeat_<k>/   state.npz, from which the training goes on, and
+        record.json; at a rung, where training pauses, also everything that a finished run has
+
+So the folder of a number of epochs is laid out as a study of trainings of so many. A run has the newest
+checkpoint alone, and none once it has ended.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dse import store
+from dse.records import Array
+from dse.store import Damaged
+from dse.study.record import Numbers, RunRecord
+
+_FOLDER, _STATE = "checkpoints", "state.npz"
+SCHEMA = 1
+"""Of states; a state of another schema is not used."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkpoint:
+    """A run that has trained some epochs.
+
+    rungs: epochs -> what was measured there.
+    """
+
+    epochs: int
+    folder: Path
+    rungs: Mapping[int, Numbers]
+
+    def state(self) -> dict[str, Array]:
+        """Return the named arrays from which the training goes on.
+
+        Raises:
+            Damaged: they have changed since they were checked.
+        """
+        return store.load_arrays(self.folder / _STATE)
+
+
+def rung_folder(study: Path, epochs: int) -> Path:
+    """Return the folder of the checkpoints after some epochs, which is laid out as a study."""
+    return study / _FOLDER / f"{epochs:05d}"
+
+
+def folders(study: Path, trial: int, repeat: int) -> dict[int, Path]:
+    """Return epochs -> folder of the checkpoints of a run, the newest first."""
+    root = study / _FOLDER
+    names = [x.name for x in root.iterdir() if x.name.isdecimal()] if root.is_dir() else []
+    places = {int(x): store.run_folder(root / x, trial, repeat) for x in sorted(names, reverse=True)}
+    return {epochs: folder for epochs, folder in places.items() if folder.is_dir()}
+
+
+def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | None:
+    """Return the newest checkpoint of a run; damaged ones, and those of another training, are removed.
+
+    Args:
+        study: its folder.
+        trial: number of the trial.
+        repeat: of the trial.
+        training: what the result of the training follows from, as in `save`.
+    """
+    for epochs, folder in folders(study, trial, repeat).items():
+        try:
+            plain = store.load_run(folder)
+            if plain is not None and (plain["states"], plain["training"]) == (SCHEMA, training):
+                rungs = {int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()}
+                return Checkpoint(epochs, folder, rungs)
+        except (Damaged, KeyError, TypeError, ValueError):
+            pass
+        store.remove(folder)
+    return None
+
+
+def save(
+    study: Path,
+    epochs: int,
+    training: str,
+    record: Mapping[str, Any],
+    state: Mapping[str, Array],
+    files: Mapping[str, Callable[[Path], None]] | None = None,
+) -> None:
+    """Publish a checkpoint of a run, then remove its older ones.
+
+    Args:
+        study: its folder.
+        epochs: that it has trained.
+        training: what the result of the training follows from; a training of anything else cannot go on.
+        record: with at least trial and repeat; at a rung, the whole record of a run.
+        state: from which the training goes on.
+        files: at a rung, name -> function that writes the artefact.
+    """
+    trial, repeat = int(record["trial"]), int(record["repeat"])
+    path = store.run_folder(rung_folder(study, epochs), trial, repeat)
+    older = [folder for folder in folders(study, trial, repeat).values() if folder != path]
+    store.remove(path)
+    store.save_run(
+        path, {**record, "states": SCHEMA, "training": training}, {**(files or {}), _STATE: _writer(state)}
+    )
+    for folder in older:
+        store.remove(folder)
+
+
+def remove(study: Path, trial: int, repeat: int) -> None:
+    """Remove all checkpoints of a run."""
+    for folder in folders(study, trial, repeat).values():
+        store.remove(folder)
+
+
+def forget(study: Path, ended: Collection[tuple[int, int]]) -> None:
+    """Remove the checkpoints of runs (trial, repeat) that have ended, and the folder when it is empty."""
+    root = study / _FOLDER
+    if not root.is_dir():
+        return
+    of_ended = {store.run_folder(Path(), *run) for run in ended}
+    folders = list(root.glob("*/artefacts/*/repeat_*"))
+    left = [folder for folder in folders if folder.relative_to(folder.parents[2]) not in of_ended]
+    for folder in set(folders) - set(left) if left else [root]:
+        store.remove(folder)
+
+
+def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | None:
+    """Return the record of a run at a rung where it pauses; None: it stands elsewhere."""
+    folder = store.run_folder(rung_folder(study, epochs), trial, repeat)
+    try:
+        plain = store.load_run(folder)
+        is_rung = plain is not None and plain.get("status") == "finished"
+        return RunRecord.from_plain(plain, folder) if plain is not None and is_rung else None
+    except Damaged:
+        return None
+
+
+def _writer(state: Mapping[str, Array]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with path.open("wb") as file:
+            np.savez(file, **dict(state))  # type: ignore[arg-type]
+
+    return write

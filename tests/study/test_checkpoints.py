@@ -1,0 +1,140 @@
+"""Jobs that are killed or pause: what they go on from, and that nothing shows it afterwards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse import store
+from dse.models.snn.family import SNN
+from dse.models.training import Training
+from dse.study import checkpoints, jobs
+from dse.study.record import load_record
+from tests.models.snn.toy import toy
+from tests.saved_data import save
+from tests.spaces import design_of
+
+EPOCHS = 6
+
+
+class Killed(BaseException):
+    """As if the process were gone."""
+
+
+def cohort(folder: Path, until: int | None = None, checkpoint_s: float = 0.0, **training: Any) -> Any:
+    """Return a job of two runs whose data set is saved."""
+    if not (folder / "data").exists():
+        save(toy(n_channels=6, n_steps=20, n=24), folder / "data")
+    runs = [
+        jobs.Run(
+            trial=number,
+            repeat=0,
+            design={"number": number},
+            seed=1,
+            sections=design_of(SNN(hidden=(5 + number,)), Training(epochs=EPOCHS, batch_size=9, **training)),
+            data=folder / "data",
+            base=folder,
+            folder=store.run_folder(folder / "study", number, 0),
+            phi=(0, 4),
+            theta=(0.5, 0.9),
+            hardware=(),
+        )
+        for number in range(2)
+    ]
+    return jobs.TrainingJob(tuple(runs), until=until, checkpoint_s=checkpoint_s)
+
+
+def trained(job: jobs.TrainingJob) -> None:
+    assert sorted(jobs.train(job)) == [(0, None), (1, None)]
+
+
+def files(folder: Path) -> dict[str, Any]:
+    """Return every array and number of the finished runs, without times."""
+    found: dict[str, Any] = {}
+    for number in range(2):
+        run = store.run_folder(folder / "study", number, 0)
+        record = load_record(run)
+        assert record is not None
+        columns = {k: x for k, x in record.measured.columns.items() if k != "train_s"}
+        found[f"{number}"] = columns
+        for path in run.glob("*.npz"):
+            found |= {f"{number}/{path.name}/{k}": x for k, x in store.load_arrays(path).items()}
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    folder = tmp_path_factory.mktemp("whole")
+    trained(cohort(folder, checkpoint_s=1e9))
+    return files(folder)
+
+
+def assert_ended_as(folder: Path, whole: dict[str, Any]) -> None:
+    np.testing.assert_equal(files(folder), whole)
+    assert not list((folder / "study" / "checkpoints").glob("*/artefacts/*/repeat_*"))
+
+
+@pytest.fixture
+def saved(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Return the (trial, epochs) of every checkpoint that is written; a kill comes after the seventh."""
+    written: list[tuple[int, int]] = []
+    save_plain = checkpoints.save
+
+    def save_and_die(study: Path, epochs: int, training: str, record: Any, *rest: Any) -> None:
+        save_plain(study, epochs, training, record, *rest)
+        written.append((record["trial"], epochs))
+        if len(written) == 7:
+            raise Killed
+
+    monkeypatch.setattr(checkpoints, "save", save_and_die)
+    return written
+
+
+def test_a_killed_job_repeats_what_followed_its_checkpoints(
+    tmp_path: Path, whole: dict[str, Any], saved: list[tuple[int, int]]
+) -> None:
+    with pytest.raises(Killed):
+        list(jobs.train(cohort(tmp_path)))
+    # Of the fourth epoch there is a checkpoint of the first run alone: now they stand at different epochs.
+    assert saved == [(k, n) for n in (1, 2, 3) for k in (0, 1)] + [(0, 4)]
+    assert list(checkpoints.folders(tmp_path / "study", 0, 0)) == [4]
+    saved.clear()
+    trained(cohort(tmp_path))
+    assert saved == [(1, 4), (1, 5), (0, 5)]
+    assert_ended_as(tmp_path, whole)
+
+
+def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(
+    tmp_path: Path, whole: dict[str, Any]
+) -> None:
+    study, measured = tmp_path / "study", {}
+    for until in (2, 3):
+        trained(cohort(tmp_path, until))
+        assert not any(store.run_folder(study, k, 0).exists() for k in (0, 1))
+        record = checkpoints.at_rung(study, 1, 0, until)
+        assert record is not None and not record.failed and "surface.npz" in record.files
+        assert checkpoints.at_rung(study, 1, 0, until - 1) is None
+        measured[until] = record.measured.columns["accuracy"]
+    trained(cohort(tmp_path, until=3))  # nobody trains further than the rung
+    trained(cohort(tmp_path))
+    record = load_record(store.run_folder(study, 1, 0))
+    assert record is not None
+    assert {n: x.columns["accuracy"] for n, x in record.rungs.items()} == measured
+    assert_ended_as(tmp_path, whole)
+
+
+@pytest.mark.parametrize("what", ["damaged", "other training", "other schema"])
+def test_a_checkpoint_that_cannot_be_used_is_removed(
+    tmp_path: Path, whole: dict[str, Any], what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoints, "SCHEMA", 0 if what == "other schema" else checkpoints.SCHEMA)
+        other = {"learning_rate": 0.5} if what == "other training" else {}
+        trained(cohort(tmp_path, until=2, **other))
+    for folder in [*checkpoints.folders(tmp_path / "study", 0, 0).values()] if what == "damaged" else []:
+        (folder / "state.npz").write_bytes(b"torn")
+    trained(cohort(tmp_path))
+    assert_ended_as(tmp_path, whole)
