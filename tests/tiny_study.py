@@ -52,15 +52,26 @@ class Fake:
     hidden: tuple[int, ...] = param((8,), low=1, doc="neurons")
     true_rate: float = param(0.8, low=0, high=1, doc="changes nothing")
     mood: str = param(
-        "fine", choices=("fine", "raise", "memory", "nan", "killed", "slow"), doc="what happens in training"
+        "fine",
+        choices=("fine", "raise", "memory", "nan", "killed", "killed_twice", "slow"),
+        doc="what happens in training",
     )
     seconds: float = param(0.0, low=0, doc="time that training takes")
-    gate: str = param("", doc="file that must exist before networks of 4 neurons are trained")
+    gate: str = param(
+        "",
+        doc="file that networks of 4 neurons wait for; that counts how often one was killed",
+    )
 
     def fit(self, dataset: Dataset, training: Any, rngs: Any) -> Outcome:
         time.sleep(self.seconds)
         if self.gate and self.hidden[0] == 4:
             until(Path(self.gate).exists, f"{self.gate} to exist")
+        if self.mood == "killed_twice":
+            with open(self.gate, "ab") as file:
+                file.write(b".")
+                died_before = file.tell() > 2
+            if not died_before:
+                os.kill(os.getpid(), signal.SIGKILL)
         if self.mood == "killed":
             os.kill(os.getpid(), signal.SIGKILL)
         if self.mood == "raise":

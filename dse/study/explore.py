@@ -25,7 +25,7 @@ from dse.study.ledger import Ledger
 from dse.study.progress import Progress, shown
 from dse.study.record import RunRecord
 from dse.study.results import Study
-from dse.study.runs import Runs
+from dse.study.runs import UNTRAINED, Runs
 from dse.study.workers import Workers
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def run(
             results_tables.write()
             raise
         results_tables.write()
+        runs.remark(runs.untrained(), UNTRAINED)
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
 
@@ -154,7 +155,7 @@ def _search(
             return
         runs.complete(entries, settings.repeats, results_tables.refresh)
         for entry in entries:
-            if not entry.is_reported:
+            if not entry.is_reported and not runs.is_untrained(entry.trial):
                 ledger.tell(entry.trial, _values(space, runs.of(entry.trial)[: settings.repeats]))
         ended = [e for e in ledger.entries if e.batch == number]
         sampler.tell([e.design for e in ended], [e.values for e in ended])
@@ -169,7 +170,11 @@ def _repeat_front(
     while repeats > space.search.repeats:
         in_turn = fronts(results_tables.points(), space.objectives)
         front = {trial for _, rows in in_turn for trial in rows["trial"]}
-        short = [e for e in ledger.entries if e.trial in front and len(runs.of(e.trial)) < repeats]
+        short = [
+            e
+            for e in ledger.entries
+            if e.trial in front and len(runs.of(e.trial)) < repeats and not runs.is_untrained(e.trial)
+        ]
         if not short:
             return
         report.expect(sum(repeats - len(runs.of(e.trial)) for e in short))

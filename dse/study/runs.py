@@ -1,9 +1,11 @@
 """The training runs of a study: reading finished runs and training missing ones.
 
 A run is (trial, repeat). It is finished when its folder exists and is undamaged. A failed run is finished
-too; its record has the reason. A data set is prepared once for equal data sections, in a cache that all
-studies share, and read as a memory map. In a cross-validation, repeat r validates on fold r modulo k. Runs
-that can share batches train in cohorts (dse.search.cohorts); the grouping changes no result.
+too; its record has the reason. What the machine did (a worker killed, no memory, a lost file) fails no run:
+the run is begun again a few times, and then by the next session. A data set is prepared once for equal data
+sections, in a cache that all studies share, and read as a memory map. In a cross-validation, repeat r
+validates on fold r modulo k. Runs that can share batches train in cohorts (dse.search.cohorts); the grouping
+changes no result.
 """
 
 from __future__ import annotations
@@ -11,8 +13,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
@@ -32,9 +35,18 @@ from dse.study.progress import Progress
 from dse.study.record import RunRecord, load_record
 from dse.study.workers import Workers
 
+Job = TypeVar("Job")
+Part = TypeVar("Part")
 _Member = tuple[int, int | None]  # the trial and the fold of a data set
 
+UNTRAINED = "not trained: "
+"""Begins the sentences about designs that the machine kept from being trained."""
+
 _OVER_BUDGET = "MemoryBudget"
+# How often work is begun that the machine ends, before it is left to the next session: in its cohort, alone
+# beside others, and alone with the whole machine.
+_ATTEMPTS = 3
+_NAMED = 3
 # Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
 # rises with the number of designs, where a CPU has all of the gain from some eight of them.
 _LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
@@ -81,6 +93,7 @@ class Runs:
         self._records: dict[tuple[int, int], RunRecord] = {}
         self._warned: set[str] = set()
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
+        self._untrained: dict[tuple[int, int], str] = {}  # why the machine could not train a run
 
     def of(self, trial: int) -> list[RunRecord]:
         """Return the records of a trial's finished runs, repeat 0 first."""
@@ -93,6 +106,22 @@ class Runs:
     def count(self, repeats: int | None = None) -> int:
         """Return the number of finished runs, with `repeats` only among the first ones of every trial."""
         return sum(repeats is None or repeat < repeats for _, repeat in self._records)
+
+    def is_untrained(self, trial: int) -> bool:
+        """Return whether the machine kept a run of a trial from being trained."""
+        return any(trial == number for number, _ in self._untrained)
+
+    def untrained(self) -> list[str]:
+        """Return a sentence on the designs that the machine kept from being trained, if there are any."""
+        if not self._untrained:
+            return []
+        trials = sorted({trial for trial, _ in self._untrained})
+        first = next(iter(self._untrained.values()))
+        named = ", ".join(map(str, trials[:_NAMED])) + (" and others" if len(trials) > _NAMED else "")
+        return [
+            f"{UNTRAINED}{len(trials)} design{'s' * (len(trials) > 1)}, trial {named}, because of the "
+            f"machine ({first}); the same command tries again"
+        ]
 
     def recall(self, entries: Sequence[Entry]) -> None:
         """Read the runs that earlier sessions finished.
@@ -143,16 +172,35 @@ class Runs:
         self.recall(entries)
         missing = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
         waiting = self._planned(self._prepared(missing))
-        while waiting:
+        for attempt in range(_ATTEMPTS):
+            is_last = attempt == _ATTEMPTS - 1
             again: list[jobs.TrainingJob] = []
-            for cohort, ended in self._workers.stream(jobs.train, waiting):
+            for cohort, ended in self._attempted(jobs.train, waiting, is_last):
                 if isinstance(ended, Failure):
-                    again += self._unfinished(cohort, ended)
+                    runs, why = cohort.runs, ended
+                elif ended[1] is None or not _by_machine(ended[1]):
+                    self._settle(cohort.runs[ended[0]], ended[1])
+                    after_each()
                     continue
-                number, why = ended
-                self._settle(cohort.runs[number], why)
-                after_each()
+                else:
+                    runs, why = (cohort.runs[ended[0]],), ended[1]
+                unfinished = self._unfinished(runs, why)
+                if len(cohort.runs) == 1 and not _by_machine(why):
+                    for run in unfinished:
+                        self._settle(run, why)
+                elif is_last:
+                    for run in unfinished:
+                        self._leave((run.trial, run.repeat), why)
+                else:
+                    again += [dataclasses.replace(cohort, runs=(run,)) for run in unfinished]
             waiting = again
+
+    def _attempted(
+        self, function: Callable[[Job], Iterable[Part]], waiting: Sequence[Job], one_by_one: bool
+    ) -> Iterator[tuple[Job, Part | Failure]]:
+        """Yield what `Workers.stream` does, of one job at a time where each is to have the machine alone."""
+        for jobs_at_once in [[job] for job in waiting] if one_by_one else [waiting]:
+            yield from self._workers.stream(function, jobs_at_once)
 
     def evaluate(
         self,
@@ -184,20 +232,27 @@ class Runs:
                 folder = self._cache / data.keys[member]
                 run = self._run(entry, repeat, data.sections[member], folder)
                 evaluations.append(precision.Job(run, lacking[entry.trial, repeat]))
-        for job, ended in self._workers.stream(precision.evaluate, evaluations):
-            if isinstance(ended, Failure):
-                _stop_if_blameless(ended)
-                self._progress.note(
-                    f"precision: the evaluation of trial {job.run.trial} stopped early: {ended.reason}"
-                )
-                continue
-            (weight_bits, pruned), failed = ended
-            if failed is not None:
-                at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
-                self._progress.note(f"precision: {at} failed: {failed.reason}")
-            done += 1
-            self._progress.doing(f"precision: {done} of {n_settings} evaluations")
-            after_each()
+        for attempt in range(_ATTEMPTS):
+            again = []
+            for job, ended in self._attempted(precision.evaluate, evaluations, attempt == _ATTEMPTS - 1):
+                if isinstance(ended, Failure):
+                    _stop_if_blameless(ended)
+                    left = precision.missing(job.run.folder, job.settings)
+                    if left and ended.by_machine and attempt < _ATTEMPTS - 1:
+                        again.append(dataclasses.replace(job, settings=left))
+                        continue
+                    self._progress.note(
+                        f"precision: the evaluation of trial {job.run.trial} stopped early: {ended.reason}"
+                    )
+                    continue
+                (weight_bits, pruned), failed = ended
+                if failed is not None:
+                    at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
+                    self._progress.note(f"precision: {at} failed: {failed.reason}")
+                done += 1
+                self._progress.doing(f"precision: {done} of {n_settings} evaluations")
+                after_each()
+            evaluations = again
 
     def _to_round(
         self, entries: Sequence[Entry], settings: Sequence[precision.Setting]
@@ -253,23 +308,26 @@ class Runs:
             for members in plan
         ]
 
-    def _unfinished(self, cohort: jobs.TrainingJob, why: Failure) -> list[jobs.TrainingJob]:
-        """Return a job for each unfinished run of a job that ended early; a run that was alone has failed."""
+    def _unfinished(self, runs: Sequence[jobs.Run], why: Failure) -> list[jobs.Run]:
+        """Return the runs of a job that ended early which are not finished; record those that are."""
         _stop_if_blameless(why)
-        again = []
-        for run in cohort.runs:
-            if (run.trial, run.repeat) in self._records:
-                continue
+        unfinished = []
+        for run in runs:
             if run.folder.is_dir():  # the worker died after publishing it
                 self._settle(run, None)
-            elif len(cohort.runs) > 1:
-                again.append(dataclasses.replace(cohort, runs=(run,)))
-            else:
-                self._settle(run, why)
-        return again
+            elif (run.trial, run.repeat) not in self._records:
+                unfinished.append(run)
+        return unfinished
+
+    def _leave(self, key: tuple[int, int], why: Failure) -> None:
+        """Leave a run to the next session, because of the machine."""
+        self._untrained[key] = why.reason
+        self._progress.note(f"trial {key[0]} is not trained: {why.reason}; the next run tries again")
 
     def _settle(self, run: jobs.Run, why: Failure | None) -> None:
-        """Record a run that has ended."""
+        """Record a run that has ended, unless it is recorded already."""
+        if (run.trial, run.repeat) in self._records:
+            return
         record = load_record(run.folder) if why is None else None
         if record is not None:
             self._keep(record)
@@ -323,6 +381,8 @@ class Runs:
             if why is None:
                 folder = self._cache / data.keys[member]
                 runs.append(self._run(entry, repeat, data.sections[member], folder, of_run))
+            elif why.by_machine:
+                self._leave((entry.trial, repeat), why)
             else:
                 self._fail(entry.trial, repeat, entry.design, why)
         return runs
@@ -393,16 +453,23 @@ class Runs:
         missing = [key for key in needed if not self._is_prepared(key)]
         if not missing:
             return failures
-        for job, event in self._workers.stream(jobs.prepare, self._preparations(needed, missing)):
-            if isinstance(event, str):
-                self._progress.doing(event)
-            elif isinstance(event, Failure):
-                _stop_if_blameless(event)
-                unfinished = [key for key in job.designs if key not in failures]
-                failures |= {key: event for key in unfinished if not self._is_prepared(key)}
-            else:
-                key, failure = event
-                failures[key] = failure
+        for attempt in range(_ATTEMPTS):
+            waiting = self._preparations(needed, missing)
+            for job, event in self._attempted(jobs.prepare, waiting, attempt == _ATTEMPTS - 1):
+                if isinstance(event, str):
+                    self._progress.doing(event)
+                elif isinstance(event, Failure):
+                    _stop_if_blameless(event)
+                    unfinished = [key for key in job.designs if key not in failures]
+                    failures |= {key: event for key in unfinished if not self._is_prepared(key)}
+                else:
+                    key, failure = event
+                    failures[key] = failure
+            missing = [key for key, why in failures.items() if why.by_machine]
+            if not missing or attempt == _ATTEMPTS - 1:
+                break
+            for key in missing:
+                del failures[key]
         return failures
 
     def _preparations(self, needed: Mapping[str, Sections], missing: Sequence[str]) -> list[jobs.Preparation]:
@@ -504,6 +571,11 @@ def _opened_cache(folder: Path, progress: Progress) -> Path:
 
 def _is_of(entry: Entry, seed: int, record: RunRecord) -> bool:
     return seeds.design_key(record.design) == seeds.design_key(entry.design) and record.seed == seed
+
+
+def _by_machine(why: Failure) -> bool:
+    """Return whether the machine, not the design, ended a training: its data had been prepared before."""
+    return why.by_machine or why.error == RecordingError.__name__
 
 
 def _stop_if_blameless(failure: Failure) -> None:

@@ -26,6 +26,7 @@ from dse.recordings import RecordingError
 from dse.study import explore, results, runs
 from dse.study import jobs as study_jobs
 from dse.study.executors.work import Failure
+from dse.study.journal import read_journal
 from dse.study.results import Study
 from dse.study.workers import Workers
 from tests import spaces, tiny_study
@@ -307,9 +308,12 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(
     data = {**tiny_study.plain()["data"], "columns": {"fabric": "label", "speed": "label"}}
     task = {"target": {"choice": ["fabric", "speed"]}}
     space = make_space(tmp_path, data=data, task=task, model={"kind": "fake"})
-    trials = explore.run(space, tmp_path / "results", jobs=1, progress=False).trials.set_index("task.target")
+    found = explore.run(space, tmp_path / "results", jobs=1, progress=False)
+    trials = found.trials.set_index("task.target")
     assert trials.loc["fabric", "status"] == "finished"
-    assert trials.loc["speed", "reason"] == "worker died: signal 9"
+    assert "speed" not in trials.index, "what the machine did is no failure"
+    [note] = found.warnings
+    assert note.startswith("not trained: 1 design, trial 1, because of the machine (worker died: signal 9)")
 
 
 def test_nothing_is_evicted_that_a_study_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -369,7 +373,7 @@ def test_a_torn_journal_loses_nothing(finished: Study, copied: Path, kept: float
 def test_failures_are_recorded_and_the_rest_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    moods = ["raise", "fine", "memory", "killed"]
+    moods = ["raise", "fine", "nan", "slow"]
     space = make_space(
         tmp_path,
         model={"kind": "fake", "mood": {"choice": moods}, "hidden": [16]},
@@ -378,15 +382,13 @@ def test_failures_are_recorded_and_the_rest_goes_on(
     found = explore.run(space, tmp_path / "results")
     trials = found.trials.set_index(["window.n_steps", "model.mood"])
     assert trials.loc[(20, "raise"), "reason"] == "ValueError: hidden must be kind"
-    assert trials.loc[(20, "memory"), "reason"] == "MemoryError"
-    assert trials.loc[(20, "killed"), "reason"] == "worker died: signal 9"
     assert trials.loc[(20, "fine"), "status"] == "finished"
     for mood in moods:
         assert "RecordingError: " in trials.loc[(99, mood), "reason"]
     failed = found.trials[found.trials["status"] == "failed"]
-    assert len(failed) == 7
+    assert len(failed) == 5
     assert failed["accuracy"].isna().all()
-    assert set(found.points()["trial"]) == {1}
+    assert set(found.points()["trial"]) == {2, 4, 6}
     assert "8/8" in capsys.readouterr().err
     details = found.runs(0)[0]["details"]
     assert "in fit" in details and "hidden must be kind" in details
@@ -395,6 +397,52 @@ def test_failures_are_recorded_and_the_rest_goes_on(
     again = explore.run(space, tmp_path / "results", progress=False)
     assert finished_runs(tmp_path) == before
     assert_same(again, found)
+
+
+def test_what_the_machine_did_fails_no_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    moods = ["memory", "fine", "killed_twice", "killed"]
+    space = make_space(
+        tmp_path,
+        model={
+            "kind": "fake",
+            "mood": {"choice": moods},
+            "hidden": [16],
+            "gate": str(tmp_path / "deaths"),
+        },
+        search={"sampler": "grid", "repeats_on_front": 2},
+    )
+    found = explore.run(space, tmp_path / "results")
+    assert (tmp_path / "deaths").read_bytes()[:3] == b"...", "killed, killed alone, trained"
+    trials = found.trials.set_index("model.mood")
+    assert dict(trials["status"]) == {"fine": "finished", "killed_twice": "finished"}
+    reason = "trial 3 is not trained: worker died: signal 9; the next run tries again"
+    assert reason in capsys.readouterr().err
+    [note] = [text for text in found.warnings if text.startswith(runs.UNTRAINED)]
+    assert "2 designs, trial 0, 3, because of the machine" in note
+    assert [entry.is_reported for entry in read_journal(found.folder / "journal.log")] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+
+    before = finished_runs(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:  # the machine is well again
+        patch.setattr(Workers, "stream", in_this_process)
+        patch.setattr(tiny_study.Fake, "fit", well(tiny_study.Fake.fit))
+        again = explore.run(space, tmp_path / "results", progress=False)
+    assert set(again.trials["status"]) == {"finished"} and len(again.trials) == 4
+    assert before.items() <= finished_runs(tmp_path).items()
+    assert not [text for text in again.warnings if text.startswith(runs.UNTRAINED)]
+
+
+def well(fit: Any) -> Any:
+    """Return a training in which nothing happens that the model's mood says."""
+    return lambda model, *arguments: fit(dataclasses.replace(model, mood="fine"), *arguments)
+
+
+def in_this_process(_: Workers, function: Any, jobs: Any) -> Iterator[Any]:
+    return ((job, part) for job in jobs for part in function(job))
 
 
 TOGETHER: dict[str, Any] = {**tiny_study.plain()["model"], "kind": "together"}
@@ -456,7 +504,9 @@ def test_a_guilty_member_fails_alone(tmp_path: Path) -> None:
     reasons = found.trials.set_index(["model.hidden", "model.mood"])["reason"].unstack()
     assert set(reasons["fine"]) == {""}
     assert set(reasons["crowded"]) == {""}
-    assert set(reasons["killed"]) == {"worker died: signal 9"}
+    assert "killed" not in reasons, "a worker's death is no failure of its design"
+    [note] = [text for text in found.warnings if text.startswith(runs.UNTRAINED)]
+    assert "2 designs, trial 1, 8, because of the machine (worker died: signal 9)" in note
     assert set(reasons["diverged"]) == {"TrainingDiverged: loss is not finite in epoch 1"}
     assert (
         reasons["misshapen"]

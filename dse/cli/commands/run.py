@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 GROUP = "search"
 HELP = "train the designs of a search space; the same command resumes a stopped study"
 _NOTHING_TRAINED = 1
+_NOT_ALL_TRAINED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +42,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     space = load(arguments)
     from dse.study import explore
     from dse.study.health import faults
+    from dse.study.runs import UNTRAINED
 
     study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
     notes = [*study.warnings, _page(study)]
@@ -62,7 +64,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
         )
     has_tasks = points["task"].nunique() > 1
     result = front(points, study.objectives, by="task" if has_tasks else None)
-    return dataclasses.replace(result, notes=[*result.notes, *notes])
+    code = _NOT_ALL_TRAINED if any(note.startswith(UNTRAINED) for note in notes) else result.code
+    return dataclasses.replace(result, notes=[*result.notes, *notes], code=code)
 
 
 def _page(study: Study) -> str:
