@@ -140,7 +140,8 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
             "targets": {name: dataclasses.asdict(verdict) for name, verdict in verdicts.items()},
             "files": {name: store.checksum(temporary / name) for name in files},
         }
-        store.write_json(temporary / _DOCUMENT, sealed(document))
+        content = json.dumps(sealed(document), indent=1, default=store.plain) + "\n"
+        (temporary / _DOCUMENT).write_text(content, encoding="utf-8")
         text = _readme(dataclasses.replace(bundle, targets=verdicts))
         (temporary / "README.md").write_text(text, encoding="utf-8")
         _copy_others(folder, temporary)
@@ -182,7 +183,7 @@ def read(folder: str | Path) -> Bundle:
     except BundleError:
         raise
     except (StoreError, ConfigError, registry.PluginError) as error:
-        text = str(error)
+        text = str(error).replace(store.REMEDY, "export the design again")
         raise BundleError(text if str(path) in text else f"{where}: {text}") from error
     except RecursionError:
         raise BundleError(f"{where}: is nested too deeply") from None

@@ -46,6 +46,7 @@ _PREFIXES: Mapping[tuple[type, str], str] = {
     (Layer, "parameters"): "",
     (Parameters, "arrays"): "own/",
 }
+_EMPTY_BYTES = 22  # of a .zip without files
 _WORK = "work/"
 _SCALARS = (bool, int, float, str)
 _DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
@@ -70,7 +71,8 @@ def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, A
     content = io.BytesIO(read_bytes(path))
     try:
         with np.load(content, allow_pickle=False) as archive:
-            if not archive.files or (archive.zip.comment and not is_sealed(archive.zip.comment)):
+            is_empty = not archive.files and len(content.getbuffer()) > _EMPTY_BYTES
+            if (is_empty or archive.zip.comment) and not is_sealed(archive.zip.comment):
                 raise ValueError("its end is not what was written")
             return {name: archive[name] for name in archive.files if names is None or name in names}
     except (*DAMAGED_ARCHIVE, TypeError, AttributeError) as error:

@@ -125,7 +125,7 @@ def test_the_bundle_has_the_targets_of_the_search_space(
     with_targets.load(monkeypatch)
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
-    space = (copy / "search_space.yaml").read_text()
+    space = store.read_sealed_text(copy / "search_space.yaml")
     for target, status, text in (
         ("arrays", 200, b""),
         ("stubborn", 422, b"A target of the search space cannot be written on the machine"),
@@ -197,9 +197,9 @@ def test_an_encoder_that_knows_the_labels_is_not_deployed(
 ) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
     path = store.run_folder(copy, 0, 0) / "record.json"
-    record = json.loads(path.read_text())
+    record = store.read_json(path)
     record["sections"]["encoder"] = {"kind": "threshold", "matching": "own_label"}
-    path.write_text(json.dumps(record))
+    store.write_json(path, record)
     with serving(copy) as server:
         status, _, body = ask(server, query())
     assert (status, body.startswith(b"This design cannot be deployed: ")) == (422, True)

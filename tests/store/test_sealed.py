@@ -30,10 +30,14 @@ def _read_table(path: Path) -> pd.DataFrame:
     return Study(path.parent).trials
 
 
+def _read_yaml(path: Path) -> Any:
+    return yaml.safe_load(store.read_sealed_text(path))
+
+
 FORMS: dict[str, tuple[Callable[[Path], None], Callable[[Path], Any]]] = {
     "x.json": (lambda path: store.write_json(path, DOCUMENT), store.read_json),
     "rows.json": (lambda path: store.write_json(path, [DOCUMENT, DOCUMENT]), store.read_json),
-    "x.yaml": (lambda path: store.write_sealed_text(path, yaml.dump(DOCUMENT)), store.read_sealed_text),
+    "x.yaml": (lambda path: store.write_sealed_text(path, yaml.dump(DOCUMENT)), _read_yaml),
     "x.npz": (lambda path: store.save_arrays(path, ARRAYS), store.load_arrays),
     "x.parquet": (_write_table, _read_table),
 }
