@@ -23,6 +23,9 @@ _LISTS = {
     "(columns ram_bytes, table_bytes, cycles), and --export writes them.",
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
+    "limits": "Conditions that each design must be able to meet, such as n_weights <= 20000 or fits; one "
+    "that cannot, by what is known before training, is not trained, nor one that a measured design dominates "
+    "for certain. Axes, task and family may be named, and these columns:",
 }
 _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
@@ -85,6 +88,13 @@ def names(section: str) -> list[Texts]:
                 "doc": f"{column.direction}: {column.doc}",
             }
             for name, column in registry.columns().items()
+        ]
+    if section == "limits":
+        before = {"exact": "known before training", "bound": "lower bound before training"}
+        return [
+            {"name": name, "unit": column.unit, "doc": f"{before[column.known]}: {column.doc}"}
+            for name, column in registry.columns().items()
+            if column.known
         ]
     if section == "hardware":
         from dse.hardware.profile import load

@@ -12,6 +12,7 @@ are there only in designs of that kind (`model.elm.hidden`). Likewise where a ke
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -78,6 +79,24 @@ class Axis:
         section, *_, key = self.name.split(".")
         return section, key
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether tables hold the values themselves: all are numbers, texts or booleans. Others are JSON."""
+        kinds = {
+            bool if isinstance(v, bool) else float if isinstance(v, int | float) else type(v)
+            for v in self.values or ()
+        }
+        return len(kinds) <= 1 and not kinds & {tuple, list, dict}
+
+    def cell(self, value: object) -> object:
+        """Return a value as tables hold it: itself, or JSON text."""
+        return value if self.is_plain else json.dumps(_short(value))
+
+    @property
+    def is_text(self) -> bool:
+        """Whether tables hold text on this axis."""
+        return not self.is_plain or any(isinstance(v, str) for v in self.values or ())
+
     def to_plain(self) -> dict[str, Raw]:
         """Return the axis as it is written in YAML."""
         if self.low is None:
@@ -110,6 +129,13 @@ class Branching:
     def size(self) -> int:
         """Number of designs, for axes that all have values."""
         return sum(self.sizes.values()) if self.below else len(self.axis.values or ())
+
+
+def _short(value: object) -> object:
+    """Return a value whose whole floats are integers, as people write them: [1, 2.5], not [1.0, 2.5]."""
+    if isinstance(value, list | tuple):
+        return [_short(inner) for inner in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def branchings(axes: Iterable[Axis]) -> list[Branching]:

@@ -33,12 +33,14 @@ from dse.records import (
     FrontEnd,
     Ints,
     Network,
+    Operations,
     Outcome,
     Parameters,
     Rasters,
     Response,
     Signals,
     Spikes,
+    Workload,
 )
 
 PLACES = ("file", "folder", "labels", "scene")
@@ -226,7 +228,8 @@ class Family(Protocol):
 
     A family whose answer is a `Response` spikes; any other gives `Answers` after several input lengths, with
     the numbers that it stores and the operations that it does, counted by a rule that it states. A family
-    with a method `scores` is a `Teacher`.
+    with a method `scores` is a `Teacher`. A method `least_work(n_channels, n_outputs, step_ms, n_steps)` says
+    what hardware needs to know of a design before it is trained (`LeastWork`).
     """
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
@@ -270,6 +273,17 @@ class SamplerSettings(Protocol):
 
     requires: ClassVar[str] = ""
     """The package that the sampler imports, which the extra of the same name installs; '' for none."""
+
+
+class LeastWork(NamedTuple):
+    """What the shortest inference of a trained design takes at least, known before training.
+
+    load: its counts are lower bounds.
+    is_exact: whether sizes, stored weights and bits are those of the trained design, or bounds as well.
+    """
+
+    load: Workload | Operations
+    is_exact: bool
 
 
 def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:

@@ -14,6 +14,7 @@ from dse.config.axes import Axis, n_combinations
 from dse.config.chips import chips
 from dse.config.contracts import SamplerSettings
 from dse.config.device import missing, missing_package
+from dse.config.expressions import ExpressionError, column_names, condition_faults, parse
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import Part, read_fixed, read_or_axis
@@ -216,6 +217,54 @@ def objectives(
             report(where, f"objective '{name}' cannot select designs: the test set is only for reporting")
         directions[name] = natural
     return tuple(directions.items())
+
+
+def limits(raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], report: Report) -> tuple[str, ...]:
+    """Read conditions on what is known of a design before it is trained.
+
+    Args:
+        raw: a condition or a list of them, as written.
+        axes: of the search space.
+        profiles: hardware profiles of the search space.
+        report: called with (path, sentence) for every mistake.
+    """
+    texts = [raw] if isinstance(raw, str) else [] if raw is None else raw
+    if not (isinstance(texts, list) and all(isinstance(text, str) for text in texts)):
+        report(("limits",), f"limits must be a list of conditions, got {echo(raw)}")
+        return ()
+    for index, text in enumerate(texts):
+        for message in _limit_faults(text, axes, profiles):
+            report(("limits", index) if isinstance(raw, list) else ("limits",), message)
+        if text in texts[:index]:
+            report(("limits", index), f"limit '{text}' is stated twice")
+    return tuple(texts)
+
+
+def _limit_faults(text: str, axes: Mapping[str, Axis], profiles: Sequence[str]) -> list[str]:
+    """Return what is wrong with a limit, a sentence each."""
+    try:
+        tree = parse(text)
+    except ExpressionError as error:
+        return [f"limit: {error}"]
+    columns, of_hardware = registry.columns(), registry.columns("hardware")
+    known = {name: column.known for name, column in columns.items() if column.known}
+    is_text = {name: axis.is_text for name, axis in axes.items()} | {"task": True, "family": True}
+    names = dict.fromkeys(column_names(tree))
+    faults = []
+    for name in names:
+        if name in columns and name not in known:
+            faults.append(
+                f"limit '{text}': column '{name}' is known only after training; {known_names('', known)}"
+            )
+        elif name not in known and name not in is_text:
+            faults.append(f"limit '{text}': unknown column '{name}'; {known_names(name, [*known, *is_text])}")
+        elif name in of_hardware and not profiles:
+            faults.append(
+                f"limit '{text}': column '{name}' needs a hardware profile in section 'hardware', got none"
+            )
+    if not names:
+        faults.append(f"limit '{text}' must name a column, an axis, task or family")
+    return faults or condition_faults(tree, f"limit '{text}'", is_text, {"fits"})
 
 
 def search(

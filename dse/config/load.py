@@ -78,6 +78,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     precision = goals.precision(data["precision"], report) if "precision" in data else None
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     targets = goals.targets(data["targets"], report) if "targets" in data else ()
+    limits = goals.limits(data["limits"], axes, hardware, report) if "limits" in data else None
     if "model" in sections and sections["model"].good:
         goals.check_neurons(hardware, sections["model"], report, source.parent)
         goals.check_steps(sections, report)
@@ -107,6 +108,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         seed=seed,
         plugins=plugins,
         targets=targets,
+        limits=limits,
         source=source,
         parts={name: sections[name] for name in SECTIONS if name in sections},
         axes=axes,

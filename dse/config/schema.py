@@ -37,7 +37,7 @@ _SCALARS: dict[object, str] = {
 
 def json_schema() -> Schema:
     """Return the schema, made from the components that are registered."""
-    lists = ("hardware", "targets", "objectives", "search")
+    lists = ("hardware", "targets", "objectives", "limits", "search")
     sections = {name: _section(name) for name in SECTIONS if name not in lists}
     objectives = [
         text for name, column in registry.columns().items() for text in (name, f"{name}:{column.direction}")
@@ -49,6 +49,7 @@ def json_schema() -> Schema:
     profile_file = {"type": "string", "pattern": r"\.ya?ml$"}
     sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, profile_file]})
     sections["targets"] = _listed({"enum": list(registry.known("targets"))})
+    sections["limits"] = _listed({"type": "string"})
     sections["search"] = _search()
     about = {
         "study": {"type": "string"},

@@ -40,10 +40,12 @@ SETTINGS: Mapping[str, type] = {
     "search": Search,
     "execution": ExecutionSettings,
 }
-# In the order of a file; `test` holds keys of `data`; `hardware`, `targets`, `objectives` are lists of names.
+# In the order of a file; `test` holds keys of `data`; `hardware`, `targets`, `objectives` are lists of
+# names, `limits` is one of conditions.
 SECTIONS = (
     *("data", "task", "window", "split", "evaluation", "test", "preprocessing", "encoder", "model"),
-    *("training", "decision", "precision", "hardware", "targets", "objectives", "search", "execution"),
+    *("training", "decision", "precision", "hardware", "targets", "objectives", "limits", "search"),
+    "execution",
 )
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
 

@@ -74,6 +74,8 @@ class SearchSpace:
     parts: section (data .. training) -> what is written there.
     axes: by dotted name, in the order of the sections; one with a condition follows the axis that it names.
     targets: names of targets that designs are to be exported to.
+    limits: conditions that every design must be able to meet (`dse.search.limits`); None: not stated, and no
+        design is excluded before it is trained.
     objectives: (column, 'max' or 'min').
     precision: None where trained networks are evaluated as they are.
     plugins: modules of components outside `dse`, which are loaded.
@@ -92,6 +94,7 @@ class SearchSpace:
     precision: Precision | None = None
     plugins: tuple[Plugin, ...] = ()
     targets: tuple[str, ...] = ()
+    limits: tuple[str, ...] | None = None
 
     @cached_property
     def branchings(self) -> list[Branching]:
@@ -187,6 +190,8 @@ class SearchSpace:
         if self.targets:
             sections["targets"] = list(self.targets)
         sections["objectives"] = [f"{name}:{direction}" for name, direction in self.objectives]
+        if self.limits is not None:
+            sections["limits"] = list(self.limits)
         search = {name: value for name, value in vars(self.search).items() if name != "options"}
         sections["search"] = search | dict(self.search.options)
         sections["execution"] = plain(self.execution)

@@ -28,7 +28,7 @@ from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source, groups, leakage
 from dse.recordings.cutting import cut
 from dse.recordings.splits import leak, split
-from dse.recordings.targets import heads, target, target_columns
+from dse.recordings.targets import heads, in_use, target, target_columns
 from dse.records import Array, Bools, Dataset, Ints, Signals
 
 
@@ -101,7 +101,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     reasons = [leak(recordings.columns, design.split, train, validation, test, design.window)]
     used = np.zeros(len(codes), dtype=bool)
     used[np.concatenate([train, validation, test])] = True
-    codes, classes = _in_use(codes, classes, used)
+    codes, classes = in_use(codes, classes, used)
     out = _folds(recordings.columns, design, codes, classes, train, validation)
     left_out, held = design.left_out, test
     if left_out is not None:  # with the spikes of the whole
@@ -380,13 +380,6 @@ def _check_alike(parts: Sequence[Part]) -> None:
                 raise RecordingError(f"the test file must have {a} {name}, as the data file, got {b}")
         if not np.array_equal(parts[0].positions, other.positions):
             raise RecordingError("the test file must have the same channel positions as the data file")
-
-
-def _in_use(codes: Ints, classes: tuple[str, ...], used: Bools) -> tuple[Ints, tuple[str, ...]]:
-    codes_in_use = np.unique(codes[used])
-    new = np.full(len(classes), -1, dtype=np.int64)
-    new[codes_in_use] = np.arange(len(codes_in_use))
-    return new[codes], tuple(classes[i] for i in codes_in_use)
 
 
 def _codes_of(recordings: Recordings, task_target: Target, classes: tuple[str, ...], where: str) -> Ints:

@@ -297,7 +297,7 @@ def _accuracies_of_answers(
         return _accuracies(label, truth), None
     output = answers.output[..., target.outputs]
     read_outs = _accuracies(
-        _labels_after(output, _lengths(output.shape[1], answers.step_ms, how.read_out_every_ms)), truth
+        _labels_after(output, read_out_steps(output.shape[1], answers.step_ms, how.read_out_every_ms)), truth
     )
     if not (len(how.phi) and len(how.theta)):
         return read_outs, None
@@ -568,7 +568,7 @@ def _of_spikes(
             f"a response must have at least one sample and one step, got output of shape {output.shape}"
         )
     phi, theta = how.phi, how.theta
-    lengths = _lengths(n_steps, response.step_ms, how.read_out_every_ms)
+    lengths = read_out_steps(n_steps, response.step_ms, how.read_out_every_ms)
     label = _labels_after(output, lengths)
     label_test = None if output_test is None else _labels_after(output_test, lengths)
     done = np.concatenate([response.spikes, response.updates], axis=2).cumsum(axis=1, dtype=np.int64)
@@ -646,7 +646,7 @@ def _of_spikes(
     )
 
 
-def _lengths(n_steps: int, step_ms: float, every_ms: float | None) -> Ints:
+def read_out_steps(n_steps: int, step_ms: float, every_ms: float | None) -> Ints:
     """Return the steps after which a spiking network is read out, (k,) rising to `n_steps`."""
     if every_ms is None:
         ends = np.linspace(n_steps / READ_OUTS, n_steps, READ_OUTS)

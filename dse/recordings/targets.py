@@ -10,7 +10,7 @@ import numpy as np
 from dse.config.faults import known_names
 from dse.config.settings import Column, Target
 from dse.recordings import RecordingError
-from dse.records import Array, Head, Ints
+from dse.records import Array, Bools, Head, Ints
 
 
 def target(columns: Mapping[str, Array], task_target: Target) -> tuple[Ints, tuple[str, ...]]:
@@ -92,3 +92,11 @@ def _values(columns: Mapping[str, Array], part: str | Column) -> Array:
 
 def _text(value: object) -> str:
     return str(value).removesuffix(".0") if isinstance(value, np.floating) else str(value)
+
+
+def in_use(codes: Ints, classes: tuple[str, ...], used: Bools) -> tuple[Ints, tuple[str, ...]]:
+    """Return (n,) codes and classes, of the classes alone that recordings in use have; others are -1."""
+    codes_in_use = np.unique(codes[used])
+    new = np.full(len(classes), -1, dtype=np.int64)
+    new[codes_in_use] = np.arange(len(codes_in_use))
+    return new[codes], tuple(classes[i] for i in codes_in_use)

@@ -6,10 +6,11 @@ what was asked and told before, not of how often the process was restarted in be
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Protocol, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from dse import seeds
 from dse.config.axes import Axis
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
+from dse.search.limits import Exclusion
 from dse.search.space import design_at, index_of, position
 
 if TYPE_CHECKING:
@@ -35,11 +37,74 @@ class Sampler(Protocol):
     def ask(self, n: int) -> list[Design]:
         """Return up to n designs that were never asked or told before; fewer when no more are left."""
 
-    def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
+    def tell(self, designs: Sequence[Mapping[str, Raw]], values: Sequence[Values]) -> None:
         """Add the objectives of designs, in the order of the space's objectives; None for a failed design.
 
         Designs that this sampler did not ask for are taken in as well: so a stopped study resumes.
         """
+
+
+Check = Callable[[Mapping[str, Raw]], Exclusion | None]
+"""Returns why a design is not to be trained; None if it is."""
+
+
+@runtime_checkable
+class Limited(Sampler, Protocol):
+    """A started sampler that knows before it proposes which designs are not to be trained."""
+
+    refused: list[tuple[Design, Exclusion]]
+    """Designs that the last `ask` considered and passed over."""
+
+    def restrict(self, check: Check) -> None:
+        """Let `ask` propose only designs that pass a check."""
+
+    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
+        """Add by how much a design misses each limit, before its values are told."""
+
+
+class Filtered:
+    """A sampler that knows no limits: designs that are not to be trained are told as failed."""
+
+    def __init__(self, sampler: Sampler, check: Check) -> None:
+        self._sampler = sampler
+        self._check = check
+        self.refused: list[tuple[Design, Exclusion]] = []
+
+    def ask(self, n: int) -> list[Design]:
+        """Return up to n new designs that pass the check; fewer when no more are found."""
+        self.refused = []
+        designs: list[Design] = []
+        for _ in range(_DRAWS):
+            proposed = self._sampler.ask(n - len(designs))
+            for design in proposed:
+                why = self._check(design)
+                if why is None:
+                    designs.append(design)
+                else:
+                    self.refused.append((design, why))
+                    self._sampler.tell([design], [None])
+            if len(designs) == n or not proposed:
+                break
+        return designs
+
+    def tell(self, designs: Sequence[Mapping[str, Raw]], values: Sequence[Values]) -> None:
+        """Add to the history."""
+        self._sampler.tell(designs, values)
+
+    def restrict(self, check: Check) -> None:
+        """Replace the check."""
+        self._check = check
+
+    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
+        """Do nothing: the sampler knows no limits."""
+
+
+def limited(sampler: Sampler, check: Check) -> Limited:
+    """Return a sampler that proposes only designs that pass a check."""
+    if not isinstance(sampler, Limited):
+        return Filtered(sampler, check)
+    sampler.restrict(check)
+    return sampler
 
 
 class OptunaSampler:
@@ -68,6 +133,24 @@ class OptunaSampler:
         self._distributions = {name: _distribution(axis) for name, axis in space.axes.items()}
         self._proposed: dict[str, Design] = {}
         self._history: dict[str, tuple[Design, Values]] = {}
+        self._check: Check | None = None
+        self._violations: dict[str, Mapping[str, float]] = {}
+        self.refused: list[tuple[Design, Exclusion]] = []
+
+    def restrict(self, check: Check) -> None:
+        """Propose only designs that pass a check; the sampler sees how far others miss the limits."""
+        self._check = check
+
+    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
+        """Add by how much a design misses each limit: the sampler's constraints."""
+        self._violations[seeds.design_key(design)] = violations
+
+    def _refuses(self, design: Design) -> Exclusion | None:
+        """Return why a design is not to be trained; it is noted once."""
+        why = None if self._check is None else self._check(design)
+        if why is not None:
+            self.refused.append((design, why))
+        return why
 
     def ask(self, n: int) -> list[Design]:
         """Return up to n new designs; fewer when the space has no more."""
@@ -75,6 +158,7 @@ class OptunaSampler:
 
         rng = seeds.generator(self._space.seed, {}, "sampler", len(self._proposed))
         designs: list[Design] = []
+        self.refused = []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             study = self._study(int(rng.integers(2**31)))
@@ -86,7 +170,7 @@ class OptunaSampler:
                 designs.append(design)
         return designs
 
-    def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
+    def tell(self, designs: Sequence[Mapping[str, Raw]], values: Sequence[Values]) -> None:
         """Add to the history; telling a design again replaces its values."""
         for design, value in zip(designs, values, strict=True):
             key = seeds.design_key(design)
@@ -107,19 +191,15 @@ class OptunaSampler:
             )
         finally:
             optuna.logging.set_verbosity(verbosity)
-        history = [(self._parameters(design), value) for design, value in self._history.values()]
         if self._replay is None:
-            for parameters, value in history:
-                state = optuna.trial.TrialState.FAIL if value is None else optuna.trial.TrialState.COMPLETE
-                study.add_trial(
-                    optuna.trial.create_trial(
-                        state=state,
-                        values=value,
-                        params=parameters,
-                        distributions={name: self._distributions[name] for name in parameters},
-                    )
-                )
+            for key, (design, value) in self._history.items():
+                self._add(study, design, value, self._violations.get(key, {}))
             return study
+        # Designs that were passed over are in no generation.
+        keys = [key for key, (_, value) in self._history.items() if value or key not in self._violations]
+        history = [
+            (self._parameters(design), value) for design, value in map(self._history.__getitem__, keys)
+        ]
         for first in range(0, len(history), self._replay):
             batch = history[first : first + self._replay]
             for parameters, _ in batch:
@@ -127,11 +207,32 @@ class OptunaSampler:
             trials = [study.ask(self._distributions) for _ in batch]
             for trial in trials:
                 _ = trial.relative_params  # Optuna lets the sampler note the generation on this access
-            for trial, (_, value) in zip(trials, batch, strict=True):
+            for trial, (_, value), key in zip(trials, batch, keys[first : first + self._replay], strict=True):
+                for limit, violation in self._violations.get(key, {}).items():
+                    trial.set_constraint(limit, violation)
                 study.tell(trial, value, state=optuna.trial.TrialState.FAIL if value is None else None)
         # The replay drew numbers; what follows must not depend on how many.
         study.sampler = self._make(seed)
         return study
+
+    def _add(
+        self, study: optuna.Study, design: Design, value: Values, violations: Mapping[str, float]
+    ) -> None:
+        """Add a finished design to a study; one that misses a limit may have no values."""
+        import optuna
+
+        parameters = self._parameters(design)
+        states = optuna.trial.TrialState
+        missed = any(violation > 0 for violation in violations.values())
+        study.add_trial(
+            optuna.trial.create_trial(
+                state=states.COMPLETE if value is not None else states.PRUNED if missed else states.FAIL,
+                values=value,
+                params=parameters,
+                distributions={name: self._distributions[name] for name in parameters},
+                constraints=dict(violations) or None,
+            )
+        )
 
     def _parameters(self, design: Design) -> dict[str, Raw]:
         """Return a design as Optuna knows it.
@@ -184,8 +285,14 @@ class OptunaSampler:
 
         for _ in range(_TRIES):
             trial, design = self._proposal(study)
-            if seeds.design_key(design) not in self._proposed:
-                return design
+            key = seeds.design_key(design)
+            if key not in self._proposed:
+                why = self._refuses(design)
+                if why is None:
+                    return design
+                self._proposed[key] = design
+                if self._replay is None:
+                    self._add(study, design, None, why.violations)
             study.tell(trial, state=optuna.trial.TrialState.FAIL)
         return None
 
@@ -196,15 +303,22 @@ class OptunaSampler:
         """
         total = self._space.n_designs
         if total is None:
-            drawn = (self._drawn_design(rng) for _ in range(_DRAWS))
-            return next((design for design in drawn if seeds.design_key(design) not in self._proposed), None)
+            for _ in range(_DRAWS):
+                design = self._drawn_design(rng)
+                if seeds.design_key(design) not in self._proposed and self._passes(design):
+                    return design
+            return None
         tried = {index_of(self._space, design) for design in self._proposed.values()}
         if len(tried) >= total:
             return None
-        index = int(rng.integers(total))
-        while index in tried:
-            index = (index + 1) % total
-        return design_at(self._space, index)
+        first = int(rng.integers(total))
+        for index in itertools.chain(range(first, total), range(first)):
+            if index not in tried and self._passes(design := design_at(self._space, index)):
+                return design
+        return None
+
+    def _passes(self, design: Design) -> bool:
+        return self._check is None or self._check(design) is None
 
     def _drawn_design(self, rng: np.random.Generator) -> Design:
         """Return a design drawn uniformly: its kinds first, then on every axis that they have."""

@@ -61,7 +61,7 @@ def _branch(sizes: Mapping[Raw, int], place: int) -> tuple[Raw, int]:
     raise AssertionError("a place is below the sum of the sizes")
 
 
-def index_of(space: SearchSpace, design: Design) -> int:
+def index_of(space: SearchSpace, design: Mapping[str, Raw]) -> int:
     """Return the place of a design in the grid, the inverse of `design_at`.
 
     Raises:

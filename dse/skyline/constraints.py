@@ -12,15 +12,18 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from dse.config.expressions import ExpressionError, column_name, conjuncts, constant, named_columns, parse
 from dse.config.faults import known_names
 from dse.records import Array, Bools, Floats
+
+__all__ = ["Budget", "ExpressionError", "column", "matches", "named_columns", "split_budgets"]
 
 _Comparison = Callable[[Array, Array | float], Bools]
 
@@ -33,10 +36,6 @@ _OPERATORS: dict[type[ast.cmpop], tuple[str, _Comparison]] = {
     ast.NotEq: ("!=", operator.ne),
 }
 _MIRRORED = {"<=": ">=", ">=": "<=", "<": ">", ">": "<", "==": "=="}
-
-
-class ExpressionError(ValueError):
-    """A condition that cannot be read, or does not fit the table."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ def matches(expression: str, frame: pd.DataFrame) -> Bools:
     Raises:
         ExpressionError: the text is no condition, names no column, or compares text with numbers.
     """
-    return _rows(_parse(expression), frame, expression)
+    return _rows(parse(expression), frame, expression)
 
 
 def split_budgets(expressions: Sequence[str]) -> tuple[list[Budget], list[str]]:
@@ -86,25 +85,13 @@ def split_budgets(expressions: Sequence[str]) -> tuple[list[Budget], list[str]]:
     budgets: list[Budget] = []
     rest: list[str] = []
     for expression in expressions:
-        for part in _conjuncts(_parse(expression)):
+        for part in conjuncts(parse(expression)):
             budget = _budget(part)
             if budget is None:
                 rest.append(ast.unparse(part))
             elif budget not in budgets:
                 budgets.append(budget)
     return budgets, rest
-
-
-def named_columns(expressions: Iterable[str]) -> frozenset[str]:
-    """Return the columns that conditions name.
-
-    "family != 'fits' and model.hidden > 2" names family and model.hidden: quoted text names no column, and a
-    dotted name is one column.
-
-    Raises:
-        ExpressionError: a text is no condition.
-    """
-    return frozenset(name for expression in expressions for name in _names(_parse(expression)))
 
 
 def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
@@ -118,21 +105,6 @@ def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
     return frame[name]
 
 
-def _parse(expression: str) -> ast.expr:
-    try:
-        return ast.parse(expression.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ExpressionError(
-            f"condition '{expression}' must read like \"energy_uj <= 50 and task == 'texture'\""
-        ) from None
-
-
-def _conjuncts(node: ast.expr) -> list[ast.expr]:
-    if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
-        return [part for value in node.values for part in _conjuncts(value)]
-    return [node]
-
-
 def _budget(node: ast.expr) -> Budget | None:
     if not isinstance(node, ast.Compare) or len(node.ops) != 1 or type(node.ops[0]) not in _OPERATORS:
         return None
@@ -140,42 +112,12 @@ def _budget(node: ast.expr) -> Budget | None:
     left, right = node.left, node.comparators[0]
     if sign not in _MIRRORED:
         return None
-    if _name(left) is None:
+    if column_name(left) is None:
         left, right, sign = right, left, _MIRRORED[sign]
-    name, limit = _name(left), _constant(right)
+    name, limit = column_name(left), constant(right)
     if name is None or isinstance(limit, bool) or not isinstance(limit, int | float):
         return None
     return Budget(name, sign, float(limit))
-
-
-def _name(node: ast.AST) -> str | None:
-    """Return a column name; `model.hidden` parses as an attribute of a name."""
-    if isinstance(node, ast.Name):
-        return node.id
-    if isinstance(node, ast.Attribute):
-        owner = _name(node.value)
-        return None if owner is None else f"{owner}.{node.attr}"
-    return None
-
-
-def _names(node: ast.AST) -> Iterator[str]:
-    """Yield every column name below a node, a dotted one whole."""
-    name = _name(node)
-    if name is not None:
-        yield name
-        return
-    for child in ast.iter_child_nodes(node):
-        yield from _names(child)
-
-
-def _constant(node: ast.expr) -> float | str | None:
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        value = _constant(node.operand)
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return -value if isinstance(node.op, ast.USub) else value
-    elif isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float | str):
-        return node.value
-    return None
 
 
 def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
@@ -194,7 +136,7 @@ def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
             result = result & _compare(left, sign, right, frame, text)
             left = right
         return result
-    name = _name(node)
+    name = column_name(node)
     if name in frame.columns and pd.api.types.is_bool_dtype(frame[name].dtype):
         return _compare(node, ast.Eq(), ast.Constant(True), frame, text)
     raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is not a comparison")
@@ -232,15 +174,15 @@ def _test(compare: _Comparison, left: _Operand, right: _Operand, text: str) -> B
 
 
 def _operand(node: ast.expr, frame: pd.DataFrame, text: str) -> _Operand:
-    name = _name(node)
+    name = column_name(node)
     if name is None:
-        constant = _constant(node)
-        if constant is None:
+        written = constant(node)
+        if written is None:
             raise ExpressionError(
                 f"condition '{text}': '{ast.unparse(node)}' must be a column, a number, 'text', True or False"
             )
-        is_text = isinstance(constant, str)
-        values = np.full(len(frame), constant, dtype=object if is_text else np.float64)
+        is_text = isinstance(written, str)
+        values = np.full(len(frame), written, dtype=object if is_text else np.float64)
         return _Operand(values, np.ones(len(frame), dtype=bool), is_text)
     series = column(frame, name)
     present = series.notna().to_numpy(dtype=bool)

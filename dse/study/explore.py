@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,11 +16,16 @@ from dse.config.device import missing
 from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
 from dse.recordings import RecordingError
+from dse.search.limits import Exclusion
+from dse.search.proposals import Sampler, limited
+from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.study import decisions, points, precision, pricing
 from dse.study import trials as tables
 from dse.study.claim import claim
 from dse.study.fronts import fronts
+from dse.study.journal import Entry
+from dse.study.known import Group, KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.progress import Progress, shown
 from dse.study.record import RunRecord
@@ -33,6 +38,8 @@ if TYPE_CHECKING:
 
 _REFRESH_S = 60.0
 _REFRESH_SHARE = 0.05
+# Designs of a grid whose data sets are prepared together, and excluded ones that are written down.
+_MOST_PREPARED, _MOST_RECORDED = 100_000, 1000
 
 
 def run(
@@ -67,13 +74,14 @@ def run(
         ledger = Ledger(folder / "journal.log", space)
         workers = Workers(n_workers)
         runs = Runs(space, folder, profiles, workers, report)
-        results_tables = _Tables(space, folder, runs, profiles)
+        results_tables = _Tables(space, folder, runs, profiles, ledger)
+        before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
         runs.recall(ledger.entries)
         runs.forget_checkpoints()
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
-                _search(space, ledger, runs, results_tables, report)
+                _search(space, ledger, runs, results_tables, report, before)
                 _repeat_front(space, ledger, runs, results_tables, report)
                 _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
@@ -96,8 +104,11 @@ def _keep_audit(space: SearchSpace, folder: Path) -> None:
 class _Tables:
     """The tables of a study, written now and then so that they can be read while a long study runs."""
 
-    def __init__(self, space: SearchSpace, folder: Path, runs: Runs, profiles: Sequence[Profile]) -> None:
+    def __init__(
+        self, space: SearchSpace, folder: Path, runs: Runs, profiles: Sequence[Profile], ledger: Ledger
+    ) -> None:
         self._space = space
+        self._ledger = ledger
         self._folder = folder
         self._profiles = profiles
         self._runs = runs
@@ -120,23 +131,34 @@ class _Tables:
         pricing.keep(self._profiles, self._folder)
         runs = self._runs.trials()
         with store.published(self._folder / "trials.parquet") as path:
-            store.write_table(path, tables.trials_table(self._space, runs))
+            excluded = [entry for entry in self._ledger.entries if entry.excluded]
+            store.write_table(path, tables.trials_table(self._space, runs, excluded))
         with store.published(self._folder / "points.parquet") as path:
             points.write_points(path, self._space, self._folder, runs, self._profiles)
 
 
 def _search(
-    space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
+    space: SearchSpace,
+    ledger: Ledger,
+    runs: Runs,
+    results_tables: _Tables,
+    report: Progress,
+    before: KnownBefore | None,
 ) -> None:
     """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions."""
     settings = space.search
-    sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
+    sampler: Sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
         space, [direction for _, direction in space.objectives]
     )
+    excluding = None if before is None else _Excluding(space, ledger, runs, before, sampler)
+    if excluding is not None:
+        sampler = excluding.sampler
     number = 0
     while True:
-        entries = [e for e in ledger.entries if e.batch == number]
-        n_before = sum(e.batch < number for e in ledger.entries)
+        if excluding is not None:
+            excluding.begin(number)
+        entries = _of_batch(ledger, number)
+        n_before = sum(e.batch < number and not e.excluded for e in ledger.entries)
         if not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
             n_missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
@@ -144,22 +166,87 @@ def _search(
                 known = {design_key(e.design) for e in entries}
                 proposed = sampler.ask(len(entries) + n_missing)
                 new = [d for d in proposed if design_key(d) not in known][:n_missing]
+                if excluding is not None:
+                    excluding.record(number)
                 ledger.ask(number, new)
                 if len(new) < n_missing:
                     report.note(
                         "the sampler found no further designs; the study has "
                         f"{n_before + len(entries) + len(new)}"
                     )
-                entries = [e for e in ledger.entries if e.batch == number]
+                entries = _of_batch(ledger, number)
         if not entries:
             return
         runs.complete(entries, settings.repeats, results_tables.refresh)
         for entry in entries:
             if not entry.is_reported and not runs.is_untrained(entry.trial):
-                ledger.tell(entry.trial, _values(space, runs.of(entry.trial)[: settings.repeats]))
-        ended = [e for e in ledger.entries if e.batch == number]
+                records = runs.of(entry.trial)[: settings.repeats]
+                values = _values(space, records)
+                missed = None if excluding is None or values is None else excluding.missed(entry, records)
+                ledger.tell(entry.trial, values, missed)
+        ended = _of_batch(ledger, number)
+        if excluding is not None:
+            excluding.end(number, ended)
         sampler.tell([e.design for e in ended], [e.values for e in ended])
         number += 1
+
+
+def _of_batch(ledger: Ledger, number: int) -> list[Entry]:
+    """Return the designs of a batch that are trained."""
+    return [e for e in ledger.entries if e.batch == number and not e.excluded]
+
+
+class _Excluding:
+    """Which designs are not trained, given what is known before: written down, and known to the sampler."""
+
+    def __init__(
+        self, space: SearchSpace, ledger: Ledger, runs: Runs, before: KnownBefore, sampler: Sampler
+    ) -> None:
+        self._space = space
+        self._ledger = ledger
+        self._runs = runs
+        self._before = before
+        self._measured: dict[Group, list[tuple[int, Sequence[float]]]] = {}
+        self.sampler = limited(sampler, self._check)
+        if before.needs_data and space.n_designs is not None and space.n_designs <= _MOST_PREPARED:
+            runs.shapes(design_at(space, index) for index in range(space.n_designs))
+
+    def _check(self, design: Mapping[str, object]) -> Exclusion | None:
+        return self._before.exclusion(design) or self._before.dominated(design, self._measured)
+
+    def begin(self, number: int) -> None:
+        """Exclude what an earlier session proposed in a batch and has not trained, by limits of today."""
+        for entry in _of_batch(self._ledger, number):
+            if not entry.is_reported and not self._runs.of(entry.trial):
+                if why := self._before.exclusion(entry.design):
+                    self._ledger.exclude_proposed(entry.trial, why)
+
+    def record(self, number: int) -> None:
+        """Write down the designs that the sampler has passed over; of a grid, the first ones."""
+        known = {design_key(e.design) for e in self._ledger.entries if e.excluded}
+        for design, why in self.sampler.refused:
+            if design_key(design) not in known:
+                if len(known) >= _MOST_RECORDED and self._space.search.sampler == "grid":
+                    return
+                known.add(design_key(design))
+                self._ledger.exclude(number, design, why)
+
+    def missed(self, entry: Entry, records: Sequence[RunRecord]) -> dict[str, float]:
+        """Return limit -> by how much a trained design misses it."""
+        return self._before.violations(entry.design, records)
+
+    def end(self, number: int, ended: Sequence[Entry]) -> None:
+        """Let the sampler know by how much the designs of a batch miss the limits."""
+        for entry in self._ledger.entries:
+            if entry.batch == number and entry.excluded and (why := self._check(entry.design)):
+                self.sampler.judge(entry.design, why.violations)
+                self.sampler.tell([entry.design], [None])
+        for entry in ended:
+            if entry.values is not None:
+                records = self._runs.of(entry.trial)[: self._space.search.repeats]
+                self.sampler.judge(entry.design, self.missed(entry, records))
+                group = self._before.group(entry.design)
+                self._measured.setdefault(group, []).append((entry.trial, entry.values))
 
 
 def _repeat_front(

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-# Of Optuna's format: JournalOperation.CREATE_TRIAL and SET_TRIAL_STATE_VALUES, TrialState.RUNNING.
-CREATE_TRIAL, SET_TRIAL_STATE, RUNNING = 4, 6, 0
+# Of Optuna's format: JournalOperation.CREATE_TRIAL, SET_TRIAL_STATE_VALUES and SET_TRIAL_USER_ATTR,
+# TrialState.RUNNING.
+CREATE_TRIAL, SET_TRIAL_STATE, SET_USER_ATTRIBUTE, RUNNING = 4, 6, 8, 0
+EXCLUDED = "excluded"
+"""User attribute of a trial that is not trained: why."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class Entry:
     proposed_s: when the sampler proposed it, in seconds since 1970.
     reported_s: when the sampler received its result, in seconds since 1970; None: not yet.
     values: its objectives; None before the report, and for a failed trial.
+    excluded: why it is not trained; '' if it is.
     """
 
     trial: int
@@ -32,6 +36,7 @@ class Entry:
     proposed_s: float
     reported_s: float | None = None
     values: tuple[float, ...] | None = None
+    excluded: str = ""
 
     @property
     def is_reported(self) -> bool:
@@ -49,6 +54,7 @@ def read_journal(path: Path) -> list[Entry]:
     except OSError:
         return []
     created: list[tuple[int, Mapping[str, object], float]] = []
+    excluded: dict[int, str] = {}
     reports: dict[int, tuple[float, tuple[float, ...] | None]] = {}
     for line in lines:
         try:
@@ -58,6 +64,11 @@ def read_journal(path: Path) -> list[Entry]:
                 attributes = entry["user_attrs"]
                 proposed_s = seconds(entry["datetime_start"])
                 created.append((int(attributes["batch"]), dict(attributes["design"]), proposed_s))
+                if entry["state"] != RUNNING:
+                    reports[len(created) - 1] = proposed_s, None
+                    excluded[len(created) - 1] = str(attributes[EXCLUDED])
+            elif operation == SET_USER_ATTRIBUTE and EXCLUDED in entry["user_attr"]:
+                excluded[entry["trial_id"]] = str(entry["user_attr"][EXCLUDED])
             elif operation == SET_TRIAL_STATE and entry["state"] != RUNNING:
                 values = entry.get("values")
                 reports[entry["trial_id"]] = (
@@ -66,9 +77,10 @@ def read_journal(path: Path) -> list[Entry]:
                 )
         except (ValueError, KeyError, TypeError):
             continue
-    return [
+    entries = (
         Entry(trial, *proposal, *reports.get(trial, (None, None))) for trial, proposal in enumerate(created)
-    ]
+    )
+    return [replace(entry, excluded=excluded.get(entry.trial, "")) for entry in entries]
 
 
 def seconds(text: str) -> float:

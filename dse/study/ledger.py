@@ -17,9 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from dse.config import SearchSpace
+from dse.search.limits import Exclusion
 from dse.search.proposals import distribution
 from dse.store import StoreError, explained
-from dse.study.journal import Entry, read_journal
+from dse.study.journal import EXCLUDED, Entry, read_journal
 
 _NAME = "dse"
 
@@ -70,31 +71,70 @@ class Ledger:
 
     def ask(self, batch: int, designs: Sequence[Mapping[str, object]]) -> None:
         """Append designs that are about to be trained."""
+        for design in designs:
+            self._append(batch, design)
+
+    def exclude(self, batch: int, design: Mapping[str, object], why: Exclusion) -> None:
+        """Append a design that is not trained."""
+        self._append(batch, design, why)
+
+    def exclude_proposed(self, trial: int, why: Exclusion) -> None:
+        """Append that a design, which was proposed, is not trained after all."""
+        from optuna.trial import TrialState
+
+        with self._explained():
+            number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
+            self._storage.set_trial_user_attr(number, EXCLUDED, why.reason)
+            self._constrain(number, why.violations)
+            self._storage.set_trial_state_values(number, TrialState.PRUNED, None)
+        entry = self._entries[trial]
+        self._entries[trial] = replace(entry, reported_s=time.time(), values=None, excluded=why.reason)
+
+    def _append(self, batch: int, design: Mapping[str, object], why: Exclusion | None = None) -> None:
         from optuna.trial import TrialState, create_trial
 
-        for design in designs:
-            template = create_trial(
-                state=TrialState.RUNNING,
-                params={name: _scalar(value) for name, value in design.items()},
-                distributions={
-                    name: distribution(axis, [_scalar(value) for value in axis.values or ()])
-                    for name, axis in self._axes.items()
-                    if name in design
-                },
-                user_attrs={"batch": batch, "design": dict(design)},
-            )
-            with self._explained():
-                self._storage.create_new_trial(self._study, template)
-            written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
-            self._entries.append(Entry(len(self._entries), batch, written, time.time()))
+        about: dict[str, object] = {"batch": batch, "design": dict(design)}
+        template = create_trial(
+            state=TrialState.RUNNING if why is None else TrialState.PRUNED,
+            params={name: _scalar(value) for name, value in design.items()},
+            distributions={
+                name: distribution(axis, [_scalar(value) for value in axis.values or ()])
+                for name, axis in self._axes.items()
+                if name in design
+            },
+            user_attrs=about if why is None else about | {EXCLUDED: why.reason},
+            constraints=None if why is None else dict(why.violations),
+        )
+        with self._explained():
+            self._storage.create_new_trial(self._study, template)
+        written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
+        now = time.time()
+        entry = Entry(len(self._entries), batch, written, now)
+        if why is not None:
+            entry = replace(entry, reported_s=now, excluded=why.reason)
+        self._entries.append(entry)
 
-    def tell(self, trial: int, values: Sequence[float] | None) -> None:
-        """Append the result of a trial: its objectives, or None for a failed trial."""
+    def _constrain(self, number: int, violations: Mapping[str, float]) -> None:
+        """Append by how much a trial misses each limit, where Optuna keeps its constraints."""
+        for limit, violation in violations.items():
+            self._storage.set_trial_system_attr(number, f"constraints:{limit}", float(violation))
+
+    def tell(
+        self, trial: int, values: Sequence[float] | None, violations: Mapping[str, float] | None = None
+    ) -> None:
+        """Append the result of a trial: its objectives, or None for a failed trial.
+
+        Args:
+            trial: its number.
+            values: its objectives.
+            violations: limit -> by how much the trial misses it.
+        """
         from optuna.trial import TrialState
 
         state = TrialState.FAIL if values is None else TrialState.COMPLETE
         with self._explained():
             number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
+            self._constrain(number, violations or {})
             self._storage.set_trial_state_values(number, state, values)
         objectives = None if values is None else tuple(map(float, values))
         self._entries[trial] = replace(self._entries[trial], reported_s=time.time(), values=objectives)

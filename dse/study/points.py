@@ -127,7 +127,7 @@ def _parts(
         if any(record.failed for record in runs):
             continue
         answered = answers(folder, runs)
-        about = tables.named(space, trial, runs)
+        about = tables.named(space, trial, runs[0].design, len(runs))
         total = sum(map(len, answered))
         step = n_rows or total
         chips: list[Profile | None] = [*profiles] or [None]

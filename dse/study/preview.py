@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
+from dse import dataset
 from dse.config import SearchSpace
 from dse.config.chips import chips
 from dse.config.contracts import placed, trains_in_cohorts
 from dse.config.goals import programmed_neurons
+from dse.config.resolved import Sections
 from dse.dataset import cache
 from dse.recordings.files import locate
 from dse.registry import Plugin
-from dse.search.space import corners, n_designs_of_each
+from dse.search.space import corners, design_at, n_designs_of_each
+
+if TYPE_CHECKING:
+    from dse.dataset.shape import Shape
 
 # Larger files are not read just to count their channels and classes.
 _MOST_BYTES = 200_000_000
@@ -52,7 +59,7 @@ def preview(space: SearchSpace) -> dict[str, object]:
             row["data"] = str(path)
             size = path.stat().st_size if path.is_file() else 0  # a folder of event files is not read
     if size > _MOST_BYTES:
-        return row
+        return row | _excluded(space, lambda _: None)
     # The name of an audit follows from what the recordings hold, and a folder is not read.
     is_folder = getattr(space.data, "folder", None) is not None
     return row | _from_data(space) | ({} if is_folder else _audited(space))
@@ -90,12 +97,12 @@ def _loaded(plugin: Plugin) -> str:
 
 def _from_data(space: SearchSpace) -> dict[str, object]:
     """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
-    from dse.dataset.parts import pool_positions, pooling_of
+    from dse.dataset.shape import announced
     from dse.recordings import RecordingError
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
     from dse.recordings.targets import heads, target
-    from dse.records import Events, Rasters, Signals
+    from dse.records import Events
     from dse.study.evaluation import previewed
 
     first = space.resolve(next(corners(space, (), 1)))
@@ -115,29 +122,64 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     row |= previewed(space, first, recordings)
     if notes := recordings.notes():
         row["repairs"] = notes
+    of_file = first.data.channel_positions(space.source.parent)
+    shapes: dict[str, Shape | None] = {}
+
+    def shape(sections: Sections) -> Shape | None:
+        key = repr((sections.task, sections.window, sections.preprocessing, sections.encoder))
+        if key not in shapes:
+            shapes[key] = announced(sections, recordings, of_file)
+        return shapes[key]
+
+    row |= _excluded(space, shape)
     weights: set[int] = set()
     for design in corners(space, _SIZING, _MOST_COMBINATIONS):
         sections = space.resolve(design)
-        settings, encoder, model = sections.preprocessing, sections.encoder, sections.model
-        if isinstance(recordings, Signals | Rasters):
-            of_file = sections.data.channel_positions(space.source.parent)
-            assert of_file is not None  # only events have addresses instead
-            positions = of_file
-        elif settings is not None and (settings.crop != "pins" or recordings.simulated):
-            positions = pool_positions(pooling_of(recordings, settings))
-        else:  # the crop depends on the events, which a preview does not read
+        model, known = sections.model, shape(sections)
+        if known is None or not trains_in_cohorts(model):  # other families have weights only after training
             return row
-        if encoder is not None:
-            try:
-                positions = encoder.positions(positions)
-            except ValueError:  # the encoder learns its channels, and a preview fits nothing
-                return row
-        if not trains_in_cohorts(model):  # other families have weights only after training
-            return row
-        columns = sections.task.target
-        joint_codes, names = target(recordings.columns, columns)
-        parts_of = heads(recordings.columns, columns, joint_codes) if sections.task.joint else ()
-        n_outputs = sum(len(head.classes) for head in parts_of) or len(names)
-        sizes = placed(model, positions)
-        weights.add(sizes.n_weights(len(positions), n_outputs))
+        weights.add(placed(model, known.positions).n_weights(len(known.positions), known.n_outputs))
     return row | {"n_weights_low": min(weights), "n_weights_high": max(weights)}
+
+
+def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None]) -> dict[str, object]:
+    """Return how many designs of a grid are never trained, and which limit each cannot meet.
+
+    Args:
+        space: search space.
+        announced: returns the shape of a design's data set where it follows from the recordings' headers and
+            labels; a data set that is prepared already is read from the cache.
+    """
+    total = space.n_designs
+    if not space.limits or total is None:
+        return {}
+
+    from dse.dataset.shape import Shape
+    from dse.hardware.profile import load_all
+    from dse.recordings import RecordingError
+    from dse.study.known import KnownBefore
+
+    shapes: dict[str, Shape | None] = {}
+
+    def shape_of(sections: Sections) -> Shape | None:
+        key = dataset.dataset_key(sections, space.source.parent)
+        if key not in shapes:
+            with contextlib.suppress(OSError, RuntimeError, RecordingError):
+                data = dataset.find(cache.usual_root(), key)
+                shapes[key] = announced(sections) if data is None else Shape.of(data)
+        return shapes.get(key)
+
+    before = KnownBefore(space, load_all(space.hardware, space.source.parent), shape_of)
+    n = min(total, _MOST_COMBINATIONS)
+    why = [before.exclusion(design_at(space, place * total // n)) for place in range(n)]
+    excluded = [x for x in why if x is not None]
+    row: dict[str, object] = {"excluded": len(excluded)}
+    if None in shapes.values():
+        row["excluded_later"] = "perhaps more, once the data are prepared"
+    if n < total:
+        row["excluded_of"] = n  # evenly spaced ones
+    if excluded:
+        by_limit = {limit: sum(limit in x.limits for x in excluded) for limit in space.limits}
+        together = sum(not x.limits for x in excluded)
+        row["excluded_by"] = by_limit | ({"all limits together": together} if together else {})
+    return row

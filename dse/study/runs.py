@@ -10,6 +10,7 @@ changes no result.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -22,6 +23,7 @@ from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.evaluation import evaluation_error
 from dse.config.resolved import Sections
 from dse.dataset import cache
+from dse.dataset.shape import Shape
 from dse.hardware.profile import Profile
 from dse.recordings import RecordingError
 from dse.records import Dataset
@@ -92,6 +94,7 @@ class Runs:
         self._cache = _opened_cache(folder, progress)
         self._records: dict[tuple[int, int], RunRecord] = {}
         self._warned: set[str] = set()
+        self._shapes: dict[str, Shape | None] = {}  # by the key of a data set
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
         self._untrained: dict[tuple[int, int], str] = {}  # why the machine could not train a run
 
@@ -201,6 +204,27 @@ class Runs:
         """Yield what `Workers.stream` does, of one job at a time where each is to have the machine alone."""
         for jobs_at_once in [[job] for job in waiting] if one_by_one else [waiting]:
             yield from self._workers.stream(function, jobs_at_once)
+
+    def shapes(self, designs: Iterable[Mapping[str, object]]) -> None:
+        """Prepare the data sets of some designs, so that `shape` knows them; failures are for training."""
+        needed = {}
+        for design in designs:
+            with contextlib.suppress(ValueError):
+                sections = self._resolved(design, self._fold(0))
+                needed[dataset.dataset_key(sections, self._space.source.parent)] = sections
+        self._prepare(needed)
+
+    def shape(self, sections: Sections) -> Shape | None:
+        """Return the shape of a design's data set, prepared if it is absent; None if it cannot be."""
+        fold = self._fold(0)
+        sections = sections if fold is None else sections.on_fold(fold)
+        key = dataset.dataset_key(sections, self._space.source.parent)
+        if key not in self._shapes:
+            failed = self._prepare({key: sections})
+            with store.explained(self._cache):
+                data = None if failed else dataset.find(self._cache, key)
+            self._shapes[key] = None if data is None else Shape.of(data)
+        return self._shapes[key]
 
     def evaluate(
         self,

@@ -119,7 +119,8 @@ def status(folder: Path | str) -> Status:
     study = Study(Path(folder))
     search = _search(study)
     goals = study.objectives
-    entries = {entry.trial: entry for entry in read_journal(study.folder / "journal.log")}
+    journal = read_journal(study.folder / "journal.log")
+    entries = {entry.trial: entry for entry in journal if not entry.excluded}
     written = _written(study.folder)
     outcomes = _outcomes(study.folder, written)
     runs = _timed(written, entries, outcomes, search.repeats)
@@ -205,6 +206,8 @@ def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
     table = _table(folder / "trials.parquet", ("trial", "status", "reason", "repeats"))
     if len(table.columns) == 4:
         for trial, status, reason, n_runs in table.itertuples(index=False, name=None):
+            if status == "excluded":
+                continue
             outcomes[int(trial)] = Outcome(str(status), str(reason or ""), int(n_runs))
     for trial, runs in written.items():
         if trial not in outcomes or len(runs) > outcomes[trial].n_runs:

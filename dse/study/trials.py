@@ -8,7 +8,6 @@ repeats. A trial with a failed run is a failed trial: leaving that seed out woul
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from dse.config import Axis, SearchSpace
 from dse.measure.objectives import flat
 from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_columns
+from dse.study.journal import Entry
 from dse.study.record import Numbers, RunRecord
 
 if TYPE_CHECKING:
@@ -27,18 +27,21 @@ if TYPE_CHECKING:
 _LAST = ("status", "reason")
 
 
-def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) -> pandas.DataFrame:
+def trials_table(
+    space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]], excluded: Sequence[Entry] = ()
+) -> pandas.DataFrame:
     """Return one row per trial: its design, the numbers of its full read-out, status and reason.
 
     Args:
         space: the search space of the study.
         trials: trial number -> records of its runs.
+        excluded: designs that were not trained, with the reason; their status is 'excluded'.
     """
     import pandas
 
     rows = []
     for trial, records in sorted(trials.items()):
-        row = named(space, trial, records)
+        row = named(space, trial, records[0].design, len(records))
         failed = [record for record in records if record.failed]
         row["status"] = "failed" if failed else "finished"
         row["reason"] = "; ".join(_blamed(r, len(records)) for r in failed)
@@ -48,6 +51,10 @@ def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) 
             row |= {} if profile is None else {"hardware": profile}
             row |= summary(numbers, profile)
         rows.append(row)
+    for entry in excluded:
+        about = named(space, entry.trial, entry.design, 0)
+        rows.append(about | {"status": "excluded", "reason": entry.excluded})
+    rows.sort(key=lambda row: row["trial"])
     # Ordered by the longest row: a table that starts with a failed trial has its columns like any other.
     names = dict.fromkeys(key for row in sorted(rows, key=len, reverse=True) for key in row)
     frame = pandas.DataFrame(rows, columns=[*(n for n in names if n not in _LAST), *_LAST])
@@ -55,38 +62,20 @@ def trials_table(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) 
     return frame.astype(dict.fromkeys(claims, "boolean"))
 
 
-def named(space: SearchSpace, trial: int, records: Sequence[RunRecord]) -> dict[str, object]:
+def named(space: SearchSpace, trial: int, design: Mapping[str, Any], repeats: int) -> dict[str, Any]:
     """Return the columns that identify a row; an axis that the design does not have is missing."""
-    design = records[0].design
     cells = {
-        name: _cell(axis, design[name]) if name in design else _missing(axis)
+        name: axis.cell(design[name]) if name in design else _missing(axis)
         for name, axis in space.axes.items()
     }
     about = {"trial": trial, "task": space.task_name(design), "family": space.kind("model", design)}
-    return {**about, **cells, "repeats": len(records)}
-
-
-def _cell(axis: Axis, value: object) -> object:
-    """Return the value itself, or JSON text on an axis with mixed kinds, lists or mappings."""
-    values = axis.values or ()
-    kinds = {
-        bool if isinstance(v, bool) else float if isinstance(v, int | float) else type(v) for v in values
-    }
-    is_plain = len(kinds) <= 1 and not kinds & {tuple, list, dict}
-    return value if is_plain else json.dumps(_short(value))
+    return {**about, **cells, "repeats": repeats}
 
 
 def _missing(axis: Axis) -> float | None:
     """Return the cell without a value: NaN on an axis of numbers, None on any other."""
     values = axis.values or ()
     return np.nan if all(isinstance(v, int | float) and not isinstance(v, bool) for v in values) else None
-
-
-def _short(value: object) -> object:
-    """Return a value whose whole floats are integers, as people write them: [1, 2.5], not [1.0, 2.5]."""
-    if isinstance(value, list | tuple):
-        return [_short(inner) for inner in value]
-    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _blamed(record: RunRecord, n_runs: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from dse import registry, seeds
 from dse.config import Design, SearchSpace, load_space
 from dse.search import proposals
-from dse.search.proposals import Sampler, Values
+from dse.search.limits import Exclusion
+from dse.search.proposals import Limited, Sampler, Values, limited
 from dse.search.space import design_at, grid, index_of
 from tests import families
 from tests.spaces import write_space
@@ -132,6 +133,53 @@ def test_a_finite_space_is_asked_to_its_end(name: str, small_space: SearchSpace)
     designs = played(sampler, 2)
     assert sorted(map(seeds.design_key, designs)) == sorted(map(seeds.design_key, grid(small_space)))
     assert sampler.ask(BATCH) == []
+
+
+@pytest.mark.parametrize("name", ["grid", *OPEN])
+def test_designs_that_cannot_meet_limits_are_passed_over(name: str, small_space: SearchSpace) -> None:
+    def check(design: Mapping[str, Any]) -> Exclusion | None:
+        excess = (design["model.hidden"] - 8) / 8
+        return Exclusion("too large", (), {"hidden": excess}) if excess > 0 else None
+
+    def started() -> Limited:
+        return limited(start(name, small_space), check)
+
+    sampler = started()
+    first = sampler.ask(3)
+    refused = list(sampler.refused)
+    assert {d["model.hidden"] for d in first} <= {4, 8}
+    assert all(design["model.hidden"] == 12 for design, _ in refused)
+    resumed = started()
+    for one in (sampler, resumed):
+        for design, why in refused:
+            one.judge(design, why.violations)
+            one.tell([design], [None])
+        for design in first:
+            one.judge(design, {"hidden": 0.0})
+        one.tell(first, [(0.5, float(d["model.hidden"])) for d in first])
+    rest = sampler.ask(BATCH)
+    assert resumed.ask(BATCH) == rest
+    everything = [d for d in grid(small_space) if d["model.hidden"] <= 8]
+    assert sorted(map(seeds.design_key, first + rest)) == sorted(map(seeds.design_key, everything))
+    assert sampler.ask(BATCH) == []
+
+
+def test_a_sampler_that_knows_no_limits_is_asked_until_it_meets_them(small_space: SearchSpace) -> None:
+    class Plain:
+        def __init__(self) -> None:
+            self.inner = start("grid", small_space)
+
+        def ask(self, n: int) -> list[Design]:
+            return self.inner.ask(n)
+
+        def tell(self, designs: Sequence[Mapping[str, Any]], values: Sequence[Values]) -> None:
+            self.inner.tell(designs, values)
+
+    sampler = limited(
+        Plain(), lambda design: None if design["model.hidden"] == 12 else Exclusion("no", (), {})
+    )
+    assert [d["model.hidden"] for d in sampler.ask(99)] == [12, 12]
+    assert len(sampler.refused) == 4
 
 
 def test_the_grid_goes_row_by_row(small_space: SearchSpace) -> None:

@@ -47,10 +47,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
     study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
     notes = [*study.warnings, _page(study)]
     failed = study.trials[study.trials["status"] == "failed"]
+    trained = study.trials[study.trials["status"] != "excluded"]
+    if len(excluded := study.trials[study.trials["status"] == "excluded"]):
+        n = f"{len(excluded)} design{'s' if len(excluded) > 1 else ''}"
+        notes.append(f"{n} excluded before training; the first: {excluded['reason'].iloc[0]}")
     if len(failed):
-        notes.append(
-            f"{len(failed)} of {len(study.trials)} designs failed; the first: {failed['reason'].iloc[0]}"
-        )
+        notes.append(f"{len(failed)} of {len(trained)} designs failed; the first: {failed['reason'].iloc[0]}")
     notes += faults(study.trials)
     points = study.points()
     if points.empty:

@@ -16,14 +16,17 @@ class Cores:
 
     needs = "hardware"
     columns = (
-        Column("n_cores", "", "min", "Cores that the network occupies."),
+        Column("n_cores", "", "min", "Cores that the network occupies.", known="exact"),
         Column(
             "n_cores_high",
             "",
             "min",
             "Cores that the network may occupy if a compiler needs more than the memory limit.",
+            known="exact",
         ),
-        Column("fits", "", "max", "1 where the network meets every limit of the chip, else 0."),
+        Column(
+            "fits", "", "max", "1 where the network meets every limit of the chip, else 0.", known="exact"
+        ),
     )
 
     def measure(self, priced: Priced) -> Mapping[str, int | bool]:

@@ -22,6 +22,7 @@ class DecisionLatency:
             "ms",
             "min",
             "Mean time from the first touch to the decision, by the clock of the sensor.",
+            known="bound",
         ),
     )
 

@@ -25,12 +25,14 @@ class Latency:
             "ms",
             "min",
             "Computing time of the hardware per inference at full speed.",
+            known="bound",
         ),
         Column(
             "latency_ms",
             "ms",
             "min",
             "Time from the first touch until the hardware has computed the decision.",
+            known="bound",
         ),
     )
 

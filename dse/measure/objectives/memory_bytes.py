@@ -26,6 +26,7 @@ class MemoryBytes:
             "Memory of the weights: W_t times the bits per weight (and per delay of a synapse where synapses "
             "have one) / 8; indices and neuron states are not counted.",
             of_design=True,
+            known="exact",
         ),
     )
 

@@ -31,6 +31,7 @@ class NWeights:
             "Number W_t of nonzero weights, with recurrent weights and those of delayed inputs; shared ones "
             "count once.",
             of_design=True,
+            known="exact",
         ),
         Column(
             "n_weights_dense",

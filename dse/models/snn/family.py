@@ -7,12 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.config.contracts import LeastWork
 from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
 from dse.engine.layout import padded
 from dse.models.snn import respond, train
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Generators, Rung, Span, Training, TrainingDiverged
-from dse.records import Array, Dataset, Floats, Network, Outcome, Parameters, Response
+from dse.neurons import Neuron
+from dse.records import (
+    Array,
+    Dataset,
+    Floats,
+    Network,
+    Operations,
+    Outcome,
+    Parameters,
+    Response,
+    Workload,
+)
 from dse.registry import register
 
 # Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
@@ -82,6 +94,50 @@ class SNN(Stack):
     def n_weights(self, n_channels: int, n_classes: int) -> int:
         """Return W_t before pruning: between layers (delayed copies included) and within recurrent ones."""
         return sum(a * b for a, b in self.matrices(n_channels, n_classes))
+
+    def least_work(self, n_channels: int, n_outputs: int, step_ms: float, n_steps: int) -> LeastWork:
+        """Return the trained network as hardware sees it, without a spike (`dse.config.contracts.LeastWork`).
+
+        Args:
+            n_channels: input channels, delayed copies not counted.
+            n_outputs: outputs of all heads.
+            step_ms: duration of an input step.
+            n_steps: network steps of the shortest inference.
+        """
+        sizes = (n_channels * len(self.input_delays), *self.hidden, n_outputs)
+        recurrent = (*(self.recurrent for _ in self.hidden), False)
+        shared = self.sharing(n_outputs)
+        stored = tuple(
+            0
+            if self.pruned
+            else b * b * back + (a * b if number is None else int(np.count_nonzero(number >= 0)))
+            for a, b, back, number in zip(sizes, sizes[1:], recurrent, shared, strict=False)
+        )
+        least = Workload(
+            sizes=sizes,
+            recurrent=recurrent,
+            n_steps=np.asarray(float(n_steps)),
+            spikes=np.zeros(len(sizes)),
+            updates=np.zeros(len(sizes) - 1),
+            step_ms=step_ms / self.steps_per_sample,
+            stored=stored,
+            delay_bits=1 if self.max_delay else 0,
+        )
+        # Pruning may leave any weight at 0, training any delay at 1, and resonators are drawn.
+        draws = type(self.neuron).resonators.__func__ is not Neuron.resonators.__func__  # type: ignore[attr-defined]
+        is_exact = not self.pruned and self.max_delay <= 1 and not draws
+        if self.neuron.on_chips:
+            return LeastWork(least, is_exact)
+        n_weights = 0 if self.pruned else self.n_weights(n_channels, n_outputs)
+        counted = Operations(
+            macs=np.zeros(()),
+            additions=np.zeros(()),
+            updates=np.zeros(()),
+            n_weights=np.asarray(float(n_weights)),
+            duration_ms=np.asarray(n_steps * least.step_ms),
+            number_bits=least.weight_bits if self.arithmetic == "integer" else 32,
+        )
+        return LeastWork(counted, is_exact)
 
     def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Training) -> int:
         """Return what a design holds at most while it trains in a cohort, without what its cohort shares.

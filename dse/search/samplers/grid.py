@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dse.config.contracts import SamplerSettings
 from dse.config.space import Design, SearchSpace
+from dse.config.yaml_lines import Raw
 from dse.registry import register
-from dse.search.proposals import Sampler, Values
+from dse.search.limits import Exclusion
+from dse.search.proposals import Check, Sampler, Values
 from dse.search.space import design_at, index_of
 
 
@@ -37,15 +39,29 @@ class _GridSampler:
         self._total = total
         self._next = 0
         self._proposed: set[int] = set()
+        self._check: Check | None = None
+        self.refused: list[tuple[Design, Exclusion]] = []
+
+    def restrict(self, check: Check) -> None:
+        self._check = check
+
+    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
+        """Do nothing: a grid learns nothing."""
 
     def ask(self, n: int) -> list[Design]:
         designs: list[Design] = []
+        self.refused = []
         while len(designs) < n and self._next < self._total:
             if self._next not in self._proposed:
                 self._proposed.add(self._next)
-                designs.append(design_at(self._space, self._next))
+                design = design_at(self._space, self._next)
+                why = None if self._check is None else self._check(design)
+                if why is None:
+                    designs.append(design)
+                else:
+                    self.refused.append((design, why))
             self._next += 1
         return designs
 
-    def tell(self, designs: Sequence[Design], values: Sequence[Values]) -> None:
+    def tell(self, designs: Sequence[Mapping[str, Raw]], values: Sequence[Values]) -> None:
         self._proposed.update(index_of(self._space, design) for design in designs)

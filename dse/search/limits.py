@@ -1,0 +1,197 @@
+"""Limits on what is known of a design before it is trained: whether it can meet them, and by how much not.
+
+A column is known as a text, or as the interval in which its number will lie: one number where it is exact,
+no upper end where only a lower bound is known. A design cannot meet a limit if no numbers in the intervals
+do. A missing number is NaN, and any comparison with it is false, as in tables (`dse.skyline.constraints`).
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dse.config.expressions import column_name, column_names, conjuncts, constant, parse
+
+Known = str | tuple[float, float]
+"""A text, or the least and the largest number."""
+
+Row = Mapping[str, Known]
+"""Column -> what is known of it; a column that is absent may hold any number."""
+
+ANY = (-math.inf, math.inf)
+MISSING = (math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """Why a design is not trained.
+
+    reason: a sentence.
+    limits: the limits that it cannot meet, each alone; empty if it meets each alone and not all together, or
+        if a measured design dominates it.
+    violations: limit -> the least amount by which it misses the limit, relative to the limit; 0 where it can
+        meet it.
+    """
+
+    reason: str
+    limits: tuple[str, ...]
+    violations: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    """Whether a condition may be true, and whether it may be false."""
+
+    may: bool
+    may_not: bool
+
+
+def can_meet(limit: str, row: Row) -> bool:
+    """Return whether a design can meet a limit.
+
+    Args:
+        limit: a condition that `dse.config.goals.limits` accepts.
+        row: what is known of the design.
+    """
+    return _verdict(parse(limit), row).may
+
+
+def violation(limit: str, row: Row) -> float:
+    """Return the least amount by which a design misses a limit; 0 if it can meet it.
+
+    A number misses `column <= limit` by its distance relative to |limit|, or by its distance from 0. Any
+    other condition is missed by 1. Parts that 'and' joins add up.
+    """
+    return sum(_excess(part, row) for part in conjuncts(parse(limit)) if not _verdict(part, row).may)
+
+
+def exclusion(limits: Sequence[str], rows: Mapping[str, Row]) -> Exclusion | None:
+    """Return why a design cannot meet all limits in any of its rows; None if it can.
+
+    Args:
+        limits: conditions.
+        rows: hardware profile, '' for none -> what is known of the design there.
+    """
+    if any(all(can_meet(limit, row) for limit in limits) for row in rows.values()):
+        return None
+    missed = {
+        chip: {limit: violation(limit, row) for limit in limits if not can_meet(limit, row)}
+        for chip, row in rows.items()
+    }
+    chip = min(missed, key=lambda name: sum(missed[name].values()))
+    reasons = [_reason(limit, rows[chip]) for limit in missed[chip]]
+    where = f" on {chip}" if len(rows) > 1 else ""
+    everywhere = tuple(limit for limit in limits if all(limit in of_chip for of_chip in missed.values()))
+    return Exclusion(
+        f"cannot meet {'; '.join(reasons)}{where}",
+        everywhere,
+        {limit: missed[chip].get(limit, 0.0) for limit in limits},
+    )
+
+
+def _reason(limit: str, row: Row) -> str:
+    """Return `n_weights <= 20000: n_weights is 38880`."""
+    known = [_text(name, row.get(name, ANY)) for name in dict.fromkeys(column_names(parse(limit)))]
+    return f"{limit}: {', '.join(filter(None, known))}"
+
+
+def _text(name: str, known: Known) -> str:
+    if isinstance(known, str):
+        return f"{name} is '{known}'"
+    low, high = known
+    if math.isnan(low):
+        return f"{name} has no value"
+    if low == high:
+        return f"{name} is {low:.10g}"
+    if math.isfinite(low):
+        return f"{name} is at least {low:.4g}"
+    return f"{name} is at most {high:.4g}" if math.isfinite(high) else ""
+
+
+def _verdict(node: ast.expr, row: Row) -> _Verdict:
+    if isinstance(node, ast.BoolOp):
+        parts = [_verdict(part, row) for part in node.values]
+        join, other = (all, any) if isinstance(node.op, ast.And) else (any, all)
+        return _Verdict(join(x.may for x in parts), other(x.may_not for x in parts))
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        inner = _verdict(node.operand, row)
+        return _Verdict(inner.may_not, inner.may)
+    if not isinstance(node, ast.Compare):  # a column of booleans
+        return _compared(_operand(node, row), ast.Eq(), (1.0, 1.0))
+    parts = []
+    left = node.left
+    for sign, right in zip(node.ops, node.comparators, strict=True):
+        parts.append(_tested(_operand(left, row), sign, right, row))
+        left = right
+    return _Verdict(all(x.may for x in parts), any(x.may_not for x in parts))
+
+
+def _tested(left: Known, sign: ast.cmpop, right: ast.expr, row: Row) -> _Verdict:
+    if not isinstance(sign, ast.In | ast.NotIn):
+        return _compared(left, sign, _operand(right, row))
+    assert isinstance(right, ast.List | ast.Tuple | ast.Set)  # as the reader of limits has checked
+    equal = [_compared(left, ast.Eq(), _operand(item, row)) for item in right.elts]
+    is_in = _Verdict(any(x.may for x in equal), all(x.may_not for x in equal))
+    if isinstance(sign, ast.In):
+        return is_in
+    missing = not isinstance(left, str) and math.isnan(left[0])
+    return _Verdict(is_in.may_not and not missing, is_in.may or missing)
+
+
+def _operand(node: ast.expr, row: Row) -> Known:
+    name = column_name(node)
+    if name is not None:
+        return row.get(name, ANY)
+    value = constant(node)
+    assert value is not None  # as the reader of limits has checked
+    return value if isinstance(value, str) else (float(value), float(value))
+
+
+_SIGNS: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+}
+
+
+def _compared(left: Known, sign: ast.cmpop, right: Known) -> _Verdict:
+    if isinstance(left, str) or isinstance(right, str):
+        # A text that is missing is NaN, and no text.
+        true = isinstance(left, str) and isinstance(right, str) and bool(_SIGNS[type(sign)](left, right))
+        return _Verdict(true, not true)
+    (low, high), (other_low, other_high) = left, right
+    if math.isnan(low) or math.isnan(other_low):
+        return _Verdict(may=False, may_not=True)
+    overlap = low <= other_high and other_low <= high
+    same = low == high == other_low == other_high
+    if isinstance(sign, ast.Eq):
+        return _Verdict(overlap, not same)
+    if isinstance(sign, ast.NotEq):
+        return _Verdict(not same, overlap)
+    if isinstance(sign, ast.Gt | ast.GtE):
+        (low, high), (other_low, other_high) = right, left
+    if isinstance(sign, ast.Lt | ast.Gt):
+        return _Verdict(low < other_high, high >= other_low)
+    return _Verdict(low <= other_high, high > other_low)
+
+
+def _excess(node: ast.expr, row: Row) -> float:
+    """Return by how much a condition that cannot be true is missed."""
+    if not isinstance(node, ast.Compare) or len(node.ops) != 1 or isinstance(node.ops[0], ast.In | ast.NotIn):
+        return 1.0
+    left, right = _operand(node.left, row), _operand(node.comparators[0], row)
+    if isinstance(left, str) or isinstance(right, str):
+        return 1.0
+    if column_name(node.left) is None:
+        left, right = right, left
+    distance = max(left[0] - right[1], right[0] - left[1])
+    scale = abs(right[1]) or 1.0
+    # Equal ends miss a strict comparison by nothing, and an infinite or missing number by no amount.
+    return distance / scale if math.isfinite(distance) and distance > 0 and math.isfinite(scale) else 1.0

@@ -1,0 +1,169 @@
+"""What is known before training is what training measures, or a bound of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import dse
+from dse.config import SearchSpace, load_space
+from dse.dataset import assemble, cache, dataset_key
+from dse.dataset.shape import Shape, announced
+from dse.hardware.profile import load_all
+from dse.search.limits import Known
+from dse.search.space import design_at
+from dse.study import explore
+from dse.study.journal import read_journal
+from dse.study.known import KnownBefore
+from dse.study.preview import preview
+from tests.tiny_study import REAL, write_recordings
+
+FIXED = ["loihi1_silicon", "truenorth"]
+
+
+def space(folder: Path, **changes: Any) -> SearchSpace:
+    if not (folder / "tiny.npz").exists():
+        write_recordings(folder / "tiny.npz")
+    plain = yaml.safe_load(REAL)
+    plain["training"] = {"epochs": 1, "batch_size": 18}
+    plain["search"] = {"sampler": "grid"}
+    for key, value in changes.items():
+        plain[key] = plain.get(key, {}) | value if isinstance(value, dict) else value
+    path = folder / "real.yaml"
+    path.write_text(yaml.safe_dump(plain), encoding="utf-8")
+    return load_space(path)
+
+
+def trained(folder: Path) -> list[Mapping[str, object]]:
+    return [entry.design for entry in read_journal(folder / "results/real/journal.log") if not entry.excluded]
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def known_rows(space: SearchSpace, design: dict[str, Any]) -> dict[str, Mapping[str, Known]]:
+    def shape_of(sections: Any) -> Shape:
+        base = space.source.parent
+        data = assemble.find(cache.usual_root(), dataset_key(sections, base))
+        assert data is not None
+        of_file = sections.data.channel_positions(base)
+        before = announced(sections, assemble.recordings(sections, base), of_file)
+        prepared = Shape.of(data)
+        assert before is not None
+        assert before.positions.tolist() == prepared.positions.tolist()
+        assert (before.n_outputs, before.step_ms) == (prepared.n_outputs, prepared.step_ms)
+        return prepared
+
+    known = KnownBefore(space, load_all(space.hardware, space.source.parent), shape_of)
+    return dict(known._rows(design, needs_data=True))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"hidden": [6, 4], "recurrent": {"choice": [False, True]}, "steps_per_sample": 2},
+        {"hidden": [6], "input_delays": [0], "max_delay": {"choice": [1, 6]}},
+        {"hidden": [6], "pruned": {"choice": [0.0, 0.5]}},
+        {"hidden": [6], "neuron": "resonator"},
+        {"kind": "columns", "hidden": [], "features": 2, "neighbours": 1, "input_delays": [0, 2]},
+    ],
+    ids=["layers", "delays", "pruned", "resonators", "columns"],
+)
+def test_training_measures_what_is_known(home: Path, model: dict[str, Any]) -> None:
+    fixed = [] if "neuron" in model else ["loihi1_silicon"] if "max_delay" in model else FIXED
+    here = space(home, model=model, hardware=["mcu_m4", *fixed])
+    study = explore.run(here, home / "results", progress=False)
+    points = study.points()
+    for place in range(here.n_designs or 0):
+        for chip, row in known_rows(here, design_at(here, place)).items():
+            rows = points[(points["trial"] == place) & (points["hardware"] == chip)]
+            for name in set(row) & set(points.columns) - set(here.axes):
+                if isinstance(row[name], str) or math.isnan(row[name][0]):
+                    continue
+                low, high = row[name]
+                values = rows[name].astype(float)
+                assert ((values >= low * (1 - 1e-12)) & (values <= high)).all(), (name, chip, row[name])
+
+
+def test_designs_beyond_a_limit_are_written_down_and_not_trained(home: Path) -> None:
+    limits = ["n_weights <= 60", "model.input_delays != '[0, 2]' or model.hidden > 5"]
+    axes = {"hidden": {"choice": [3, 7, 9]}, "input_delays": {"choice": [[0], [0, 2]]}}
+    here = space(home, model=axes, limits=limits)
+    # 4 channels, 3 classes: 7 weights per hidden neuron, 11 with two copies of the channels.
+    row = preview(here)
+    assert (row["excluded"], row["excluded_by"]) == (4, dict(zip(limits, (3, 1), strict=True)))
+    study = explore.run(here, home / "results", progress=False)
+    assert [(d["model.hidden"], d["model.input_delays"]) for d in trained(home)] == [(3, [0]), (7, [0])]
+    table = study.trials.set_index("trial")
+    assert table["status"].value_counts().to_dict() == {"excluded": 4, "finished": 2}
+    first = table[table["status"] == "excluded"].iloc[0]
+    assert first["reason"] == (
+        "cannot meet model.input_delays != '[0, 2]' or model.hidden > 5: "
+        "model.input_delays is '[0, 2]', model.hidden is 3"
+    )
+    assert set(study.points()["trial"]) == set(table.index[table["status"] == "finished"])
+
+
+def test_a_study_goes_on_under_other_limits(home: Path) -> None:
+    axes = {"hidden": {"choice": [3, 7, 9]}, "input_delays": [0]}
+    explore.run(space(home, model=axes, limits=["n_weights <= 30"]), home / "results", progress=False)
+    again = explore.run(space(home, model=axes, limits=["n_weights <= 50"]), home / "results", progress=False)
+    assert [d["model.hidden"] for d in trained(home)] == [3, 7]
+    assert again.trials["status"].value_counts().to_dict() == {"excluded": 2, "finished": 2}
+
+
+def test_a_stopped_search_under_limits_goes_on_as_if_it_had_not_stopped(home: Path) -> None:
+    axes = {"hidden": {"range": [1, 60]}, "true_rate": {"range": [0.3, 0.9]}, "input_delays": [0]}
+    limits = ["n_weights <= 49"]  # 7 per hidden neuron
+
+    def searched(folder: str, n_trials: int) -> list[tuple[object, ...]]:
+        search = {"sampler": "tpe", "startup": 2, "n_trials": n_trials, "batch": 2}
+        here = space(home, model=axes, search=search, limits=limits)
+        table = explore.run(here, home / folder, progress=False).trials
+        assert table["model.hidden"][table["status"] == "finished"].le(7).all()
+        assert (table["status"] == "finished").sum() == n_trials
+        return list(table[["trial", "model.hidden", "status", "reason"]].itertuples(index=False, name=None))
+
+    whole = searched("whole", 4)
+    assert whole[: len(first := searched("parts", 2))] == first
+    assert searched("parts", 4) == whole
+
+
+def test_what_a_measured_design_dominates_is_not_trained(home: Path) -> None:
+    model = {"hidden": {"choice": [3, 5, 7]}, "input_delays": [0]}
+    here = space(home, model=model, objectives=["accuracy", "n_weights"], limits=[])
+    shape = Shape(np.zeros((4, 3), np.int32), 3, 16, 5.0)
+    known = KnownBefore(here, load_all(here.hardware, home), lambda _: shape)
+    design = design_at(here, 1)  # 35 weights
+
+    def why(*values: float) -> str:
+        measured = {("fabric", "snn"): [(4, values)], ("speed", "snn"): [(5, (1.0, 0.0))]}
+        exclusion = known.dominated(design, measured)
+        return "" if exclusion is None else exclusion.reason
+
+    assert why(1.0, 34) == "cannot beat trial 4 in any objective"
+    assert not why(1.0, 35)  # it may be as good
+    assert not why(0.99, 21)  # it may be more accurate
+    unknown = KnownBefore(here, load_all(here.hardware, home), lambda _: None)
+    assert unknown.dominated(design, {("fabric", "snn"): [(4, (1.0, 1.0))]}) is None
+
+
+def test_a_fault_names_file_line_and_what_is_known(tmp_path: Path) -> None:
+    with pytest.raises(dse.ConfigError) as caught:
+        limits = ["accuracy >= 0.9", "n_wieghts < 3", "fits", "n_weights"]
+        space(tmp_path, limits=limits, hardware=[], objectives=["accuracy"])
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 4
+    assert "column 'accuracy' is known only after training" in lines[0]
+    assert any("Did you mean 'n_weights'?" in line for line in lines)
+    assert any("column 'fits' needs a hardware profile" in line for line in lines)
+    assert all(f"{tmp_path / 'real.yaml'}:" in line for line in lines)
