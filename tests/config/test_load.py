@@ -112,7 +112,7 @@ def test_listing_faults_imports_no_heavy_library(tmp_path: Path) -> None:
             "sed: 3",
             "2: unknown section 'sed'; known: study, seed, plugins, data, task, window, split, evaluation, "
             "test, preprocessing, encoder, model, training, decision, precision, hardware, targets, "
-            "objectives, search, execution. Did you mean 'seed'?",
+            "objectives, limits, search, execution. Did you mean 'seed'?",
         ),
         ("seed: 3", "seed: 3\nseed: 4", "3: duplicate key 'seed', first on line 2"),
         (

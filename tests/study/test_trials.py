@@ -78,7 +78,7 @@ def test_a_list_is_text_in_a_table(space: SearchSpace, tmp_path: Path) -> None:
 
 def test_whole_numbers_in_lists_are_written_as_people_do() -> None:
     axis = Axis("encoder.thresholds", values=((1.0, 2.5), (2.0,)))
-    assert trials._cell(axis, (1.0, 2.5)) == "[1, 2.5]"
+    assert axis.cell((1.0, 2.5)) == "[1, 2.5]"
 
 
 def test_one_failed_repeat_fails_the_trial(space: SearchSpace, tmp_path: Path) -> None:
