@@ -72,6 +72,8 @@ def run(
             report.note(note)
         _keep_audit(space, folder)
         ledger = Ledger(folder / "journal.log", space)
+        for note in ledger.notes:
+            report.note(note)
         workers = Workers(n_workers)
         runs = Runs(space, folder, profiles, workers, report)
         results_tables = _Tables(space, folder, runs, profiles, ledger)

@@ -1,20 +1,22 @@
 """Reading the journal of a study: the designs that the sampler proposed, and the results that it received.
 
-The journal is an Optuna journal of one JSON text per line, which `dse.study.ledger` writes. This module
+The journal is an Optuna journal (`dse.study.lines`), which `dse.study.ledger` writes. This module
 changes, repairs and locks nothing, so it can read while a run writes.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-# Of Optuna's format: JournalOperation.CREATE_TRIAL, SET_TRIAL_STATE_VALUES and SET_TRIAL_USER_ATTR,
-# TrialState.RUNNING.
-CREATE_TRIAL, SET_TRIAL_STATE, SET_USER_ATTRIBUTE, RUNNING = 4, 6, 8, 0
+from dse.store import StoreError
+from dse.study import lines
+from dse.study.lines import CREATE_TRIAL, SET_TRIAL_STATE
+
+# Of Optuna's format: JournalOperation.SET_TRIAL_USER_ATTR, TrialState.RUNNING.
+SET_USER_ATTRIBUTE, RUNNING = 8, 0
 EXCLUDED = "excluded"
 """User attribute of a trial that is not trained: why."""
 
@@ -47,18 +49,19 @@ class Entry:
 def read_journal(path: Path) -> list[Entry]:
     """Return the entries of a journal in the order of proposal; an empty list if there is no file.
 
-    An incomplete line, which a run is writing, is skipped.
+    An incomplete line, which a run is writing, is skipped. Of a damaged journal, trials are read up to the
+    first one that is missing.
     """
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
+        content = lines.read(path)
+    except StoreError:
         return []
+    logs = lines.counted(content.logs) if content.faults else content.logs
     created: list[tuple[int, Mapping[str, object], float]] = []
     excluded: dict[int, str] = {}
     reports: dict[int, tuple[float, tuple[float, ...] | None]] = {}
-    for line in lines:
+    for entry in logs:
         try:
-            entry = json.loads(line)
             operation = entry["op_code"]
             if operation == CREATE_TRIAL:
                 attributes = entry["user_attrs"]

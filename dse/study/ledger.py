@@ -2,67 +2,104 @@
 
 The journal is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. An entry is
 on the disk before its design is trained. A killed process may leave a half-written last line, which is cut
-off. The caller holds the study folder (`store.exclusive`), so a lock file beside the journal belongs to a
-process that has died.
+off. A journal with other damage is written anew from its intact lines and from the records of finished runs;
+the sampler proposes again what these do not say. The caller holds the study folder (`store.exclusive`).
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dse.config import SearchSpace
 from dse.search.limits import Exclusion
 from dse.search.proposals import distribution
-from dse.store import StoreError, explained
+from dse.store import StoreError, damaged, explained, read_record, run_folder
 from dse.study.journal import EXCLUDED, Entry, read_journal
+from dse.study.lines import CREATE_STUDY, CREATE_TRIAL, JournalLines, Log, counted
+
+if TYPE_CHECKING:
+    from optuna.storages import JournalStorage
+    from optuna.trial import FrozenTrial
 
 _NAME = "dse"
+_NAMED = 3
 
 
 class Ledger:
     """The journal file of one study, opened for appending.
 
+    notes: what was damaged and is repaired, a sentence each.
+
     Raises:
-        StoreError: the file is damaged before its last line, or cannot be written.
+        StoreError: the file cannot be read or written.
     """
 
     def __init__(self, path: Path, space: SearchSpace) -> None:
         from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend
-        from optuna.study import StudyDirection
 
         self._path = path
+        self._space = space
         self._axes = space.axes
+        self.notes: list[str] = []
         with self._explained(), _quiet():
-            _repair(path)
-            self._storage = JournalStorage(JournalFileBackend(str(path)))
+            lines = JournalLines(path)
+            if lines.faults:
+                self._mend(lines)
+            self._storage = JournalStorage(lines)  # type: ignore[arg-type]
             studies = self._storage.get_all_studies()
-            self._study = (
-                studies[0]._study_id
-                if studies
-                else self._storage.create_new_study(
-                    [
-                        StudyDirection.MAXIMIZE if direction == "max" else StudyDirection.MINIMIZE
-                        for _, direction in space.objectives
-                    ],
-                    _NAME,
-                )
-            )
+            self._study = studies[0]._study_id if studies else self._create_study(self._storage)
         self._entries = read_journal(path)
+
+    def _create_study(self, storage: JournalStorage) -> int:
+        from optuna.study import StudyDirection
+
+        directions = [
+            StudyDirection.MAXIMIZE if direction == "max" else StudyDirection.MINIMIZE
+            for _, direction in self._space.objectives
+        ]
+        return storage.create_new_study(directions, _NAME)
+
+    def _mend(self, lines: JournalLines) -> None:
+        """Write a damaged journal anew."""
+        from optuna.storages import JournalStorage
+
+        apart = JournalLines(None)
+        storage = JournalStorage(apart)  # type: ignore[arg-type]
+        study = self._create_study(storage)
+
+        def made(trial: int, batch: int) -> Log | None:
+            """Return the line that created a trial, by the record of one of its runs."""
+            design = _recorded_design(self._path.parent, trial)
+            if design is None:
+                return None
+            storage.create_new_trial(study, self._template(batch, design))
+            return apart.logs[-1]
+
+        begins = [log for log in lines.logs if log["op_code"] == CREATE_STUDY] or apart.logs
+        rest = [log for log in lines.logs if log["op_code"] != CREATE_STUDY]
+        faults, n_before = lines.faults, _n_trials(rest)
+        lines.replace([begins[0], *counted(rest, made, self._space.search.batch)])
+        more = f" and {len(faults) - _NAMED} more faults" if len(faults) > _NAMED else ""
+        self.notes.append(
+            f"{self._path}: {'; '.join(faults[:_NAMED])}{more}: the journal is written anew with "
+            f"{_n_trials(lines.logs)} trials ({n_before} had intact lines, others follow from the records of "
+            f"their runs); the file before it is {self._path.name}.damaged"
+        )
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
         try:
             with explained(self._path):
                 yield
-        except (KeyError, ValueError) as error:
-            raise StoreError(f"{self._path}: the journal is damaged: {error}") from error
+        except (LookupError, ValueError, TypeError, AttributeError, AssertionError) as error:
+            what = f"holds an operation that Optuna refuses ({type(error).__name__}: {error})"
+            raise damaged(self._path, what) from error
 
     @property
     def entries(self) -> list[Entry]:
@@ -91,10 +128,24 @@ class Ledger:
         self._entries[trial] = replace(entry, reported_s=time.time(), values=None, excluded=why.reason)
 
     def _append(self, batch: int, design: Mapping[str, object], why: Exclusion | None = None) -> None:
+        template = self._template(batch, design, why)
+        with self._explained():
+            self._storage.create_new_trial(self._study, template)
+        written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
+        now = time.time()
+        entry = Entry(len(self._entries), batch, written, now)
+        if why is not None:
+            entry = replace(entry, reported_s=now, excluded=why.reason)
+        self._entries.append(entry)
+
+    def _template(
+        self, batch: int, design: Mapping[str, object], why: Exclusion | None = None
+    ) -> FrozenTrial:
+        """Return a trial that is about to be trained, or that is not trained, as Optuna writes it."""
         from optuna.trial import TrialState, create_trial
 
         about: dict[str, object] = {"batch": batch, "design": dict(design)}
-        template = create_trial(
+        return create_trial(
             state=TrialState.RUNNING if why is None else TrialState.PRUNED,
             params={name: _scalar(value) for name, value in design.items()},
             distributions={
@@ -105,14 +156,6 @@ class Ledger:
             user_attrs=about if why is None else about | {EXCLUDED: why.reason},
             constraints=None if why is None else dict(why.violations),
         )
-        with self._explained():
-            self._storage.create_new_trial(self._study, template)
-        written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
-        now = time.time()
-        entry = Entry(len(self._entries), batch, written, now)
-        if why is not None:
-            entry = replace(entry, reported_s=now, excluded=why.reason)
-        self._entries.append(entry)
 
     def _constrain(self, number: int, violations: Mapping[str, float]) -> None:
         """Append by how much a trial misses each limit, where Optuna keeps its constraints."""
@@ -157,19 +200,15 @@ def _scalar(value: object) -> bool | float | str:
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
 
 
-def _repair(path: Path) -> None:
-    for lock in path.parent.glob(f"{path.name}.lock*"):
-        lock.unlink(missing_ok=True)
-    if not path.exists():
-        return
-    content = path.read_bytes()
-    whole = content[: content.rfind(b"\n") + 1]
-    last = whole[whole.rfind(b"\n", 0, -1) + 1 :]
-    try:
-        json.loads(last or b"{}")
-    except ValueError:
-        whole = whole[: -len(last)]
-    if len(whole) < len(content):
-        with path.open("r+b") as file:
-            file.truncate(len(whole))
-            os.fsync(file.fileno())
+def _n_trials(logs: Sequence[Log]) -> int:
+    return sum(log["op_code"] == CREATE_TRIAL for log in logs)
+
+
+def _recorded_design(folder: Path, trial: int) -> Mapping[str, object] | None:
+    """Return the design of a trial by the record of one of its runs; None where none can be read."""
+    for run in sorted(run_folder(folder, trial, 0).parent.glob("repeat_*")):
+        with contextlib.suppress(StoreError):
+            design = read_record(run).get("design")
+            if isinstance(design, dict):
+                return design
+    return None

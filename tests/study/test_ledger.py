@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+import json
+import random
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from dse import store
 from dse.config import SearchSpace, load_space
 from dse.search.space import design_at
 from dse.seeds import design_key
-from dse.store import StoreError
 from dse.study.journal import CREATE_TRIAL, RUNNING, SET_TRIAL_STATE, Entry, read_journal
 from dse.study.ledger import Ledger
 from tests import families, tiny_study
@@ -111,22 +114,83 @@ def test_a_last_line_that_is_no_json_is_cut_off(ledger: Ledger, tmp_path: Path, 
     assert Ledger(tmp_path / "journal.log", space).entries[2].is_reported
 
 
-def test_the_lock_of_a_dead_process_is_no_obstacle(
-    ledger: Ledger, tmp_path: Path, space: SearchSpace
+@pytest.fixture
+def records(tmp_path: Path) -> None:
+    """The records of the trials that have ended."""
+    for trial, design in enumerate(DESIGNS):
+        record = {"trial": trial, "repeat": 0, "design": design}
+        store.save_run(store.run_folder(tmp_path, trial, 0), record, {})
+
+
+def _flipped(lines: list[bytes], k: int, rng: random.Random) -> None:
+    line = bytearray(lines[k])
+    line[rng.randrange(len(line))] ^= 1 << rng.randrange(8)
+    lines[k] = bytes(line)
+
+
+DAMAGES: dict[str, Callable[[list[bytes], int, random.Random], object]] = {
+    "flipped": _flipped,
+    "cut": lambda lines, k, rng: lines.__setitem__(k, lines[k][: rng.randrange(len(lines[k]))]),
+    "lost": lambda lines, k, _: lines.pop(k),
+    "doubled": lambda lines, k, _: lines.insert(k, lines[k]),
+    "moved": lambda lines, k, rng: lines.insert(rng.randrange(len(lines)), lines.pop(k)),
+    "digit": lambda lines, k, _: lines.__setitem__(k, lines[k].replace(b"1", b"3", 1)),
+}
+
+
+@pytest.mark.parametrize("is_old", [False, True], ids=["", "earlier version"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_in_the_middle_loses_no_trial(
+    ledger: Ledger, records: None, tmp_path: Path, space: SearchSpace, damage: str, is_old: bool
 ) -> None:
-    (tmp_path / "journal.log.lock").symlink_to(tmp_path / "journal.log")
-    again = Ledger(tmp_path / "journal.log", space)
-    again.tell(2, (0.1, 1.0, 1.0))
-    assert again.entries[2].values == (0.1, 1.0, 1.0)
+    path, rng = tmp_path / "journal.log", random.Random(damage)
+    whole = path.read_bytes()
+    if is_old:
+        logs = [json.loads(line) for line in whole.splitlines()]
+        plain = [{k: x for k, x in log.items() if k not in ("n", "trial", "sum")} for log in logs]
+        whole = b"".join(json.dumps(log, separators=(",", ":")).encode() + b"\n" for log in plain)
+    for k in range(len(whole.splitlines()) - 1):
+        lines = whole.splitlines()
+        DAMAGES[damage](lines, k, rng)
+        path.write_bytes(b"\n".join(lines) + b"\n")
+        if is_old and damage in ("lost", "doubled", "moved", "digit", "flipped"):
+            with contextlib.suppress(store.Damaged):  # it had no checksums: no error of another kind
+                Ledger(path, space)
+            continue
+        is_changed = path.read_bytes() != whole
+        mended = Ledger(path, space)
+        assert [entry[:3] for entry in without_times(mended.entries)][:2] == [e[:3] for e in EXPECTED[:2]]
+        if not is_old:
+            assert bool(mended.notes) == is_changed
+        for trial, _, _, is_reported, values in without_times(mended.entries):
+            assert not is_reported or values == EXPECTED[trial][4]
+        mended.ask(1, DESIGNS[:1])
+        assert Ledger(path, space).notes == []
+        assert Ledger(path, space).entries == read_journal(path)
 
 
-def test_damage_in_the_middle_is_named(ledger: Ledger, tmp_path: Path, space: SearchSpace) -> None:
+def test_what_is_missing_and_has_no_record_is_proposed_again(
+    ledger: Ledger, records: None, tmp_path: Path, space: SearchSpace
+) -> None:
     path = tmp_path / "journal.log"
-    lines = path.read_bytes().split(b"\n")
-    lines[1] = lines[1][:20]
-    path.write_bytes(b"\n".join(lines))
-    with pytest.raises(StoreError, match=r"journal\.log: the journal is damaged"):
-        Ledger(path, space)
+    ledger.ask(1, DESIGNS[1:])
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([*lines[:-2], b"?" + lines[-2][1:], lines[-1]]))
+    assert [entry.trial for entry in read_journal(path)] == [0, 1]
+    mended = Ledger(path, space)
+    assert [entry.trial for entry in mended.entries] == [0, 1]
+    assert mended.notes[0].startswith(f"{path}: line 6 is damaged")
+    assert (tmp_path / "journal.log.damaged").read_bytes().splitlines(keepends=True)[:5] == lines[:5]
+
+
+def test_lines_of_other_programs_stay(ledger: Ledger, tmp_path: Path, space: SearchSpace) -> None:
+    path = tmp_path / "journal.log"
+    with path.open("a") as file:
+        file.write('{"op_code":2,"worker_id":"me","study_id":0,"user_attr":{"note":"mine"}}\n')
+    again = Ledger(path, space)
+    again.tell(2, (0.1, 1.0, 1.0))
+    assert Ledger(path, space).notes == []
+    assert "mine" in path.read_text() and read_journal(path)[2].values == (0.1, 1.0, 1.0)
 
 
 def test_designs_of_several_kinds_have_their_own_axes(tmp_path: Path) -> None:
