@@ -15,7 +15,7 @@ from dse.cli import commands
 from dse.cli.answer import Answer, show
 from dse.config import ConfigError
 
-GROUPS = ("search", "choose", "deploy", "look up")  # the order of `dse --help`
+GROUPS = ("begin", "search", "choose", "deploy", "look up")  # the order of `dse --help`
 _BAD_INPUT = 2
 _STOPPED = 130
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from dse import registry
 from dse.config import goals, parts
@@ -18,29 +19,46 @@ from dse.config.sections import FAMILIES, SECTIONS, front_end
 from dse.config.space import SearchSpace
 from dse.config.teacher import teacher_faults
 from dse.config.values import INVALID, Report, construct, echo, read
-from dse.config.yaml_lines import Document, Raw, in_file_order, read_document
+from dse.config.yaml_lines import Document, Raw, in_file_order, override, plain_document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import Plugin, Rule
 
-REQUIRED = ("study", "data", "task", "split", "model", "objectives")
+REQUIRED = ("data", "task", "split", "model")
+_OBJECTIVES = (("accuracy", "max"), ("n_weights", "min"))
+_ENERGY = ("energy_uj", "min")
+_IN_PYTHON = "search space"  # where the faults of a mapping are
+_LONGEST_NAME = 200  # bytes of a study's folder; files beside it while it is written have longer names
 
 
 def load_space(
-    path_or_name: str | Path, overrides: Mapping[str, str] | None = None, *, check_data: bool = False
+    path_or_name: str | Path | Mapping[str, Any],
+    overrides: Mapping[str, str] | None = None,
+    *,
+    check_data: bool = False,
 ) -> SearchSpace:
     """Read and validate a search space.
 
     Args:
-        path_or_name: a YAML file, or the name of a search space that comes with the package.
+        path_or_name: a YAML file, the name of a search space that comes with the package, or its sections as
+            a mapping; files that a mapping names are relative to the working folder.
         overrides: dotted key -> YAML text that replaces the file's value.
         check_data: also look for what a run needs: the data files, the arrays that the file names in
             them, and the device.
 
     Raises:
         ConfigError: with every fault of the file and of the overrides.
+        TypeError: the space is neither text, path nor mapping.
     """
-    source = find_space(str(path_or_name))
-    document = read_document(source, overrides or {})
+    given: object = path_or_name
+    if not isinstance(given, str | Path | Mapping):
+        text = "a search space must be a YAML file, the name of a shipped one, or a mapping of its sections"
+        raise TypeError(f"{text}, got {type(given).__name__}")
+    if isinstance(path_or_name, Mapping):
+        source = Path(_IN_PYTHON)
+        document = override(plain_document(path_or_name, _IN_PYTHON), overrides or {})
+    else:
+        source = find_space(str(path_or_name))
+        document = read_document(source, overrides or {})
     faults = list(document.faults)
     space = None
     if document.data or not faults:
@@ -68,7 +86,8 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     plugins = _plugins(data.get("plugins"), source.parent, report)
     if plugins is None:
         return None  # whatever names its components would be at fault
-    study, seed = _study(data.get("study", "-"), report), _seed(data.get("seed", 0), report)
+    study = _study(data.get("study", "study" if str(source) == _IN_PYTHON else source.stem), report)
+    seed = _seed(data.get("seed", 0), report)
     sections = _parts(data, report)
     if check_data and "data" in sections:
         for section, message in _data_faults(sections, data["data"], source.parent):
@@ -92,6 +111,8 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         objectives = goals.objectives(
             data["objectives"], hardware, report, has_test=has_test, evaluation=evaluated
         )
+    elif good:
+        objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
@@ -258,6 +279,9 @@ def _study(raw: Raw, report: Report) -> str:
         return ""
     if not names_a_file(str(name)):
         report(("study",), f"study must be valid as a folder name, got {echo(name)}")
+    elif len(str(name).encode()) > _LONGEST_NAME:
+        text = f"study must have at most {_LONGEST_NAME} bytes, as it names a folder, got"
+        report(("study",), f"{text} {len(str(name).encode())}")
     return str(name)
 
 

@@ -6,6 +6,7 @@ Dialect 2020-12. It accepts everything that `load_space` accepts; rules between 
 from __future__ import annotations
 
 import dataclasses
+import json
 import types
 import typing
 from collections.abc import Mapping
@@ -65,6 +66,18 @@ def json_schema() -> Schema:
         "additionalProperties": False,
         "$defs": one,
     }
+
+
+def schema_text() -> str:
+    """Return the schema as JSON with a line for every section."""
+    texts = []
+    for key, value in json_schema().items():
+        if key in ("properties", "$defs"):
+            lines = [f"{json.dumps(name)}: {json.dumps(inner)}" for name, inner in value.items()]
+            texts.append(f"{json.dumps(key)}: {{\n{f',{chr(10)}'.join(lines)}\n}}")
+        else:
+            texts.append(f"{json.dumps(key)}: {json.dumps(value)}")
+    return "{\n" + ",\n".join(texts) + "\n}"
 
 
 def _reference(name: str) -> Schema:

@@ -95,6 +95,22 @@ def read_document(source: pathlib.Path, values: Mapping[str, str]) -> Document:
     return override(parse(text, str(source)), values)
 
 
+def plain_document(data: Mapping[str, object], name: str) -> Document:
+    """Return a mapping of Python as a document without lines, with the values that YAML has."""
+    return Document(_as_yaml(data), {(): (name, 0)})
+
+
+def _as_yaml(value: Any) -> Any:
+    """Return mappings, lists and numbers of Python and numpy as those of YAML, everything else as it is."""
+    if isinstance(value, Mapping):
+        return {str(key): _as_yaml(inner) for key, inner in value.items()}
+    if hasattr(value, "tolist"):  # arrays and numbers of numpy
+        return _as_yaml(value.tolist())
+    if isinstance(value, list | tuple | range | set | frozenset):
+        return [_as_yaml(inner) for inner in value]
+    return str(value) if isinstance(value, pathlib.Path) else value
+
+
 def in_file_order(faults: Iterable[Fault]) -> ConfigError:
     """Return the error of all faults: those of the file by line, then those of the command line."""
     return ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from dse import registry
 from dse.config import ConfigError, SearchSpace, Sections, load_space, shipped_spaces
@@ -227,8 +228,36 @@ def test_what_a_chip_decides_needs_a_chip(tmp_path: Path) -> None:
 def test_missing_sections(tmp_path: Path) -> None:
     path = tmp_path / "empty.yaml"
     path.write_text("# nothing here\nseed: 1\n", encoding="utf-8")
-    names = ("study", "data", "task", "split", "model", "objectives")
+    names = ("data", "task", "split", "model")
     assert faults_of(path) == [f"1: section '{name}' is required" for name in names]
+
+
+def test_study_and_objectives_have_defaults(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("study: tiny\n", ""), ("objectives: [accuracy:max, n_weights:min]\n", ""))
+    space = load_space(path)
+    assert space.study == path.stem
+    assert space.objectives == (("accuracy", "max"), ("n_weights", "min"), ("energy_uj", "min"))
+    bare = load_space(
+        write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("objectives: [accuracy:max, n_weights:min]\n", ""))
+    )
+    assert bare.objectives == (("accuracy", "max"), ("n_weights", "min"))
+    assert faults_of(write_space(tmp_path, ("study: tiny", f"study: {'x' * 201}"))) == [
+        "1: study must have at most 200 bytes, as it names a folder, got 201"
+    ]
+
+
+def test_a_search_space_may_be_a_mapping_of_python(tmp_path: Path) -> None:
+    path = write_space(tmp_path)
+    plain = yaml.safe_load(load_space(path).to_yaml())
+    space = load_space(plain | {"model": {"kind": "snn", "hidden": {"choice": (np.int64(4), [8])}}})
+    assert space.study == "tiny" and space.source.parent == Path()
+    assert space.axes["model.hidden"].values == (4, 8)
+    with pytest.raises(ConfigError) as error:
+        load_space({**plain, "seed": "one", "task": {"target": object}})
+    assert str(error.value.faults[0]) == "search space: seed must be an integer, got 'one'"
+    assert "search space: task.target must be" in str(error.value)
+    with pytest.raises(TypeError, match=r"name of a shipped one, or a mapping of its sections, got int"):
+        load_space(3)  # type: ignore[arg-type]
 
 
 def test_a_search_space_is_a_mapping(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from dse import registry
+from dse.config.locate import shipped_folder, shipped_spaces
 from dse.config.schema import json_schema
 from dse.config.sections import COMPONENTS, FAMILIES, SECTIONS, WITH_AXES, components, settings_class
 from dse.registry import Rule, rule_of
@@ -15,6 +16,14 @@ def test_it_is_json_and_has_every_section() -> None:
     schema = json.loads(json.dumps(json_schema()))
     assert set(schema["properties"]) == {"study", "seed", "plugins", *SECTIONS}
     assert schema["additionalProperties"] is False
+
+
+def test_the_shipped_schema_is_that_of_the_code() -> None:
+    """Where it is not: dse describe --schema > search_spaces/schema.json."""
+    assert json.loads((shipped_folder("search_spaces") / "schema.json").read_text()) == json_schema()
+    for name, path in shipped_spaces().items():
+        first = path.read_text(encoding="utf-8").splitlines()[0]
+        assert first == "# yaml-language-server: $schema=schema.json", name
 
 
 def one_of(section: str) -> list[dict[str, Any]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from dse.cli.answer import Answer, add_format, listing
 from dse.cli.reference import keys, names, remarks, sections
@@ -36,9 +35,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         ConfigError: the section or component is unknown, or a hardware file has faults.
     """
     if arguments.schema:
-        from dse.config.schema import json_schema
+        from dse.config.schema import schema_text
 
-        return Answer([], text=json.dumps(json_schema(), indent=2))
+        return Answer([], text=schema_text())
     if arguments.section is None:
         rows = sections()
         return Answer(rows, text=listing([(row["section"], row["doc"]) for row in rows]))

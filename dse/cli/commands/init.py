@@ -1,0 +1,140 @@
+"""`dse init`: a first search space for recordings, with what was assumed about them."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dse.cli.answer import Answer, add_format, listing
+from dse.cli.numbers import amount
+from dse.recordings.grid import UNITS_MS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from dse.data.look import Look
+    from dse.records import Array
+
+GROUP = "begin"
+HELP = "write a first search space for your recordings, and say what it assumes about them"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "data",
+        metavar="DATA",
+        help="a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event files",
+    )
+    parser.add_argument("--label", metavar="COLUMN", help="label column to predict (default: guessed)")
+    parser.add_argument(
+        "--labels",
+        metavar="FILE",
+        help="file of the labels: a table or arrays (default: looked for beside DATA)",
+    )
+    parser.add_argument(
+        "--group",
+        metavar="COLUMN",
+        help="label column whose values stay in one part of the split, e.g. session (default: guessed)",
+    )
+    parser.add_argument(
+        "--step-ms", type=amount, metavar="N", help="sampling period in ms, if the file does not tell"
+    )
+    parser.add_argument(
+        "--time-unit", choices=tuple(UNITS_MS), help="unit of the column of times (default: guessed)"
+    )
+    parser.add_argument("--recording", metavar="COLUMN", help="column that tells recordings apart")
+    parser.add_argument("--signal", metavar="NAME", help="array of samples (default: the largest)")
+    parser.add_argument(
+        "--out", metavar="FILE", help="where to write (default: the name of DATA with .yaml, in this folder)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace the file if it exists")
+    add_format(parser)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Look at the data, write the search space, check it, and return what was assumed."""
+    from dse.config import ConfigError, load_space
+    from dse.data import look as looking
+    from dse.data import starter
+    from dse.recordings import RecordingError
+    from dse.store import StoreError, write_text
+    from dse.study.preview import preview
+
+    path = Path(arguments.data)
+    out = Path(arguments.out or f"{_name(path)}.yaml")
+    if out.exists() and not arguments.force:
+        raise StoreError(f"{out}: exists already; --force replaces it, --out FILE writes another")
+    options = looking.Options(
+        step_ms=arguments.step_ms or None,
+        time_unit=arguments.time_unit,
+        labels=arguments.labels,
+        signal=arguments.signal,
+        recording=arguments.recording,
+        base=out.parent,
+    )
+    look = looking.look(path, options)
+    if look.lacks_step:
+        step_ms = _asked("Sampling period in ms", None)
+        if step_ms is None:
+            raise RecordingError(
+                f"{path.name}: the sampling period is not in the file; state it with --step-ms N"
+            )
+        look = dataclasses.replace(look, data=look.data | {"step_ms": amount(step_ms)})
+    recordings = starter.read(look, out.parent)
+    label = arguments.label or _label(look, recordings.columns, starter.label_of(look, recordings))
+    for option, column in (("--label", label), ("--group", arguments.group)):
+        if column is not None and column not in look.n_values:
+            known = ", ".join(look.n_values) or "none"
+            raise RecordingError(
+                f"{option} {column}: must be a label column of {path.name}; there are {known}"
+            )
+    first = starter.starter(look, out.stem, recordings, label, arguments.group)
+    write_text(out, first.text)
+    try:
+        row = {"file": str(out), **preview(load_space(out, check_data=True))}
+    except (ConfigError, RecordingError):
+        out.unlink()  # nothing is left that does not run
+        raise
+    assumed = [*look.assumed, *first.assumed, *recordings.notes()]
+    parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)
+    ends = [
+        f"{out}: {row['designs']} designs, {recordings.n_recordings} "
+        f"recordings{f' ({parts})' if parts else ''}",
+        f"next: dse audit {out}; dse run {out}",
+    ]
+    text = "\n".join(listing([("-", sentence) for sentence in assumed]).splitlines() + ends)
+    return Answer([row], assumed if arguments.format == "json" else (), text=text)
+
+
+def _name(path: Path) -> str:
+    name = path.resolve().name if path.is_dir() else path.stem
+    return name or "study"
+
+
+def _label(look: Look, columns: Mapping[str, Array], likely: str) -> str:
+    """Return the label column that is asked for where there is a person to ask, else the likely one."""
+    names = list(look.n_values)
+    if len(names) < 2 or not _is_person():
+        return likely
+    print(listing([(name, f"{look.n_values[name]} values") for name in names]), file=sys.stderr)
+    while True:
+        name = _asked("Label column to predict", likely) or likely
+        if name in names:
+            return name
+        print(f"must be one of {', '.join(names)}, got '{name}'", file=sys.stderr)
+
+
+def _is_person() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _asked(question: str, default: str | None) -> str | None:
+    """Return what a person answers, the default without one."""
+    if not _is_person():
+        return default
+    print(f"{question}{f' [{default}]' if default else ''}: ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip() or default

@@ -1,0 +1,322 @@
+"""A first search space for recordings: split, encoder and window that follow from them, as commented YAML."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dse import registry
+from dse.config.locate import shipped_folder
+from dse.config.yaml_lines import dump
+from dse.data.look import Look
+from dse.recordings import RecordingError, Recordings, Source
+from dse.records import Array, Rasters, Signals
+
+_LABELS = re.compile(
+    r"(?:label|labels|class|target|y|texture|material|fabric|cloth|object|letter|digit|gesture|shape|folder)$",
+    re.IGNORECASE,
+)
+_GROUPS = re.compile(
+    r"(?:session|subject|participant|person|user|day|date|hand|finger|device|group|block)(?:_?(?:id|no))?$",
+    re.IGNORECASE,
+)
+_PARTS = re.compile(r"(?:split|set|subset|part|partition|fold)$", re.IGNORECASE)
+_NAMES_OF_PARTS = {
+    "train": ("train", "training"),
+    "validation": ("validation", "val", "valid", "dev"),
+    "test": ("test", "testing"),
+}
+_PLAIN = r"[A-Za-z][A-Za-z0-9_.-]*"  # a name that YAML reads as text, unless it is a constant
+_MOST_CLASSES = 100
+_MOST_STEPS = 1000  # of a window: longer ones train slowly
+_STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
+_MOST_POOLS = 400  # pixels that events are pooled to
+
+
+@dataclass(frozen=True)
+class Starter:
+    """A first search space.
+
+    text: the YAML file. label: what it predicts. assumed: what was chosen, one sentence each.
+    """
+
+    text: str
+    label: str
+    assumed: tuple[str, ...]
+
+
+def label_of(look: Look, recordings: Recordings) -> str:
+    """Return the column that most probably is the label.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    candidates = [
+        name
+        for name, n in look.n_values.items()
+        if n <= _MOST_CLASSES
+        and not _PARTS.match(name)
+        and not _GROUPS.match(name)
+        and np.unique(recordings.columns[name], return_counts=True)[1].min() > 1
+    ]
+    if not candidates:
+        raise RecordingError(
+            "no label column was found, with two values or more and each in several recordings; "
+            "--labels FILE "
+            "names a file of labels"
+        )
+
+    def rank(name: str) -> tuple[bool, bool, int]:
+        is_text = np.asarray(recordings.columns[name]).dtype.kind == "U"
+        return not _LABELS.match(name), not is_text, look.n_values[name]
+
+    return min(candidates, key=rank)
+
+
+def starter(
+    look: Look,
+    study: str,
+    recordings: Recordings,
+    label: str,
+    group: str | None = None,
+) -> Starter:
+    """Return a search space that trains on the recordings of a look.
+
+    Args:
+        look: at a file, with the sampling period that signals and spikes need.
+        study: name of the study.
+        recordings: as section `data` of the look reads them.
+        label: label column to predict.
+        group: label column whose values stay in one part of the split; None: one that is named as a session,
+            subject or the like.
+
+    Raises:
+        RecordingError: a class has too few recordings for any split.
+    """
+    assumed: list[str] = []
+    columns = {name: np.asarray(values) for name, values in recordings.columns.items()}
+    split = _split(columns, label, group, assumed)
+    used = _names_in(split)
+    data = dict(look.data)
+    data["columns"] = {
+        x: y for x, y in look.data["columns"].items() if x == label or x in used or x in columns
+    }
+    n_classes = len(np.unique(columns[label]))
+    assumed.insert(0, f"'{label}' is predicted: {n_classes} classes")
+    sections: list[tuple[str, dict[str, Any]]] = [
+        (
+            "Where the recordings are and how they are read: dse describe data " + str(data["kind"]),
+            {"data": data},
+        ),
+        (
+            "What is predicted; other label columns: "
+            f"{', '.join(x for x in columns if x != label) or 'none'}.",
+            {"task": {"target": label}},
+        ),
+        ("Which recordings train, validate and test: dse describe split.", {"split": split}),
+    ]
+    sections += _front_end(recordings, assumed)
+    sections.append(
+        (
+            "The network; what is a choice is explored: dse describe model snn.",
+            {
+                "model": {"kind": "snn", "hidden": {"choice": [20, 50]}},
+                "training": {"epochs": 30, "batch_size": _batch_size(len(columns[label]))},
+            },
+        )
+    )
+    sections.append(
+        (
+            "Chips to compute energy and latency for: dse describe hardware. Goals are accuracy, few "
+            "weights and\n"
+            "little energy unless `objectives` names others.",
+            {
+                "hardware": ["loihi1_silicon"],
+                "objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"],
+            },
+        )
+    )
+    return Starter(_yaml(study, sections), label, tuple(assumed))
+
+
+def read(look: Look, base: Path) -> Recordings:
+    """Return the recordings of a look.
+
+    Args:
+        look: with the sampling period that signals and spikes need.
+        base: folder that its files are relative to.
+
+    Raises:
+        RecordingError: anything wrong with the file.
+    """
+    keys = {key: _frozen(value) for key, value in look.data.items() if key != "kind"}
+    source: Source = registry.known("recordings")[look.data["kind"]](**keys)
+    return source.read(base)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _yaml(study: str, sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+    schema = shipped_folder("search_spaces") / "schema.json"
+    lines = [
+        f"# yaml-language-server: $schema={schema.as_posix()}",
+        f"# A first search space. dse check {study}.yaml lists every fault; dse run {study}.yaml trains.",
+        f"study: {study if re.fullmatch(_PLAIN, study) else json.dumps(study, ensure_ascii=False)}",
+        "seed: 1",
+    ]
+    for comment, section in sections:
+        lines += ["", *(f"# {line}" for line in comment.splitlines()), dump(section).rstrip()]
+    lines += [
+        "",
+        "# Budgets are given when you pick, e.g.",
+        f'# dse pick results/{study} --budget "energy_uj <= 100" --budget "n_weights <= 10000" \\',
+        "#     --export bundle",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _batch_size(n: int) -> int:
+    return int(min(32, max(4, 2 ** int(np.log2(max(n / 16, 4))))))
+
+
+# ---- the split
+
+
+def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed: list[str]) -> dict[str, Any]:
+    """Return section `split`: the file's own parts, or a draw of every class with whole groups."""
+    for name, values in columns.items():
+        parts = _parts(values) if _PARTS.match(name) else {}
+        if "train" in parts and "validation" in parts:
+            assumed.append(f"the split is that of column '{name}'")
+            return {part: {name: value} for part, value in parts.items()}
+    labels = columns[label]
+    groups = group or next((x for x in columns if x != label and _GROUPS.match(x)), None)
+    shares = None if groups is None else _shares(labels, columns[groups])
+    if shares is not None:
+        assumed.append(
+            f"recordings with one value of '{groups}' stay in one part of the split, so that a "
+            f"{groups} is not "
+            "recognised in place of the class"
+        )
+        return {"stratified": {**shares, "group": groups, "seed": 1}}
+    if groups is not None:
+        text = f"'{groups}' has too few values in a class to be split by; the recordings are drawn one by one"
+        if group is not None:
+            raise RecordingError(text)
+        assumed.append(text)
+    shares = _shares(labels, np.arange(len(labels)))
+    if shares is None:
+        names, counts = np.unique(labels, return_counts=True)
+        raise RecordingError(
+            f"every class must have at least 2 recordings, but '{names[counts.argmin()]}' of '{label}' has "
+            f"{counts.min()}"
+        )
+    if groups is None:
+        assumed.append(
+            "recordings are drawn for training and validation one by one: if some were made in one "
+            "session or by "
+            "one person, name their column with --group"
+        )
+    return {"stratified": {**shares, "seed": 1}}
+
+
+def _shares(labels: Array, groups: Array) -> dict[str, float] | None:
+    """Return fractions for validation and test that leave groups of each class in every part, or None."""
+    fewest = min(len(np.unique(groups[labels == label])) for label in np.unique(labels))
+    if fewest < 2:
+        return None
+    if fewest < 3:
+        return {"validation": 0.5}
+    share = 0.2 if fewest >= 5 else round(1 / fewest, 2)
+    return {"validation": share, "test": share}
+
+
+def _parts(values: Array) -> dict[str, str]:
+    """Return train, validation and test -> the value that names it."""
+    texts = {str(x).lower(): str(x) for x in np.unique(values)} if values.dtype.kind == "U" else {}
+    return {part: texts[name] for part, names in _NAMES_OF_PARTS.items() for name in names if name in texts}
+
+
+def _names_in(split: Mapping[str, Any]) -> set[str]:
+    return {str(x) for inner in split.values() for x in (*inner, *inner.values())}
+
+
+# ---- windows, and what makes spikes
+
+
+def _front_end(recordings: Recordings, assumed: list[str]) -> list[tuple[str, dict[str, Any]]]:
+    """Return the sections window, preprocessing and encoder."""
+    if isinstance(recordings, Rasters):
+        return []
+    if not isinstance(recordings, Signals):
+        return _of_events(recordings, assumed)
+    sections: list[tuple[str, dict[str, Any]]] = []
+    shortest, longest = int(recordings.lengths.min()), int(recordings.lengths.max())
+    n_steps = min(shortest, _MOST_STEPS)
+    if n_steps < longest:
+        why = (
+            "the shortest recording" if n_steps == shortest else f"the most that train quickly; of {longest}"
+        )
+        text = f"windows have {n_steps} steps, {n_steps * recordings.step_ms:g} ms ({why})"
+        assumed.append(f"{text}, from the middle of each recording")
+        sections.append((f"{text}: dse describe window.", {"window": {"n_steps": n_steps, "at": "middle"}}))
+    ranges = channel_ranges(recordings)
+    unit = float(np.median(ranges[ranges > 0])) if (ranges > 0).any() else 1.0
+    first, second = (float(f"{share * unit:.2g}") for share in (0.1, 0.05))
+    assumed.append(
+        f"a channel spikes when it has changed by {first:g}, a tenth of the usual range within a recording "
+        f"({unit:.3g})"
+    )
+    live = ranges[ranges > 0]
+    if len(live) and live.max() > 20 * live.min():
+        assumed.append(
+            f"the ranges of channels differ ({live.min():.2g} to {live.max():.2g}): scale them alike "
+            "if small ones matter"
+        )
+    if (ranges == 0).any():
+        assumed.append(f"{int((ranges == 0).sum())} of {len(ranges)} channels hardly ever change")
+    encoder = {"kind": "send_on_delta", "thresholds": {"choice": [[first], [second, 4 * second]]}}
+    comment = "Signals become spikes where they change by a threshold, in their unit: dse describe encoder."
+    return [*sections, (comment, {"encoder": encoder})]
+
+
+def channel_ranges(signals: Signals) -> Array:
+    """Return the median over recordings of each channel's range, 5 to 95 % of its samples, (channel,)."""
+    parts = np.split(signals.values, signals.offsets[1:-1])
+    ends = np.array([np.percentile(part, (5, 95), axis=0) for part in parts])
+    return np.asarray(np.median(ends[:, 1] - ends[:, 0], axis=0))
+
+
+def _of_events(recordings: Any, assumed: list[str]) -> list[tuple[str, dict[str, Any]]]:
+    """Return the sections for events: bins, pools and a window that the shortest recording has."""
+    lengths_ms = []
+    for i in range(recordings.n_recordings):
+        ends = [(int(x.t_us[0]), int(x.t_us[-1])) for x in recordings.blocks(i) if len(x.t_us)]
+        if not ends:
+            raise RecordingError(f"recording {i} must have events, got none")
+        lengths_ms.append((ends[-1][1] - ends[0][0]) / 1000)
+    shortest = min(lengths_ms)
+    bin_ms = max(float(f"{shortest / _STEPS_OF_EVENTS:.1g}"), 0.001)
+    n_steps = max(int(shortest / bin_ms), 1)
+    side = int(np.ceil(np.sqrt(recordings.width * recordings.height / _MOST_POOLS)))
+    preprocessing: dict[str, Any] = {"bin_ms": bin_ms}
+    if side > 1 and recordings.height > 1:
+        preprocessing["pool"] = side
+        assumed.append(f"pixels are pooled {side} x {side}")
+    text = (
+        f"windows have {n_steps} bins of {bin_ms:g} ms, as long as the shortest recording ({shortest:g} ms)"
+    )
+    assumed.append(text)
+    return [
+        (f"{text}: dse describe window.", {"window": {"n_steps": n_steps, "at": "start"}}),
+        ("Events become spikes: dse describe preprocessing.", {"preprocessing": preprocessing}),
+    ]

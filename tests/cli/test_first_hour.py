@@ -1,0 +1,154 @@
+"""A stranger's first hour: a CSV of one's own, and from there to a classifier that is deployed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dse.cli import main
+
+CHANNELS, STEPS, STEP_S = ("left", "right"), 50, 0.004
+FREQUENCY_HZ = {"denim": 4.0, "silk": 22.0}
+SESSIONS = 5
+
+
+def recordings() -> pd.DataFrame:
+    """Return touches of two fabrics in five sessions as a tidy table: a row per sample."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(STEPS) * STEP_S
+    parts = []
+    for number in range(SESSIONS * 4):
+        fabric = sorted(FREQUENCY_HZ)[number % 2]
+        phase = 2 * np.pi * FREQUENCY_HZ[fabric] * time_s + rng.uniform(0, 6)
+        signal = {name: np.sin(phase + k) + rng.normal(0, 0.05, STEPS) for k, name in enumerate(CHANNELS)}
+        labels = {"trial": number, "time_s": time_s.round(4), "fabric": fabric, "session": number // 4}
+        parts.append(pd.DataFrame({**labels, **signal}))
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hour")
+    recordings().to_csv(folder / "touch.csv", index=False)
+    return folder
+
+
+def test_from_a_csv_to_a_bundle(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+
+    def rows(*arguments: str) -> list[dict[str, Any]]:
+        assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+        return json.loads(capsys.readouterr().out)["rows"]  # type: ignore[no-any-return]
+
+    (row,) = rows("init", "touch.csv")
+    assert row["classes"] == ["denim", "silk"] and (row["train"], row["validation"], row["test"]) == (
+        12,
+        4,
+        4,
+    )
+    quick = ("--set", "training.epochs=40", "--set", "encoder.thresholds=0.2", "--set", "model.hidden=12")
+    front = rows("run", "touch.yaml", "--quiet", *quick)
+    assert front and {row["trial"] for row in front} == {0}
+    (picked,) = rows("pick", "results/touch", "--budget", "n_weights <= 10000", "--export", "bundle")
+    assert picked["n_weights"] == 4 * 12 + 12 * 2  # ON and OFF spikes of two channels
+    (verdict,) = rows("export", "bundle", "--target", "c99", "--verify", "touch.csv")
+    assert verdict["verdict"] == "faithful"
+    (measured,) = rows("evaluate", "bundle", "--data", "touch.csv")
+    assert measured["recordings"] == 20 and measured["accuracy"] >= 0.8
+
+
+def formats(folder: Path) -> dict[str, tuple[str, ...]]:
+    """Write the same recordings in every layout; return the arguments of `dse init` for each."""
+    tidy = recordings()
+    labels = tidy.groupby("trial")[["fabric", "session"]].first()
+    signal = tidy[list(CHANNELS)].to_numpy().reshape(-1, STEPS, len(CHANNELS))
+    tidy.drop(columns="trial").to_parquet(folder / "unnamed.parquet")
+    tidy.assign(time_s=tidy.time_s * 1e6).rename(columns={"time_s": "t_us"}).to_csv(folder / "us.csv")
+    uneven = tidy.time_s + np.random.default_rng(2).uniform(0, 0.0025, len(tidy))
+    tidy.assign(time_s=uneven).to_csv(folder / "uneven.csv", index=False)
+    tidy.drop(columns=["fabric", "session"]).to_csv(folder / "beside.csv", index=False)
+    labels.reset_index().to_csv(folder / "beside_labels.csv", index=False)
+    names = ["trial", "time_s", "fabric", "session"]
+    tidy.melt(names, CHANNELS, "channel", "value").to_csv(folder / "long.csv", index=False)
+    wide = {f"{name}_{k}": signal[:, k, c] for c, name in enumerate(CHANNELS) for k in range(STEPS)}
+    pd.DataFrame({**labels.to_dict("list"), **wide}).to_csv(folder / "wide.csv", index=False)
+    np.savez(folder / "cube.npz", signal=signal, fabric=labels.fabric.to_numpy(str), session=labels.session)
+    np.save(folder / "cube.npy", signal)
+    labels.to_csv(folder / "cube_labels.csv", index=False)
+    step = ("--step-ms", "4")
+    stated = {name: step for name in ("wide.csv", "cube.npz", "cube.npy")}
+    return {
+        **{name: () for name in ("unnamed.parquet", "us.csv", "uneven.csv", "beside.csv", "long.csv")},
+        **stated,
+    }
+
+
+def test_every_layout_gives_a_space_that_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, arguments in formats(tmp_path).items():
+        assert main(["init", name, *arguments, "--out", "x.yaml", "--force", "--json"]) == 0, name
+        document = json.loads(capsys.readouterr().out)
+        (row,) = document["rows"]
+        assert (row["recordings"], row["train"], row["classes"]) == (20, 12, ["denim", "silk"]), name
+        assert any("'session' stay in one part" in note for note in document["notes"]), name
+        assert any("uneven" in note for note in document["notes"]) == (name == "uneven.csv"), name
+    text = Path("x.yaml").read_text(encoding="utf-8")
+    assert text.startswith("# yaml-language-server: $schema=")
+    events = np.random.default_rng(3)
+    for number in range(8):
+        place = tmp_path / "events" / "ab"[number % 2] / f"{number}.npz"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        columns = {key: events.integers(0, 9, 60) for key in "xy"} | {"p": events.integers(0, 2, 60)}
+        np.savez(place, t=np.sort(events.integers(0, 90_000, 60)), **columns)
+    assert main(["init", "events", "--out", "x.yaml", "--force", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rows"][0]["classes"] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("absent.csv", [], "absent.csv: no such file or folder"),
+        ("notes.txt", [], "notes.txt: must be a table"),
+        (
+            "touch.csv",
+            ["--label", "velvet"],
+            "--label velvet: must be a label column of touch.csv; there are fab",
+        ),
+        ("touch.csv", ["--label", "fabric", "--group", "x"], "--group x: must be a label column"),
+        ("touch.csv", ["--recording", "touch"], "touch.csv: no column 'touch'; there are trial, time_s"),
+        ("touch.csv", ["--out", "taken.yaml"], "taken.yaml: exists already; --force replaces it"),
+        ("one.csv", [], "one.csv: must hold several recordings, got one"),
+        ("bare.csv", [], "no label column was found"),
+        ("cube.npz", [], "cube.npz: the sampling period is not in the file; state it with --step-ms N"),
+    ],
+)
+def test_what_cannot_be_guessed_is_one_clear_line(
+    name: str,
+    arguments: list[str],
+    message: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    tidy = recordings()
+    Path("notes.txt").write_text("notes")
+    Path("taken.yaml").write_text("mine")
+    tidy[tidy.trial == 0].drop(columns="trial").to_csv("one.csv", index=False)
+    tidy[["trial", "time_s", "left"]].to_csv("bare.csv", index=False)
+    np.savez("cube.npz", signal=np.ones((4, 3, 2)), label=[0, 0, 1, 1])
+    before = sorted(Path().iterdir())
+    out = [] if "--out" in arguments else ["--out", "new.yaml"]
+    assert main(["init", name, *arguments, *out]) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err and printed.err.count("\n") == 1 and printed.out == ""
+    assert sorted(Path().iterdir()) == before and Path("taken.yaml").read_text() == "mine"
