@@ -26,7 +26,11 @@ OPEN = [name for name in NAMES if name not in ("grid", "gp")]
 DIRECTIONS = ("max", "min")
 BATCH = 4
 # Few random designs, so that the models behind the samplers are asked as well.
-OPTIONS: dict[str, dict[str, Any]] = {"tpe": {"startup": 4}, "nsga2": {"population": 4}}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "tpe": {"startup": 4},
+    "nsga2": {"population": 4},
+    "nsga3": {"population": 4},
+}
 
 
 def space_of(
@@ -82,7 +86,7 @@ def played(sampler: Sampler, batches: int) -> list[Design]:
 
 
 def test_all_samplers_are_here() -> None:
-    assert {"grid", "random", "tpe", "nsga2", "gp"} <= set(NAMES)
+    assert {"grid", "random", "sobol", "tpe", "nsga2", "nsga3", "gp"} <= set(NAMES)
     assert all(dataclasses.is_dataclass(cls) for cls in registry.known("search.samplers").values())
 
 
@@ -258,6 +262,37 @@ def test_the_gaussian_process_resumes(tmp_path: Path) -> None:
     assert asked[0] == asked[1]
     assert asked[0][0] not in told
     assert 0.1 <= asked[0][0]["model.true_rate"] <= 0.9
+
+
+@pytest.mark.parametrize("missed", [(0.0, 0.0, 0.0), (0.0, 0.4, 0.0)])
+def test_the_gaussian_process_takes_limits(tmp_path: Path, missed: tuple[float, ...]) -> None:
+    space = one_axis(tmp_path)
+    sampler = registry.known("search.samplers")["gp"](startup=2).start(space, ("max",))
+    designs: list[Design] = [{"model.true_rate": rate} for rate in (0.2, 0.5, 0.8)]
+    for design, violation in zip(designs, missed, strict=True):
+        sampler.judge(design, {"n_weights <= 3": violation})
+    sampler.tell(designs, [(0.1,), (0.9,), (0.4,)])
+    assert 0.1 <= sampler.ask(1)[0]["model.true_rate"] <= 0.9
+
+
+def test_the_gaussian_process_of_optuna_models_no_axis_that_some_designs_lack() -> None:
+    """Why `gp` declares that it cannot search such axes: they would be drawn at random."""
+    import optuna
+
+    study = optuna.create_study(sampler=optuna.samplers.GPSampler(seed=1))
+    real = optuna.distributions.FloatDistribution(0, 1)
+    for params in ({"a": 0.1, "b": 0.5}, {"a": 0.3}):
+        trial = optuna.trial.create_trial(value=0.5, params=params, distributions=dict.fromkeys(params, real))
+        study.add_trial(trial)
+    assert set(study.sampler.infer_relative_search_space(study, study.trials[0])) == {"a"}
+    assert registry.known("search.samplers")["gp"].conditional is False
+
+
+def test_sobol_points_fill_every_axis(tmp_path: Path) -> None:
+    (rate,) = one_axis(tmp_path).axes
+    designs = start("sobol", one_axis(tmp_path)).ask(16)
+    cells = sorted(int((design[rate] - 0.1) / 0.05) for design in designs)
+    assert cells == list(range(16))  # one point in each sixteenth; random ones leave a third empty
 
 
 def test_not_a_number_counts_as_failed(open_space: SearchSpace) -> None:

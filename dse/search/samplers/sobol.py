@@ -1,0 +1,106 @@
+"""Scrambled Sobol points: designs that fill the space more evenly than random ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse import seeds
+from dse.config.axes import Axis
+from dse.config.contracts import SamplerSettings
+from dse.config.space import Design, SearchSpace
+from dse.config.yaml_lines import Raw
+from dse.registry import register
+from dse.search.limits import Exclusion
+from dse.search.proposals import Check, Sampler, Values
+from dse.search.space import design_at
+
+# Points in a row that give no new design, after which the rest of a grid is proposed in its order.
+_MOST_POINTS = 1024
+
+
+@register("search.samplers", "sobol")
+@dataclass(frozen=True)
+class Sobol(SamplerSettings):
+    """Points of a scrambled Sobol sequence, spread evenly over all axes; learns nothing from results.
+
+    Source: Sobol 1967, scrambled as by Owen 1995; `scipy.stats.qmc` (REFERENCES.md).
+    """
+
+    def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
+        """Return the sampler."""
+        return _SobolSampler(space)
+
+
+class _SobolSampler:
+    def __init__(self, space: SearchSpace) -> None:
+        from scipy.stats import qmc
+
+        self._space = space
+        seed = int(seeds.generator(space.seed, {}, "sampler").integers(2**31))
+        rng = np.random.default_rng(seed)  # the sequence spawns generators, which a counter-based one cannot
+        self._points = qmc.Sobol(max(1, len(space.axes)), scramble=True, rng=rng)
+        self._known: set[str] = set()
+        self._rest = 0
+        self._check: Check | None = None
+        self.refused: list[tuple[Design, Exclusion]] = []
+
+    def restrict(self, check: Check) -> None:
+        self._check = check
+
+    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
+        """Do nothing: the sequence learns nothing."""
+
+    def ask(self, n: int) -> list[Design]:
+        self.refused = []
+        designs: list[Design] = []
+        idle = 0
+        while len(designs) < n and idle < _MOST_POINTS:
+            design = self._placed(self._points.random(1)[0])
+            idle = 0 if self._takes(design, designs) else idle + 1
+        total = self._space.n_designs or 0
+        while len(designs) < n and self._rest < total:
+            self._takes(design_at(self._space, self._rest), designs)
+            self._rest += 1
+        return designs
+
+    def _takes(self, design: Design, designs: list[Design]) -> bool:
+        """Append a design that is new and passes the check; return whether it does."""
+        key = seeds.design_key(design)
+        if key in self._known:
+            return False
+        self._known.add(key)
+        why = None if self._check is None else self._check(design)
+        if why is not None:
+            self.refused.append((design, why))
+            return False
+        designs.append(design)
+        return True
+
+    def tell(self, designs: Sequence[Mapping[str, Raw]], values: Sequence[Values]) -> None:
+        self._known.update(map(seeds.design_key, designs))
+
+    def _placed(self, point: Sequence[float]) -> Design:
+        """Return the design at a point of the unit cube; axes that it does not have use no coordinate."""
+        axes = self._space.axes.values()
+        values = {axis.name: _at(axis, float(u)) for axis, u in zip(axes, point, strict=False)}
+        shared = {name: values[name] for name, axis in self._space.axes.items() if axis.condition is None}
+        return {name: values[name] for name in self._space.active(shared)}
+
+
+def _at(axis: Axis, u: float) -> Raw:
+    """Return the value of an axis at a coordinate in [0, 1)."""
+    if axis.values is not None:
+        return axis.values[int(u * len(axis.values))]
+    assert axis.low is not None and axis.high is not None  # a range has ends
+    # An integer has what is rounded to it: half a step on either side.
+    margin = 0.5 if axis.is_int else 0.0
+    low, high = axis.low - margin, axis.high + margin
+    if axis.log:
+        value = math.exp(math.log(low) + u * (math.log(high) - math.log(low)))
+    else:
+        value = low + u * (high - low)
+    return min(max(round(value) if axis.is_int else value, axis.low), axis.high)
