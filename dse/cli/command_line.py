@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
         print(*(stopped.args or (_RESUMABLE,)), file=sys.stderr)
-        return _STOPPED
+        return getattr(stopped, "code", _STOPPED)
     except BrokenPipeError:
         # The reader (`| head`) has closed the pipe; the interpreter must not flush into it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -40,6 +40,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _BAD_INPUT
     except OSError as error:
         print(f"{error.filename or 'dse'}: {error.strerror or error}", file=sys.stderr)
+        return _BAD_INPUT
+    except MemoryError:
+        print("dse: out of memory; nothing that has finished is lost", file=sys.stderr)
+        return _BAD_INPUT
+    except UnicodeEncodeError as error:
+        print(f"dse: a name or text must be UTF-8, got {error.object!r}", file=sys.stderr)
         return _BAD_INPUT
     except Exception as error:
         if not isinstance(error, _users_mistakes()):

@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from dse.config.bounds import MOST_YAML_BYTES, MOST_YAML_VALUES
 from dse.config.faults import ConfigError, Fault
 
 Path = tuple[str | int, ...]
@@ -87,6 +88,9 @@ def read_document(source: pathlib.Path, values: Mapping[str, str]) -> Document:
         ConfigError: the file cannot be read, or is no UTF-8 text.
     """
     try:
+        if (n_bytes := source.stat().st_size) > MOST_YAML_BYTES:
+            text = f"must have at most {MOST_YAML_BYTES} bytes, got {n_bytes}"
+            raise ConfigError([Fault(str(source), 1, text)])
         text = source.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError([Fault(str(source), 0, f"cannot be read: {error.strerror}")]) from None
@@ -119,6 +123,9 @@ def in_file_order(faults: Iterable[Fault]) -> ConfigError:
 def parse(text: str, name: str) -> Document:
     """Read one YAML document; syntax errors and duplicate keys become faults of `name`."""
     document = Document({}, {(): (name, 1)})
+    if len(text) > MOST_YAML_BYTES:
+        document.faults.append(Fault(name, 1, f"must have at most {MOST_YAML_BYTES} bytes, got {len(text)}"))
+        return document
     try:
         # The base loader resolves nothing, so quoted and plain scalars can be told apart below.
         node = yaml.compose(text, Loader=yaml.BaseLoader)
@@ -134,7 +141,11 @@ def parse(text: str, name: str) -> Document:
     except RecursionError:
         document.faults.append(Fault(name, 1, f"not valid YAML: nested more than {_DEEPEST} levels deep"))
         return document
-    data = {} if node is None else _value(node, (), document, name)
+    try:
+        data = {} if node is None else _value(node, (), document, name)
+    except _TooManyError as error:
+        text = f"has more than {MOST_YAML_VALUES} values here; an alias counts with all that it names"
+        return Document({}, {(): (name, 1)}, [Fault(name, int(str(error)), text)])
     return Document(data, document.places, document.faults)
 
 
@@ -177,8 +188,14 @@ def _replaced(data: Raw, path: Path, value: Raw, depth: int = 0) -> Any:
     return {**inner, key: _replaced(inner.get(key), rest, value, depth + 1)}
 
 
+class _TooManyError(Exception):
+    """A document without end; its text is the line."""
+
+
 def _value(node: yaml.Node, path: Path, document: Document, name: str) -> Any:
     line = node.start_mark.line + 1
+    if len(document.places) > MOST_YAML_VALUES:
+        raise _TooManyError(line)
     if len(path) > _DEEPEST:  # an alias inside its own anchor never ends
         document.faults.append(Fault(name, line, f"nested more than {_DEEPEST} levels deep"))
         return None

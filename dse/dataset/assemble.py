@@ -18,6 +18,7 @@ from dse.dataset.keys import dataset_key, spikes_key, widened
 from dse.dataset.parts import (
     Part,
     Progress,
+    check_frame,
     cropped,
     place_signals,
     placed,
@@ -365,7 +366,9 @@ def _stored_temporarily(part: Part) -> Stored:
 
 def _read(source: Source, base: Path, window: Window) -> tuple[Recordings, Ints | None]:
     """Return recordings, cut into windows if the settings say so, and the positions of their channels."""
-    recordings = cut(source.read(base), window.cut_steps, window.every_steps)
+    read = source.read(base)
+    check_frame(read)
+    recordings = cut(read, window.cut_steps, window.every_steps)
     return recordings, source.channel_positions(base)
 
 

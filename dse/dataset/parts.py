@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from dse import preprocessing
+from dse.config.bounds import MOST_PIXELS, MOST_STEPS
 from dse.config.contracts import Encoder
 from dse.config.resolved import Sections
 from dse.config.settings import Preprocessing, Window
@@ -128,6 +129,21 @@ def placed(
         return _of_rasters(recordings, window, used, positions)
     assert design.encoder is not None  # so are signals without an encoder
     return _of_signals(recordings, window, design.encoder, used, positions)
+
+
+def check_frame(recordings: Recordings) -> None:
+    """Check that the frame of events is no larger than arrays of its pixels may be.
+
+    Raises:
+        RecordingError: it is.
+    """
+    if isinstance(recordings, Rasters | Signals):
+        return
+    if (n_pixels := recordings.width * recordings.height) > MOST_PIXELS:
+        raise RecordingError(
+            f"the frame must have at most {MOST_PIXELS} pixels, got {recordings.width} x {recordings.height} "
+            f"= {n_pixels}"
+        )
 
 
 def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
@@ -253,6 +269,11 @@ def _of_events(
                 if not surveyed.n_events:
                     raise RecordingError(f"recording {i} must have events, got none")
                 t0_us[i], lengths[i] = surveyed.first_us, surveyed.n_bins
+                if surveyed.n_bins > MOST_STEPS:
+                    raise RecordingError(
+                        f"recording {i} must last at most {MOST_STEPS} steps of {pooling.bin_us} us, first "
+                        f"event to last, got {surveyed.n_bins}"
+                    )
     start, low, high, n_steps = place(window, lengths, used, onset)
     n_kept = np.where(used, high - low + n_steps, 0)
     # The rate floor needs the bins that are kept; a simulated raster does not know which they are.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 
+from dse.config.bounds import MOST_COMPRESSION, UNCOMPRESSED_BYTES
 from dse.config.faults import known_names
 from dse.recordings import RecordingError, arrays
 from dse.recordings.files import locate
@@ -51,6 +53,33 @@ def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return shape, dtype
 
 
+def check_size(
+    path: Path, member: zipfile.ZipInfo, shape: tuple[int, ...], dtype: np.dtype[Any], n_head: int
+) -> None:
+    """Check that an array of an .npz is as large as its header declares, and not far larger than the file.
+
+    Args:
+        path: the archive.
+        member: of the archive.
+        shape: declared.
+        dtype: declared.
+        n_head: bytes of the header.
+
+    Raises:
+        RecordingError: it is not.
+    """
+    name, n_bytes = member.filename.removesuffix(".npy"), member.file_size - n_head
+    if not dtype.hasobject and math.prod(shape) * dtype.itemsize > n_bytes:
+        raise RecordingError(
+            f"{path.name}: array '{name}' declares {dtype} of shape {shape}, but holds {n_bytes} bytes"
+        )
+    if n_bytes > max(UNCOMPRESSED_BYTES, MOST_COMPRESSION * member.compress_size):
+        raise RecordingError(
+            f"{path.name}: array '{name}' must be at most {MOST_COMPRESSION} times as large as it is stored, "
+            f"got {n_bytes} bytes in {member.compress_size}"
+        )
+
+
 def load(path: Path, names: Iterable[str]) -> dict[str, Array]:
     """Return the named arrays of an .npz file, or of another (`arrays`).
 
@@ -67,6 +96,9 @@ def load(path: Path, names: Iterable[str]) -> dict[str, Array]:
             continue
         try:
             with np.load(path, allow_pickle=False) as archive:
+                with archive.zip.open(f"{name}.npy") as stream:
+                    shape, dtype = read_header(stream)
+                    check_size(path, archive.zip.getinfo(f"{name}.npy"), shape, dtype, stream.tell())
                 values[name] = archive[name]
         except DAMAGED_ARCHIVE as error:
             if "Object arrays" in str(error):

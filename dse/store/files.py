@@ -45,15 +45,21 @@ def exclusive(folder: Path) -> Iterator[None]:
     """
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise StoreError(f"{folder}: another process is running this study") from None
+    with contextlib.ExitStack() as held:
+        # The folder too: somebody may remove the file. Not every file system locks folders.
+        for path, flags in ((folder, os.O_RDONLY), (folder / ".lock", os.O_RDWR | os.O_CREAT)):
+            with explained(path):
+                handle = os.open(path, flags, 0o644)
+            held.callback(os.close, handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise StoreError(f"{folder}: another process is running this study") from None
+            except OSError as error:
+                if path != folder:
+                    text = f"cannot be locked ({error.strerror}); use a --results folder on another disk"
+                    raise StoreError(f"{folder}: {text}") from None
         yield
-    finally:
-        os.close(handle)
 
 
 @contextlib.contextmanager

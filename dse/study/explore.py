@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from dse import registry, store
 from dse.audit import record
 from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.bounds import MOST_TRIALS
 from dse.config.device import missing
 from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
@@ -62,6 +63,9 @@ def run(
     """
     if lack := missing(space.execution.device):
         text = f"execution.device {space.execution.device} {lack}"
+        raise ConfigError([Fault(str(space.source), 0, text)])
+    if (n_trials := _n_trials(space)) > MOST_TRIALS:
+        text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_trials} designs; sample fewer of them"
         raise ConfigError([Fault(str(space.source), 0, text)])
     profiles = load_all(space.hardware, space.source.parent)
     folder = Path(results) / space.study

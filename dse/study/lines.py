@@ -177,7 +177,9 @@ class JournalLines:
         content = Lines() if path is None else read(path)
         self.logs, self.faults, self._n = content.logs, content.faults, content.n
         self._n_trials = sum(log["op_code"] == CREATE_TRIAL for log in self.logs)
-        if path is not None and path.exists() and content.n_bytes < path.stat().st_size:
+        if path is not None and not path.exists():
+            path.touch()
+        elif path is not None and content.n_bytes < path.stat().st_size:
             os.truncate(path, content.n_bytes)
 
     def read_logs(self, log_number_from: int) -> Iterator[Log]:
@@ -214,8 +216,8 @@ class JournalLines:
 
 
 def _append(path: Path, content: bytes) -> None:
-    with path.open("ab") as file:
-        n_bytes = os.fstat(file.fileno()).st_size
+    with path.open("r+b") as file:  # never a new one: the study may have been removed
+        n_bytes = file.seek(0, os.SEEK_END)
         try:
             file.write(content)
             file.flush()

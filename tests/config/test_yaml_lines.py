@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.config.faults import Fault
-from dse.config.yaml_lines import dump, override, parse, scalar
+from dse.config.faults import ConfigError, Fault
+from dse.config.yaml_lines import dump, override, parse, read_document, scalar
 
 
 @pytest.mark.parametrize(
@@ -99,6 +100,21 @@ def test_a_syntax_error_has_its_line(text: str, line: int) -> None:
 
 def test_an_alias_inside_its_own_anchor_ends() -> None:
     assert "nested more than 50 levels deep" in parse("a: &x [*x]\n", "f").faults[0].message
+    [fault] = parse("b: 1\na: &x [*x, *x, *x]\n", "f").faults
+    assert (fault.line, "has more than 100000 values here" in fault.message) == (2, True)
+
+
+def test_aliases_of_aliases_are_counted() -> None:
+    lines = ["a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 8)}]" for i in range(1, 12)]
+    document = parse("\n".join(lines), "f")
+    assert document.data == {} and "has more than 100000 values" in document.faults[0].message
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("a: [" + "1," * 600_000 + "1]")
+    with pytest.raises(ConfigError, match=r"x\.yaml:1: must have at most 1048576 bytes, got 1200006"):
+        read_document(tmp_path / "x.yaml", {})
 
 
 def test_hostile_nesting_ends() -> None:

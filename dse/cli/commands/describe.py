@@ -7,9 +7,11 @@ import argparse
 from dse.cli.answer import Answer, add_format, listing
 from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
+from dse.config.bounds import BOUNDS
 from dse.config.locate import is_hardware_file
 
 GROUP = "look up"
+_BOUNDS = "bounds"
 HELP = "document the sections, components and keys of search spaces, pages and scenes, with units and ranges"
 
 
@@ -39,9 +41,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
         return Answer([], text=schema_text())
     if arguments.section is None:
-        rows = sections()
-        return Answer(rows, text=listing([(row["section"], row["doc"]) for row in rows]))
-    _expect("section", arguments.section, [row["section"] for row in sections()])
+        rows = [*sections(), {"section": _BOUNDS, "doc": "How much work and memory a file may ask for."}]
+        return Answer(rows, text=listing([(str(row["section"]), str(row["doc"])) for row in rows]))
+    if arguments.section == _BOUNDS:
+        return Answer([{"name": name, "most": most, "of": of} for name, (most, of) in BOUNDS.items()])
+    _expect("section", arguments.section, [*(row["section"] for row in sections()), _BOUNDS])
     known = names(arguments.section)
     if arguments.name is None and known:
         return Answer(known, text=listing([(row["name"], row["doc"]) for row in known]))

@@ -10,6 +10,7 @@ from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import front
 from dse.cli.numbers import positive
 from dse.cli.options import add_space, load
+from dse.cli.stopping import by_signals
 from dse.dashboard.study import write_page
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.study.health import faults
     from dse.study.runs import UNTRAINED
 
-    study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
+    with by_signals():
+        study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
     notes = [*study.warnings, _page(study)]
     failed = study.trials[study.trials["status"] == "failed"]
     trained = study.trials[study.trials["status"] != "excluded"]
