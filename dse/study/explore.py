@@ -159,12 +159,11 @@ def _search(
     excluding = None if before is None else _Excluding(space, ledger, runs, before, sampler)
     if excluding is not None:
         sampler = excluding.sampler
-    number = 0
+    number, n_before = 0, 0
     while True:
         if excluding is not None:
             excluding.begin(number)
         entries = _of_batch(ledger, number)
-        n_before = sum(e.batch < number and not e.excluded for e in ledger.entries)
         if not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
             n_missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
@@ -172,9 +171,10 @@ def _search(
                 known = {design_key(e.design) for e in entries}
                 proposed = sampler.ask(len(entries) + n_missing)
                 new = [d for d in proposed if design_key(d) not in known][:n_missing]
-                if excluding is not None:
-                    excluding.record(number)
-                ledger.ask(number, new)
+                with ledger.together():
+                    if excluding is not None:
+                        excluding.record(number)
+                    ledger.ask(number, new)
                 if len(new) < n_missing:
                     report.note(
                         "the sampler found no further designs; the study has "
@@ -184,22 +184,23 @@ def _search(
         if not entries:
             return
         runs.complete(entries, settings.repeats, results_tables.refresh)
-        for entry in entries:
-            if not entry.is_reported and not runs.is_untrained(entry.trial):
-                records = runs.of(entry.trial)[: settings.repeats]
-                values = _values(space, records)
-                missed = None if excluding is None or values is None else excluding.missed(entry, records)
-                ledger.tell(entry.trial, values, missed)
+        with ledger.together():
+            for entry in entries:
+                if not entry.is_reported and not runs.is_untrained(entry.trial):
+                    records = runs.of(entry.trial)[: settings.repeats]
+                    values = _values(space, records)
+                    missed = None if excluding is None or values is None else excluding.missed(entry, records)
+                    ledger.tell(entry.trial, values, missed)
         ended = _of_batch(ledger, number)
         if excluding is not None:
             excluding.end(number, ended)
         sampler.tell([e.design for e in ended], [e.values for e in ended])
-        number += 1
+        number, n_before = number + 1, n_before + len(ended)
 
 
 def _of_batch(ledger: Ledger, number: int) -> list[Entry]:
     """Return the designs of a batch that are trained."""
-    return [e for e in ledger.entries if e.batch == number and not e.excluded]
+    return [entry for entry in ledger.batch(number) if not entry.excluded]
 
 
 class _Excluding:
@@ -213,6 +214,7 @@ class _Excluding:
         self._runs = runs
         self._before = before
         self._measured: dict[Group, list[tuple[int, Sequence[float]]]] = {}
+        self._recorded = {design_key(e.design) for e in ledger.entries if e.excluded}
         self.sampler = limited(sampler, self._check)
         if before.needs_data and space.n_designs is not None and space.n_designs <= _MOST_PREPARED:
             runs.shapes(design_at(space, index) for index in range(space.n_designs))
@@ -226,10 +228,11 @@ class _Excluding:
             if not entry.is_reported and not self._runs.of(entry.trial):
                 if why := self._before.exclusion(entry.design):
                     self._ledger.exclude_proposed(entry.trial, why)
+                    self._recorded.add(design_key(entry.design))
 
     def record(self, number: int) -> None:
         """Write down the designs that the sampler has passed over; of a grid, the first ones."""
-        known = {design_key(e.design) for e in self._ledger.entries if e.excluded}
+        known = self._recorded
         for design, why in self.sampler.refused:
             if design_key(design) not in known:
                 if len(known) >= _MOST_RECORDED and self._space.search.sampler == "grid":
@@ -243,8 +246,8 @@ class _Excluding:
 
     def end(self, number: int, ended: Sequence[Entry]) -> None:
         """Let the sampler know by how much the designs of a batch miss the limits."""
-        for entry in self._ledger.entries:
-            if entry.batch == number and entry.excluded and (why := self._check(entry.design)):
+        for entry in self._ledger.batch(number):
+            if entry.excluded and (why := self._check(entry.design)):
                 self.sampler.judge(entry.design, why.violations)
                 self.sampler.tell([entry.design], [None])
         for entry in ended:

@@ -15,8 +15,8 @@ from dse.store import StoreError
 from dse.study import lines
 from dse.study.lines import CREATE_TRIAL, SET_TRIAL_STATE
 
-# Of Optuna's format: JournalOperation.SET_TRIAL_USER_ATTR, TrialState.RUNNING.
-SET_USER_ATTRIBUTE, RUNNING = 8, 0
+# Of Optuna's format: JournalOperation.SET_TRIAL_USER_ATTR and SET_TRIAL_SYSTEM_ATTR, TrialState.RUNNING.
+SET_USER_ATTRIBUTE, SET_SYSTEM_ATTRIBUTE, RUNNING = 8, 9, 0
 EXCLUDED = "excluded"
 """User attribute of a trial that is not trained: why."""
 

@@ -1,9 +1,10 @@
 """Writing the journal of a study: the designs that the sampler proposes, and the results that it receives.
 
-The journal is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. An entry is
-on the disk before its design is trained. A killed process may leave a half-written last line, which is cut
-off. A journal with other damage is written anew from its intact lines and from the records of finished runs;
-the sampler proposes again what these do not say. The caller holds the study folder (`store.exclusive`).
+The journal is an Optuna journal, so `optuna-dashboard journal.log` shows it while the study runs. Its lines
+are made here, for Optuna's storage would replay each that it writes. An entry is on the disk before its
+design is trained. A killed process may leave a half-written last line, which is cut off. A journal with other
+damage is written anew from its intact lines and from the records of finished runs; the sampler proposes again
+what these do not say. The caller holds the study folder (`store.exclusive`).
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from __future__ import annotations
 import contextlib
 import json
 import time
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,12 +23,12 @@ from dse.config import SearchSpace
 from dse.search.limits import Exclusion
 from dse.search.proposals import distribution
 from dse.store import StoreError, damaged, explained, read_record, run_folder
-from dse.study.journal import EXCLUDED, Entry, read_journal
-from dse.study.lines import CREATE_STUDY, CREATE_TRIAL, JournalLines, Log, counted
+from dse.study.journal import EXCLUDED, SET_SYSTEM_ATTRIBUTE, SET_USER_ATTRIBUTE, Entry, read_journal
+from dse.study.lines import CREATE_STUDY, CREATE_TRIAL, SET_TRIAL_STATE, JournalLines, Log, counted
 
 if TYPE_CHECKING:
     from optuna.storages import JournalStorage
-    from optuna.trial import FrozenTrial
+    from optuna.trial import TrialState
 
 _NAME = "dse"
 _NAMED = 3
@@ -47,14 +50,21 @@ class Ledger:
         self._space = space
         self._axes = space.axes
         self.notes: list[str] = []
+        self._writer = f"{uuid.uuid4()}-0"  # as Optuna names who wrote a line
         with self._explained(), _quiet():
-            lines = JournalLines(path)
-            if lines.faults:
-                self._mend(lines)
-            self._storage = JournalStorage(lines)  # type: ignore[arg-type]
-            studies = self._storage.get_all_studies()
-            self._study = studies[0]._study_id if studies else self._create_study(self._storage)
+            self._lines = JournalLines(path)
+            if self._lines.faults:
+                self._mend(self._lines)
+            storage = JournalStorage(self._lines)  # type: ignore[arg-type]
+            studies = storage.get_all_studies()
+            self._study = studies[0]._study_id if studies else self._create_study(storage)
+            self._lines.logs.clear()
         self._entries = read_journal(path)
+        self._of_batch: dict[int, list[int]] = {}
+        for entry in self._entries:
+            self._of_batch.setdefault(entry.batch, []).append(entry.trial)
+        self._unwritten: list[Log] = []
+        self._is_open = False
 
     def _create_study(self, storage: JournalStorage) -> int:
         from optuna.study import StudyDirection
@@ -70,16 +80,14 @@ class Ledger:
         from optuna.storages import JournalStorage
 
         apart = JournalLines(None)
-        storage = JournalStorage(apart)  # type: ignore[arg-type]
-        study = self._create_study(storage)
+        self._study = self._create_study(JournalStorage(apart))  # type: ignore[arg-type]
 
         def made(trial: int, batch: int) -> Log | None:
             """Return the line that created a trial, by the record of one of its runs."""
             design = _recorded_design(self._path.parent, trial)
             if design is None:
                 return None
-            storage.create_new_trial(study, self._template(batch, design))
-            return apart.logs[-1]
+            return self._created(batch, design)
 
         begins = [log for log in lines.logs if log["op_code"] == CREATE_STUDY] or apart.logs
         rest = [log for log in lines.logs if log["op_code"] != CREATE_STUDY]
@@ -106,10 +114,31 @@ class Ledger:
         """Every entry in the order of proposal; `trial` counts from 0."""
         return list(self._entries)
 
+    def batch(self, number: int) -> list[Entry]:
+        """Return the entries of a batch in the order of proposal."""
+        return [self._entries[trial] for trial in self._of_batch.get(number, ())]
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """Write everything that is appended in the block at once, at its end."""
+        if self._is_open:
+            yield
+            return
+        self._is_open = True
+        try:
+            yield
+        finally:
+            self._is_open = False
+            if self._unwritten:
+                with self._explained():
+                    self._lines.append(self._unwritten)
+                self._unwritten.clear()
+
     def ask(self, batch: int, designs: Sequence[Mapping[str, object]]) -> None:
         """Append designs that are about to be trained."""
-        for design in designs:
-            self._append(batch, design)
+        with self.together():
+            for design in designs:
+                self._append(batch, design)
 
     def exclude(self, batch: int, design: Mapping[str, object], why: Exclusion) -> None:
         """Append a design that is not trained."""
@@ -119,48 +148,69 @@ class Ledger:
         """Append that a design, which was proposed, is not trained after all."""
         from optuna.trial import TrialState
 
-        with self._explained():
-            number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
-            self._storage.set_trial_user_attr(number, EXCLUDED, why.reason)
-            self._constrain(number, why.violations)
-            self._storage.set_trial_state_values(number, TrialState.PRUNED, None)
+        with self.together():
+            about = {EXCLUDED: why.reason}
+            self._unwritten.append(self._line(SET_USER_ATTRIBUTE, trial_id=trial, user_attr=about))
+            self._end(trial, TrialState.PRUNED, None, why.violations)
         entry = self._entries[trial]
         self._entries[trial] = replace(entry, reported_s=time.time(), values=None, excluded=why.reason)
 
     def _append(self, batch: int, design: Mapping[str, object], why: Exclusion | None = None) -> None:
-        template = self._template(batch, design, why)
-        with self._explained():
-            self._storage.create_new_trial(self._study, template)
+        with self.together():
+            self._unwritten.append(self._created(batch, design, why))
         written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
         now = time.time()
         entry = Entry(len(self._entries), batch, written, now)
         if why is not None:
             entry = replace(entry, reported_s=now, excluded=why.reason)
+        self._of_batch.setdefault(batch, []).append(entry.trial)
         self._entries.append(entry)
 
-    def _template(
-        self, batch: int, design: Mapping[str, object], why: Exclusion | None = None
-    ) -> FrozenTrial:
-        """Return a trial that is about to be trained, or that is not trained, as Optuna writes it."""
-        from optuna.trial import TrialState, create_trial
+    def _created(self, batch: int, design: Mapping[str, object], why: Exclusion | None = None) -> Log:
+        """Return the line that creates a trial that is about to be trained, or is not trained."""
+        from optuna.distributions import distribution_to_json
+        from optuna.trial import TrialState
 
-        about: dict[str, object] = {"batch": batch, "design": dict(design)}
-        return create_trial(
-            state=TrialState.RUNNING if why is None else TrialState.PRUNED,
-            params={name: _scalar(value) for name, value in design.items()},
-            distributions={
-                name: distribution(axis, [_scalar(value) for value in axis.values or ()])
-                for name, axis in self._axes.items()
-                if name in design
-            },
+        scalars = {name: _scalar(value) for name, value in design.items()}
+        distributions = {
+            name: distribution(axis, [_scalar(value) for value in axis.values or ()])
+            for name, axis in self._axes.items()
+            if name in design
+        }
+        about = {"batch": batch, "design": dict(design)}
+        moment = _now()
+        return self._line(
+            CREATE_TRIAL,
+            study_id=self._study,
+            datetime_start=moment,
+            state=(TrialState.RUNNING if why is None else TrialState.PRUNED).value,
+            value=None,
+            values=None,
+            **({} if why is None else {"datetime_complete": moment}),
+            distributions={name: distribution_to_json(one) for name, one in distributions.items()},
+            params={name: one.to_internal_repr(scalars[name]) for name, one in distributions.items()},
             user_attrs=about if why is None else about | {EXCLUDED: why.reason},
-            constraints=None if why is None else dict(why.violations),
+            system_attrs={} if why is None else _constraints(why.violations),
+            intermediate_values={},
         )
 
-    def _constrain(self, number: int, violations: Mapping[str, float]) -> None:
-        """Append by how much a trial misses each limit, where Optuna keeps its constraints."""
-        for limit, violation in violations.items():
-            self._storage.set_trial_system_attr(number, f"constraints:{limit}", float(violation))
+    def _end(
+        self,
+        trial: int,
+        state: TrialState,
+        values: Sequence[float] | None,
+        violations: Mapping[str, float],
+    ) -> None:
+        """Append by how much a trial misses each limit, where Optuna keeps its constraints, and its end."""
+        for name, violation in _constraints(violations).items():
+            line = self._line(SET_SYSTEM_ATTRIBUTE, trial_id=trial, system_attr={name: violation})
+            self._unwritten.append(line)
+        ended = {"values": None if values is None else list(map(float, values)), "datetime_complete": _now()}
+        self._unwritten.append(self._line(SET_TRIAL_STATE, trial_id=trial, state=state.value, **ended))
+
+    def _line(self, operation: int, **fields: object) -> Log:
+        """Return a line as Optuna's journal holds it."""
+        return {"op_code": operation, "worker_id": self._writer, **fields}
 
     def tell(
         self, trial: int, values: Sequence[float] | None, violations: Mapping[str, float] | None = None
@@ -175,10 +225,8 @@ class Ledger:
         from optuna.trial import TrialState
 
         state = TrialState.FAIL if values is None else TrialState.COMPLETE
-        with self._explained():
-            number = self._storage.get_trial_id_from_study_id_trial_number(self._study, trial)
-            self._constrain(number, violations or {})
-            self._storage.set_trial_state_values(number, state, values)
+        with self.together():
+            self._end(trial, state, values, violations or {})
         objectives = None if values is None else tuple(map(float, values))
         self._entries[trial] = replace(self._entries[trial], reported_s=time.time(), values=objectives)
 
@@ -194,6 +242,14 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         optuna.logging.set_verbosity(verbosity)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def _constraints(violations: Mapping[str, float]) -> dict[str, float]:
+    return {f"constraints:{limit}": float(violation) for limit, violation in violations.items()}
 
 
 def _scalar(value: object) -> bool | float | str:

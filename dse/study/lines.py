@@ -187,11 +187,15 @@ class JournalLines:
         yield from self.logs[log_number_from:]
 
     def append_logs(self, logs: Sequence[Mapping[str, Any]]) -> None:
-        """Append operations; they are on the disk when this returns, or not in the file."""
+        """Append operations, and let `read_logs` know them."""
+        self.logs += map(json.loads, self.append(logs))
+
+    def append(self, logs: Sequence[Mapping[str, Any]]) -> list[bytes]:
+        """Append operations and return their lines; they are on the disk by then, or not in the file."""
         lines = [self._line(log) for log in logs]
         if self._path is not None:
             _append(self._path, b"".join(lines))
-        self.logs += map(json.loads, lines)
+        return lines
 
     def replace(self, logs: Sequence[Log]) -> None:
         """Write the journal anew; the file so far is kept beside it, its name ending in `.damaged`."""

@@ -16,7 +16,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
@@ -92,7 +92,8 @@ class Runs:
         execution = space.execution
         self._budget = workers.memory_budget(execution.memory_gib, execution.device)
         self._cache = _opened_cache(folder, progress)
-        self._records: dict[tuple[int, int], RunRecord] = {}
+        self._records: dict[int, dict[int, RunRecord]] = {}  # trial -> repeat -> record
+        self._data_keys: dict[tuple[str, int | None], str] = {}  # of designs, without models, and folds
         self._warned: set[str] = set()
         self._shapes: dict[str, Shape | None] = {}  # by the key of a data set
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
@@ -100,15 +101,19 @@ class Runs:
 
     def of(self, trial: int) -> list[RunRecord]:
         """Return the records of a trial's finished runs, repeat 0 first."""
-        return [self._records[key] for key in sorted(self._records) if key[0] == trial]
+        return [record for _, record in sorted(self._records.get(trial, {}).items())]
 
     def trials(self) -> dict[int, list[RunRecord]]:
         """Return trial number -> records, for every trial with a finished run."""
-        return {number: self.of(number) for number in sorted({trial for trial, _ in self._records})}
+        return {number: self.of(number) for number in sorted(self._records)}
 
     def count(self, repeats: int | None = None) -> int:
         """Return the number of finished runs, with `repeats` only among the first ones of every trial."""
-        return sum(repeats is None or repeat < repeats for _, repeat in self._records)
+        runs = (repeat for repeats_of in self._records.values() for repeat in repeats_of)
+        return sum(repeats is None or repeat < repeats for repeat in runs)
+
+    def _has(self, trial: int, repeat: int) -> bool:
+        return repeat in self._records.get(trial, {})
 
     def is_untrained(self, trial: int) -> bool:
         """Return whether the machine kept a run of a trial from being trained."""
@@ -136,7 +141,7 @@ class Runs:
         """
         for entry in entries:
             for repeat in range(max(self._space.search.repeats, self._space.search.repeats_on_front)):
-                if (entry.trial, repeat) in self._records:
+                if self._has(entry.trial, repeat):
                     continue
                 folder = store.run_folder(self._folder, entry.trial, repeat)
                 try:
@@ -152,11 +157,11 @@ class Runs:
                     store.remove(folder)
                 elif record is not None:
                     self._check_data(entry, record)
-                    self._records[entry.trial, repeat] = record
+                    self._records.setdefault(entry.trial, {})[repeat] = record
 
     def forget_checkpoints(self) -> None:
         """Remove the checkpoints of finished runs, which a killed worker may have left."""
-        checkpoints.forget(self._folder, self._records)
+        checkpoints.forget(self._folder, {(trial, k) for trial, of in self._records.items() for k in of})
 
     def complete(
         self, entries: Sequence[Entry], repeats: int, after_each: Callable[[], None] = lambda: None
@@ -173,7 +178,7 @@ class Runs:
             RecordingError: no data set of any design could be prepared.
         """
         self.recall(entries)
-        missing = [(e, r) for e in entries for r in range(repeats) if (e.trial, r) not in self._records]
+        missing = [(e, r) for e in entries for r in range(repeats) if not self._has(e.trial, r)]
         waiting = self._planned(self._prepared(missing))
         for attempt in range(_ATTEMPTS):
             is_last = attempt == _ATTEMPTS - 1
@@ -339,7 +344,7 @@ class Runs:
         for run in runs:
             if run.folder.is_dir():  # the worker died after publishing it
                 self._settle(run, None)
-            elif (run.trial, run.repeat) not in self._records:
+            elif not self._has(run.trial, run.repeat):
                 unfinished.append(run)
         return unfinished
 
@@ -350,7 +355,7 @@ class Runs:
 
     def _settle(self, run: jobs.Run, why: Failure | None) -> None:
         """Record a run that has ended, unless it is recorded already."""
-        if (run.trial, run.repeat) in self._records:
+        if self._has(run.trial, run.repeat):
             return
         record = load_record(run.folder) if why is None else None
         if record is not None:
@@ -360,9 +365,9 @@ class Runs:
             self._fail(run.trial, run.repeat, run.design, why)
 
     def _keep(self, record: RunRecord) -> None:
-        key = record.trial, record.repeat
-        self._records[key] = record
-        self._progress.advance(_sentence(record), self._work.get(key, 0.0))
+        self._records.setdefault(record.trial, {})[record.repeat] = record
+        work = self._work.get((record.trial, record.repeat), 0.0)
+        self._progress.advance(_sentence(record), work)
 
     def _fail(
         self,
@@ -448,8 +453,7 @@ class Runs:
                 sections[member] = self._resolved(design, member[1])
             except ValueError as error:  # keys that are legal one by one and not together
                 refused[member] = Failure(type(error).__name__, str(error))
-        base = self._space.source.parent
-        keys = {member: dataset.dataset_key(design, base) for member, design in sections.items()}
+        keys = {member: self._data_key(designs[member], member[1]) for member in sections}
         failures = self._prepare({key: sections[m] for m, key in keys.items()})
         return _Data(sections, keys, failures, refused)
 
@@ -457,6 +461,16 @@ class Runs:
         """Return the fold that a repeat validates on; None without cross-validation."""
         k_fold = self._space.split.k_fold
         return None if k_fold is None else repeat % k_fold.k
+
+    def _data_key(self, design: Mapping[str, Any], fold: int | None) -> str:
+        """Return the key of the data set of a design and fold, which its model and training do not change."""
+        axes = self._space.axes
+        shared = {name: x for name, x in design.items() if axes[name].place[0] not in ("model", "training")}
+        place = seeds.design_key(shared), fold
+        if place not in self._data_keys:
+            sections = self._resolved(design, fold)
+            self._data_keys[place] = dataset.dataset_key(sections, self._space.source.parent)
+        return self._data_keys[place]
 
     def _resolved(self, design: Mapping[str, object], fold: int | None) -> Sections:
         """Return the sections of a design, with its fold.
@@ -571,9 +585,7 @@ class Runs:
     def _check_data(self, entry: Entry, record: RunRecord) -> None:
         if not record.data:
             return
-        sections = self._resolved(entry.design, self._fold(record.repeat))
-        key = dataset.dataset_key(sections, self._space.source.parent)
-        if key != record.data:
+        if self._data_key(entry.design, self._fold(record.repeat)) != record.data:
             text = (
                 f"data: the recordings differ from those that trial {entry.trial} was trained on; "
                 "restore them, or use another --results folder"

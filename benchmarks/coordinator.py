@@ -1,0 +1,141 @@
+"""What a study costs beside training: many trials whose training is a stub, then the same study resumed.
+
+    python -m benchmarks.coordinator [--trials 500 1000 2000 5000] [--batch 64] [--profile FILE]
+
+One design is trained for its files; in place of every other training a worker copies these, and publishes
+them as a finished run does. Everything else is as in `dse run`: ledger, executor, reading back, tables. CPU
+seconds are those of the coordinator and its worker; flat per trial is linear. A resume finds every run done;
+`to the first job` is a resume whose last trial is missing. Memory is the coordinator's peak.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import cProfile
+import importlib
+import resource
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import yaml
+from rich.console import Console
+from rich.table import Table
+
+from dse import store
+from dse.config import load_space
+from dse.study import explore, jobs
+
+NAME = "benchmarks.coordinator"
+"""Where workers look the stub up: not in __main__."""
+TEMPLATE = "template"
+
+
+def train(job: jobs.TrainingJob) -> Iterator[tuple[int, None]]:
+    """Do as `dse.study.jobs.train`, with the files of the one design that was trained."""
+    for number, run in enumerate(job.runs):
+        folder = run.base / TEMPLATE
+        record = store.read_json(folder / "record.json")
+        files = {name: _copier(folder / name) for name in record["files"]}
+        changed = {"trial": run.trial, "repeat": run.repeat, "design": dict(run.design)}
+        store.save_run(run.folder, {**record, **changed}, files)
+        yield number, None
+
+
+def _copier(source: Path) -> Any:
+    return lambda path: shutil.copyfile(source, path)
+
+
+def write_space(folder: Path, n_trials: int, batch: int) -> Path:
+    """Write recordings of two classes and a search space of so many designs; return its path."""
+    rng = np.random.default_rng(0)
+    label = np.repeat([0, 1], 10)
+    spikes = (rng.random((20, 8, 4)) < 0.1 + 0.4 * label[:, None, None]).astype(np.uint8)
+    np.savez(folder / "tiny.npz", spikes=spikes, label=label)
+    space = {
+        "study": f"tiny_{n_trials}",
+        "seed": 1,
+        "data": {"kind": "raster", "file": "tiny.npz", "step_ms": 5.0, "columns": {"fabric": "label"}},
+        "task": {"target": "fabric"},
+        "split": {"stratified": {"validation": 0.5}},
+        "model": {
+            "kind": "naive_bayes",
+            "var_smoothing": {"choice": np.geomspace(1e-9, 1e-3, 25).tolist()},
+        },
+        "training": {
+            "learning_rate": {"choice": np.linspace(0.01, 0.1, 25).tolist()},
+            "epochs": {"choice": list(range(1, 17))},
+        },
+        "hardware": ["loihi1_silicon"],
+        "objectives": ["accuracy:max", "n_weights:min"],
+        "search": {"sampler": "grid", "batch": batch, "n_trials": n_trials},
+    }
+    path = folder / f"tiny_{n_trials}.yaml"
+    path.write_text(yaml.safe_dump(space, sort_keys=False))
+    return path
+
+
+def run(path: Path, stub: bool = True) -> tuple[float, float, float | None]:
+    """Run or resume a study; return CPU and wall seconds, and CPU seconds to the first job."""
+    to_first: list[float] = []
+
+    def plan(self: Any, work: Any) -> None:
+        if len(work) and not to_first:
+            to_first.append(_cpu_s() - began_s)
+
+    began_s, wall_s = _cpu_s(), time.perf_counter()
+    with contextlib.ExitStack() as patched:
+        if stub:
+            patched.enter_context(mock.patch.object(jobs, "train", importlib.import_module(NAME).train))
+        patched.enter_context(mock.patch("dse.study.progress.Silent.plan", plan))
+        explore.run(load_space(path), path.parent / "results", progress=False)
+    return _cpu_s() - began_s, time.perf_counter() - wall_s, to_first[0] if to_first else None
+
+
+def _cpu_s(*who: int) -> float:
+    used = map(resource.getrusage, who or (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--trials", type=int, nargs="+", default=[500, 1000, 2000, 5000])
+    parser.add_argument("--batch", type=int, default=64)
+    parser.add_argument("--profile", type=Path, help="write cProfile's statistics of the studies here")
+    arguments = parser.parse_args()
+    table = Table(
+        *("trials", "CPU s", "of it worker", "wall s", "CPU ms per trial"),
+        *("resume, CPU s", "to the first job", "MiB"),
+    )
+    profile = cProfile.Profile()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run(write_space(folder, 1, 1), stub=False)
+        shutil.copytree(store.run_folder(folder / "results" / "tiny_1", 0, 0), folder / TEMPLATE)
+        for n_trials in arguments.trials:
+            path = write_space(folder, n_trials, arguments.batch)
+            if arguments.profile:
+                profile.enable()
+            before_s = _cpu_s(resource.RUSAGE_CHILDREN)
+            cpu_s, wall_s, _ = run(path)
+            worker_s = _cpu_s(resource.RUSAGE_CHILDREN) - before_s
+            resume_s, _, _ = run(path)
+            shutil.rmtree(store.run_folder(folder / "results" / path.stem, n_trials - 1, 0))
+            _, _, first_s = run(path)
+            profile.disable()
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            numbers = [cpu_s, worker_s, wall_s, 1000 * cpu_s / n_trials, resume_s, first_s or 0.0, peak]
+            table.add_row(str(n_trials), *(f"{x:.1f}" for x in numbers))
+    if arguments.profile:
+        profile.dump_stats(arguments.profile)
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
