@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 _NAME = "dse"
 _NAMED = 3
+# Where Optuna keeps the names of objectives (`Study.metric_names`).
+_METRIC_NAMES = "study:metric_names"
 
 
 class Ledger:
@@ -58,6 +60,7 @@ class Ledger:
             storage = JournalStorage(self._lines)  # type: ignore[arg-type]
             studies = storage.get_all_studies()
             self._study = studies[0]._study_id if studies else self._create_study(storage)
+            self._name_values(storage)
             self._lines.logs.clear()
         self._entries = read_journal(path)
         self._of_batch: dict[int, list[int]] = {}
@@ -74,6 +77,12 @@ class Ledger:
             for _, direction in self._space.objectives
         ]
         return storage.create_new_study(directions, _NAME)
+
+    def _name_values(self, storage: JournalStorage) -> None:
+        """Name the objectives for readers of the journal, unless they are named."""
+        names = [name for name, _ in self._space.objectives]
+        if storage.get_study_system_attrs(self._study).get(_METRIC_NAMES) != names:
+            storage.set_study_system_attr(self._study, _METRIC_NAMES, names)
 
     def _mend(self, lines: JournalLines) -> None:
         """Write a damaged journal anew."""

@@ -179,7 +179,7 @@ def test_what_is_missing_and_has_no_record_is_proposed_again(
     assert [entry.trial for entry in read_journal(path)] == [0, 1]
     mended = Ledger(path, space)
     assert [entry.trial for entry in mended.entries] == [0, 1]
-    assert mended.notes[0].startswith(f"{path}: line 6 is damaged")
+    assert mended.notes[0].startswith(f"{path}: line 7 is damaged")
     assert (tmp_path / "journal.log.damaged").read_bytes().splitlines(keepends=True)[:5] == lines[:5]
 
 
