@@ -207,7 +207,8 @@ class Runs:
         self, function: Callable[[Job], Iterable[Part]], waiting: Sequence[Job], one_by_one: bool
     ) -> Iterator[tuple[Job, Part | Failure]]:
         """Yield what `Workers.stream` does, of one job at a time where each is to have the machine alone."""
-        for jobs_at_once in [[job] for job in waiting] if one_by_one else [waiting]:
+        rounds = [[job] for job in waiting] if one_by_one else [waiting] if waiting else []
+        for jobs_at_once in rounds:
             yield from self._workers.stream(function, jobs_at_once)
 
     def shapes(self, designs: Iterable[Mapping[str, object]]) -> None:

@@ -244,9 +244,9 @@ def test_a_run_that_fails_without_a_group_is_not_trained_further(
 ) -> None:
     outcomes, sizes = jobs._outcomes, []
 
-    def counted(job: jobs.TrainingJob, *arguments: Any) -> Any:
+    def counted(job: jobs.TrainingJob, *arguments: Any, **keywords: Any) -> Any:
         sizes.append(len(job.runs))
-        return outcomes(job, *arguments)
+        return outcomes(job, *arguments, **keywords)
 
     monkeypatch.setattr(jobs, "_outcomes", counted)
     training = FEW | {"learning_rate": {"choice": [0.05, 1e30]}}
