@@ -23,7 +23,7 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: quickstart test test-gpu peers setup lint types kernels format clean
+.PHONY: quickstart test test-gpu faults peers setup lint types kernels format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -39,6 +39,11 @@ test: $(TESTS) $(PEERS)
 
 test-gpu: $(GPU)
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
+
+# Faults of every kind, this many of each, by fixed seeds; `make test` has a few of them.
+FAULTS ?= 300
+faults: $(TESTS)
+	FAULTS=$(FAULTS) $(BIN)/python -m pytest -q tests/faults
 
 # Norse and snnTorch, which run what target `nir` writes, and brian2-loihi for target `loihi`: some 100 MB.
 peers: $(PEERS)

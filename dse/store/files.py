@@ -203,9 +203,9 @@ def read_json(path: Path) -> Any:
         document = json.loads(read_bytes(path))
     except (ValueError, RecursionError) as error:
         raise damaged(path, f"cannot be read: {error}") from None
-    if not isinstance(document, dict) or _SEAL not in document:
+    if not isinstance(document, dict):
         return document
-    del document[_SEAL]
+    document.pop(_SEAL, None)
     return document[_ROWS] if document.keys() == {_ROWS} else document
 
 

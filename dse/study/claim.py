@@ -109,7 +109,7 @@ def _check_runs(space: SearchSpace, folder: Path) -> None:
         try:
             record = store.read_record(run)
             trained = record.get("sections", {})
-            would = space.resolve(record["design"]).to_plain()
+            would = store.plain(space.resolve(record["design"]).to_plain())
         except store.Damaged:
             continue
         except (ValueError, KeyError, TypeError, AttributeError) as error:

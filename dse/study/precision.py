@@ -106,6 +106,11 @@ def missing(folder: Path, settings: Sequence[Setting]) -> tuple[Setting, ...]:
     return tuple(setting for setting in settings if _read(_path(folder, setting)) is None)
 
 
+def is_damaged(path: Path) -> bool:
+    """Return whether the file of an evaluation is damaged, or of another schema or run."""
+    return _read(path) is None
+
+
 def rows(folder: Path) -> list[Evaluation]:
     """Return the evaluations of a run, by bits and then by pruned fraction; damaged files are skipped."""
     evaluations = (_read(path) for path in folder.glob("precision_*.npz"))

@@ -1,0 +1,40 @@
+"""`dse doctor`: what is damaged in a study, what it costs, and its repair."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from dse.cli.answer import Answer, add_format
+
+GROUP = "search"
+HELP = "say what is damaged in a study's folder and what it costs; repair what can be repaired"
+_DAMAGED = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
+    parser.add_argument(
+        "--repair",
+        action="store_true",
+        help="drop damaged journal lines, runs and copies, and write tables again",
+    )
+    add_format(parser)
+
+
+def answer(arguments: argparse.Namespace) -> Answer:
+    """Return a row per damage; exit code 1 while there is some that is not repaired."""
+    from dse.study.doctor import examine, repair
+
+    folder = Path(arguments.results)
+    damages = examine(folder)
+    rows = [{"file": x.file, "fault": x.fault, "cost": x.cost, "remedy": x.remedy} for x in damages]
+    if not damages:
+        return Answer([], text=f"{folder}: nothing is damaged")
+    if not arguments.repair:
+        return Answer(rows, [f"`dse doctor {folder} --repair` repairs it"], all_rows=True, code=_DAMAGED)
+    left = repair(folder, damages)
+    notes = [f"{len(damages) - len(left)} of {len(damages)} repaired"]
+    notes += [f"not repaired: {file}" for file in left]
+    return Answer(rows, notes, all_rows=True, code=_DAMAGED if left else 0)

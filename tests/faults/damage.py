@@ -1,0 +1,67 @@
+"""What a disk, a crash or a person does to a file, drawn from a seed."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+
+def _flip(content: bytearray, rng: random.Random) -> None:
+    content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+
+
+def _digit(content: bytearray, rng: random.Random) -> None:
+    places = [i for i, byte in enumerate(content) if 48 <= byte <= 57]
+    if places:
+        place = rng.choice(places)
+        content[place] = rng.choice([byte for byte in range(48, 58) if byte != content[place]])
+
+
+def _cut(content: bytearray, rng: random.Random) -> None:
+    del content[rng.randrange(len(content)) :]
+
+
+def _zero(content: bytearray, rng: random.Random) -> None:
+    place = rng.randrange(len(content))
+    block = content[place : place + 512]
+    content[place : place + 512] = bytes(len(block))
+
+
+def _double(content: bytearray, rng: random.Random) -> None:
+    lines = bytes(content).splitlines(keepends=True)
+    place = rng.randrange(len(lines))
+    content[:] = b"".join([*lines[: place + 1], *lines[place:]])
+
+
+def _drop(content: bytearray, rng: random.Random) -> None:
+    lines = bytes(content).splitlines(keepends=True)
+    del lines[rng.randrange(len(lines))]
+    content[:] = b"".join(lines)
+
+
+INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
+    "flip": _flip, "digit": _digit, "cut": _cut, "zero": _zero, "double": _double, "drop": _drop,
+}  # fmt: skip
+
+
+def damage(path: Path, rng: random.Random) -> str:
+    """Damage a file; return how."""
+    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null"])
+    if kind in INSIDE:
+        content = bytearray(path.read_bytes())
+        if content:
+            INSIDE[kind](content, rng)
+        path.write_bytes(content)
+    elif kind == "remove":
+        path.unlink()
+    elif kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "null":
+        path.write_text(rng.choice(("null", "[]", "{}", "3\n", "~\n")))
+    else:
+        others = sorted(x for x in path.parent.parent.parent.rglob(path.name) if x != path)
+        if others:
+            shutil.copy(rng.choice(others), path)
+    return f"{kind} {path.name}"

@@ -1,0 +1,218 @@
+"""Seeded damage to the files of a study and of the cache: none is believed, none is final."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from pandas.testing import assert_frame_equal
+
+from dse import dataset, store
+from dse.config import ConfigError, load_space
+from dse.dataset import cache
+from dse.study import explore, results
+from dse.study.doctor import examine, repair
+from dse.study.ledger import Ledger
+from dse.study.results import Study
+from tests import tiny_study
+from tests.faults.damage import damage
+from tests.waiting import PATIENCE_S, until
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of a finished study's search space, with its results and its cache."""
+    folder = tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("DSE_CACHE", str(folder / "cache"))
+        space = tiny_study.make_space(folder, execution={"jobs": 1})
+        explore.run(space, folder / "results", progress=False)
+        yield folder
+    tiny_study.unregister()
+
+
+def _read(study: Study) -> dict[str, object]:
+    """Return everything that the readers of a study make of it, or the class of their error."""
+    parts: dict[str, object] = {}
+    readers = {
+        "trials": lambda: study.trials.drop(columns="train_s"),
+        "points": study.points,
+        "objectives": lambda: study.objectives,
+        "warnings": lambda: study.warnings,
+        "chip": lambda: study.chip("loihi1_silicon").text,
+        **{f"runs {trial}": lambda trial=trial: study.runs(trial) for trial in range(6)},
+        **{f"read-outs {t}": lambda trial=t: study.arrays(trial, "read_out.npz") for t in range(6)},
+    }
+    for name, read in readers.items():
+        try:
+            parts[name] = read()
+        except (store.StoreError, ConfigError) as error:
+            parts[name] = error
+    return parts
+
+
+def _table(part: object) -> pd.DataFrame:
+    assert isinstance(part, pd.DataFrame), part
+    return part.drop(columns="train_s", errors="ignore")
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, pd.DataFrame) and isinstance(other, pd.DataFrame):
+        return bool(one.equals(other))
+    return repr(one) == repr(other)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return the files of a study, those of runs as often as all others together."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".lock")
+    rare = [path for path in files if "artefacts" not in path.parts]
+    return files + rare * (len(files) // len(rare))
+
+
+def test_no_reader_believes_a_damaged_file(whole: Path, tmp_path: Path, n_faults: int) -> None:
+    study = results.open(whole / "results" / "tiny")
+    assert examine(study.folder) == []
+    expected, rng, counts = _read(study), random.Random(20), Counter[str]()
+    assert not any(isinstance(part, Exception) for part in expected.values())
+    for number in range(n_faults):
+        copy = Path(shutil.copytree(study.folder, tmp_path / "tiny"))
+        path = rng.choice(_files(copy))
+        before = path.read_bytes()
+        what = damage(path, rng)
+        is_changed = not path.exists() or path.read_bytes() != before
+        read = _read(Study(copy))
+        for name, part in read.items():
+            is_refused = isinstance(part, Exception)
+            assert is_refused or _same(part, expected[name]), (number, what, name)
+            counts["refused" if is_refused else "equal"] += 1
+            if is_refused:
+                assert "\n" not in str(part), (number, what, name)
+        counts["found by doctor"] += bool(examine(copy)) and is_changed
+        shutil.rmtree(copy)
+    assert counts["refused"] and counts["found by doctor"] > n_faults // 2, counts
+
+
+def test_a_damaged_study_goes_on_to_the_same_tables(whole: Path, tmp_path: Path, n_faults: int) -> None:
+    expected = _read(results.open(whole / "results" / "tiny"))
+    space, rng = load_space(whole / "tiny.yaml"), random.Random(21)
+    for number in range(max(2, n_faults // 10)):
+        copy = tmp_path / "results" / "tiny"
+        shutil.copytree(whole / "results" / "tiny", copy)
+        what = [damage(rng.choice(_files(copy)), rng) for _ in range(rng.choice((1, 1, 3)))]
+        if number % 2:
+            left = repair(copy, examine(copy))
+            assert not left or "search_space.yaml" in left, (what, left)
+        study = explore.run(space, tmp_path / "results", progress=False)
+        read = _read(study)
+        for name in ("trials", "points"):
+            one, other = _table(read[name]), _table(expected[name])
+            assert_frame_equal(one, other, check_exact=True, obj=f"{number} {what} {name}")
+        assert [x.file for x in examine(copy)] == [], what
+        shutil.rmtree(copy)
+
+
+def test_no_damage_to_a_journal_loses_a_trial(whole: Path, tmp_path: Path, n_faults: int) -> None:
+    source = whole / "results" / "tiny"
+    space, rng = load_space(whole / "tiny.yaml"), random.Random(22)
+    shutil.copytree(source / "artefacts", tmp_path / "artefacts")
+    path, content = tmp_path / "journal.log", (source / "journal.log").read_bytes()
+    path.write_bytes(content)
+    designs = [(entry.trial, entry.batch, entry.design) for entry in Ledger(path, space).entries]
+    assert len(designs) == 6
+    for number in range(n_faults):
+        path.write_bytes(content)
+        what = [damage(path, rng) for _ in range(rng.choice((1, 1, 2))) if path.exists()]
+        if not path.exists():
+            continue
+        entries = Ledger(path, space).entries
+        found = [(entry.trial, entry.batch, entry.design) for entry in entries]
+        assert found == designs[: len(found)], (number, what)
+        cut_off = Ledger(path, space).notes == [] and len(found) < len(designs)
+        assert len(found) == len(designs) or cut_off, (number, what)
+
+
+def test_a_damaged_cache_entry_is_never_used(whole: Path, tmp_path: Path, n_faults: int) -> None:
+    root = whole / "cache"
+    [key] = [x.name for x in root.iterdir() if (x / "train.npy").is_file()]
+    expected = dataset.find(root, key)
+    assert expected is not None
+    whole_spikes = np.array(expected.spikes.channel)
+    rng, n_refused = random.Random(23), 0
+    for number in range(n_faults):
+        copy = Path(shutil.copytree(root, tmp_path / str(number)))
+        files = sorted(x for x in copy.rglob("*") if x.is_file() and x.name != ".lock")
+        what = damage(rng.choice(files), rng)
+        data = dataset.find(copy, key)
+        if data is None:
+            n_refused += 1
+            assert cache.find(copy, key) is None or any(copy.iterdir())
+        else:
+            assert np.array_equal(data.spikes.channel, whole_spikes), (number, what)
+            assert np.array_equal(data.target, expected.target), (number, what)
+            assert data.classes == expected.classes
+        shutil.rmtree(copy)
+    assert n_refused > n_faults // 2
+
+
+def test_a_process_without_file_descriptors_deletes_nothing(whole: Path, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(whole / "cache", tmp_path / "cache"))
+    (root / ".writing-of-another").mkdir()
+    (root / ".writing-of-another" / ".lock").touch()
+    files = sorted(root.rglob("*"))
+    [key] = [x.name for x in root.iterdir() if (x / "train.npy").is_file()]
+    used = [os.open(os.devnull, os.O_RDONLY)]
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    for spare in range(6):  # descriptors that are left
+        resource.setrlimit(resource.RLIMIT_NOFILE, (used[0] + spare, hard))
+        try:
+            with contextlib.suppress(OSError, store.StoreError):
+                dataset.find(root, key)
+            with contextlib.suppress(OSError, store.StoreError):
+                cache.tidy(root)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        missing = {x for x in files if not x.exists()}
+        assert missing <= {x for x in files if ".writing-of-another" in str(x)}, spare
+    os.close(used[0])
+    assert dataset.find(root, key) is not None
+
+
+def test_a_folder_stays_locked_when_its_lock_file_is_removed(tmp_path: Path) -> None:
+    with store.exclusive(tmp_path):
+        (tmp_path / ".lock").unlink()
+        with pytest.raises(store.StoreError, match="another process is running"), store.exclusive(tmp_path):
+            pass
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_ends_a_run_with_its_tables(
+    tmp_path: Path, number: signal.Signals, code: int, n_faults: int
+) -> None:
+    if number != signal.SIGTERM and n_faults < 100:
+        pytest.skip("only with all faults")
+    model = {**tiny_study.plain()["model"], "gate": str(tmp_path / "gate")}
+    tiny_study.make_space(tmp_path, model={**model, "hidden": {"choice": [[8], [4]]}}, execution={"jobs": 1})
+    lines = (
+        "from tests import tiny_study; tiny_study.register(); from dse.cli import main; main(sys.argv[1:])"
+    )
+    command = [sys.executable, "-c", f"import sys; {lines.replace('main(sys', 'sys.exit(main(sys')})"]
+    arguments = ["run", str(tmp_path / "tiny.yaml"), "--results", str(tmp_path / "results"), "--quiet"]
+    process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
+    artefacts = tmp_path / "results" / "tiny" / "artefacts"
+    until(lambda: process.poll() is not None or [*artefacts.glob("*/repeat_0/record.json")], "a first run")
+    process.send_signal(number)
+    _, err = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, err.startswith(f"stopped by {number.name}; finished trials")) == (code, True)
+    assert len(pd.read_parquet(tmp_path / "results" / "tiny" / "trials.parquet")) >= 1
