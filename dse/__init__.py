@@ -1,7 +1,7 @@
 """Design space exploration of spiking classifiers for touch.
 
     space = dse.load_space("fabric_texture")
-    study = dse.run(space)
+    study = dse.run(space)                 # or dse.run("quickstart"), or a mapping of its sections
     picked = study.pick(["energy_uj <= 50", "n_weights <= 100000"])
     dse.export(study, picked.row, "bundle")
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
     from dse.deploy.verify import verify as verify
-    from dse.study.explore import run as run
-    from dse.study.results import Study as Study
-    from dse.study.results import open as open
+    from dse.door.run import run as run
+    from dse.door.study import Study as Study
+    from dse.door.study import open as open
 
 __version__ = "0.1.0"
 
 _home = {
     "ConfigError": "dse.config",
-    "Study": "dse.study.results",
+    "Study": "dse.door.study",
     "evaluate": "dse.deploy.evaluate",
     "export": "dse.deploy.export",
     "load_space": "dse.config",
-    "open": "dse.study.results",
-    "run": "dse.study.explore",
+    "open": "dse.door.study",
+    "run": "dse.door.run",
     "verify": "dse.deploy.verify",
 }
 

@@ -286,6 +286,11 @@ def loaded_plugins() -> dict[str, str]:
     return {module: plugin.source for module, plugin in _plugins.items()}
 
 
+def interactive() -> list[tuple[str, str, type]]:
+    """Return section, name and class of the components that a notebook or a script defines itself."""
+    return [(*pair, cls) for pair, cls in _outside().items() if cls.__module__ == "__main__"]
+
+
 def load_the_same(plugins: Mapping[str, str]) -> None:
     """Load the plugins that another process has loaded, so that objects of their classes can be unpickled.
 

@@ -20,7 +20,7 @@ TREES = modules(PACKAGE)
 
 LAYERS = (
     ("cli", "testing"),
-    ("dashboard",),
+    ("dashboard", "door"),
     ("deploy", "report"),
     ("study",),
     ("audit",),

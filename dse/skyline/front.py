@@ -64,7 +64,7 @@ class Drawn(NamedTuple):
 def skyline(
     frame: pd.DataFrame,
     goals: Sequence[tuple[str, str]],
-    where: str | None = None,
+    where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the rows that meet a condition and that no other such row dominates.
@@ -76,7 +76,7 @@ def skyline(
     Args:
         frame: design points.
         goals: (column, 'max' or 'min') pairs.
-        where: condition in the language of `dse.skyline.constraints`.
+        where: condition in the language of `dse.skyline.constraints`, or several.
         by: columns whose values are compared among themselves only (a front per task, or task and chip).
 
     Raises:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dse import registry, store
 from dse.audit import record
@@ -44,7 +44,12 @@ _MOST_PREPARED, _MOST_RECORDED = 100_000, 1000
 
 
 def run(
-    space: SearchSpace, results: str | Path = "results", *, jobs: int | None = None, progress: bool = True
+    space: SearchSpace,
+    results: str | Path = "results",
+    *,
+    jobs: int | None = None,
+    progress: bool = True,
+    on_trial: Callable[[dict[str, Any]], object] | None = None,
 ) -> Study:
     """Train the missing runs of a study and return it; this also resumes an interrupted study.
 
@@ -53,6 +58,7 @@ def run(
         results: the study's folder is made in here, named as the study.
         jobs: number of worker processes; None: that of the search space.
         progress: show it on stderr.
+        on_trial: called with the row of each trial that ends here.
 
     Raises:
         ConfigError: the folder holds a study of another search space, or of other recordings; or the
@@ -80,9 +86,10 @@ def run(
             report.note(note)
         workers = Workers(n_workers)
         runs = Runs(space, folder, profiles, workers, report)
-        results_tables = _Tables(space, folder, runs, profiles, ledger)
+        results_tables = _Tables(space, folder, runs, profiles, ledger, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
         runs.recall(ledger.entries)
+        results_tables.know_ended()
         runs.forget_checkpoints()
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
@@ -111,7 +118,13 @@ class _Tables:
     """The tables of a study, written now and then so that they can be read while a long study runs."""
 
     def __init__(
-        self, space: SearchSpace, folder: Path, runs: Runs, profiles: Sequence[Profile], ledger: Ledger
+        self,
+        space: SearchSpace,
+        folder: Path,
+        runs: Runs,
+        profiles: Sequence[Profile],
+        ledger: Ledger,
+        on_trial: Callable[[dict[str, Any]], object] | None = None,
     ) -> None:
         self._space = space
         self._ledger = ledger
@@ -119,9 +132,28 @@ class _Tables:
         self._profiles = profiles
         self._runs = runs
         self._due = time.monotonic() + _REFRESH_S
+        self._on_trial = on_trial
+        self._ended: set[int] = set()
+
+    def know_ended(self) -> None:
+        """Remember the trials that have ended before."""
+        self._ended = set(self._newly_ended())
+
+    def _newly_ended(self) -> list[int]:
+        n = self._space.search.repeats
+        runs = self._runs.trials()
+        return [trial for trial in runs if trial not in self._ended and len(runs[trial]) >= n]
 
     def refresh(self) -> None:
-        """Write the tables unless they are recent; writing takes at most `_REFRESH_SHARE` of the time."""
+        """Report trials that have ended, and write the tables unless they are recent.
+
+        Writing takes at most `_REFRESH_SHARE` of the time.
+        """
+        for trial in self._newly_ended() if self._on_trial is not None else ():
+            self._ended.add(trial)
+            table = tables.trials_table(self._space, {trial: self._runs.of(trial)})
+            assert self._on_trial is not None  # else there was no trial to report
+            self._on_trial({str(name): store.plain_cell(value) for name, value in table.iloc[0].items()})
         began = time.monotonic()
         if began >= self._due:
             self.write()

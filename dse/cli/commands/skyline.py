@@ -60,47 +60,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
-    import pandas
-
-    from dse.skyline import blocks, front
-    from dse.store import StoreError
-    from dse.study import pricing, resampling
+    from dse.door.front import front_of
+    from dse.skyline import blocks
 
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     if (large := _large(arguments)) is not None:
         objectives = objectives_of(arguments.objectives, arguments.results[0])
         skyline = blocks.parquet_skyline(large, objectives, arguments.where, by)
         return front_answer(skyline.rows, objectives, skyline.notes)
-    frames = pricing.tables(arguments.results, arguments.hardware)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    frame = pricing.on_duty(
-        pandas.concat(frames, ignore_index=True), arguments.contacts_per_hour, arguments.battery_mwh
+    skyline, beside = front_of(
+        arguments.results,
+        objectives,
+        arguments.where,
+        by,
+        hardware=arguments.hardware,
+        contacts_per_hour=arguments.contacts_per_hour,
+        battery_mwh=arguments.battery_mwh,
+        draws=arguments.draws,
     )
-    skyline = front.skyline(frame, objectives, arguments.where, by)
-    rows, beside = skyline.rows, ["power_mw", "battery_h"]
-    if arguments.draws:
-        names = [name for name, _ in objectives]
-        drawing = pricing.draws(arguments.results, frames, arguments.hardware, names, arguments.draws)
-        candidates = front.comparable(frame, objectives, arguments.where, by).rows
-        share = front.front_share(candidates, objectives, drawing, by)
-        rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
-        beside.append("front_share")
-    notes = list(skyline.notes)
-    if any(name in resampling.ACCURACIES for name, _ in objectives) and all(
-        Path(path).is_dir() for path in arguments.results
-    ):
-        try:
-            drawing = resampling.draws(
-                arguments.results, frames, arguments.hardware, objectives, arguments.draws or _DRAWS
-            )
-            candidates = front.comparable(frame, objectives, arguments.where, by).rows
-            share = front.front_share(candidates, objectives, drawing, by)
-        except StoreError as error:
-            notes.append(f"no front_probability: {error}")
-        else:
-            rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
-            beside.append("front_probability")
-    return front_answer(rows, objectives, notes, beside)
+    return front_answer(skyline.rows, objectives, skyline.notes, beside)
 
 
 def _large(arguments: argparse.Namespace) -> Path | None:

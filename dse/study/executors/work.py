@@ -86,7 +86,19 @@ class Message:
 
 def pack(number: int, function: Callable[[Job], Iterable[Part]], job: Job) -> bytes:
     """Return a task for `perform`; the job is pickled apart, for it may hold components of plugins."""
-    return pickle.dumps((number, registry.loaded_plugins(), pickle.dumps((function, job))))
+    own = registry.interactive()
+    content = _dumps((own, function, job), by_value=bool(own))
+    return pickle.dumps((number, registry.loaded_plugins(), content))
+
+
+def _dumps(value: object, *, by_value: bool) -> bytes:
+    """Pickle a value; classes that no other process can import go along by value."""
+    if not by_value:
+        return pickle.dumps(value)
+    import cloudpickle
+
+    dumped: bytes = cloudpickle.dumps(value)
+    return dumped
 
 
 def perform(task: bytes, post: Callable[[bytes], object]) -> list[bytes]:
@@ -105,9 +117,11 @@ def perform(task: bytes, post: Callable[[bytes], object]) -> list[bytes]:
     send()
     try:
         registry.load_the_same(plugins)
-        function, job = pickle.loads(content)
+        own, function, job = pickle.loads(content)
+        for section, name, cls in own:  # classes of a notebook go along by value
+            registry.register(section, name)(cls)
         for part in function(job):
-            send(pickle.dumps(part))
+            send(_dumps(part, by_value=bool(own)))
     except Exception as error:
         send(pickle.dumps(Failure.of(error)))
     return messages

@@ -1,0 +1,71 @@
+"""The front of studies or tables, with all that can be asked for: chips, duty, uncertain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from dse.skyline import front
+from dse.skyline.front import Skyline
+from dse.skyline.goals import Goal
+from dse.store import StoreError
+from dse.study import pricing, resampling
+
+DRAWS = 200
+"""Default number of samples of recordings, seeds and uncertain numbers."""
+
+
+def front_of(
+    results: Sequence[str | Path],
+    objectives: Sequence[Goal],
+    where: str | Sequence[str] | None = None,
+    by: Sequence[str] = (),
+    *,
+    hardware: Sequence[str] = (),
+    contacts_per_hour: float | None = None,
+    battery_mwh: float | None = None,
+    draws: int | None = None,
+) -> tuple[Skyline, list[str]]:
+    """Return the non-dominated points, and the columns on duty and certainty that were added to them.
+
+    Args:
+        results: folders of studies, or CSV, Parquet or JSON tables, which are concatenated.
+        objectives: columns and directions.
+        where: condition, or several.
+        by: columns whose values have separate fronts.
+        hardware: profiles, by name or file, to compute costs on; empty: those of each study.
+        contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
+        battery_mwh: capacity of the battery.
+        draws: number of samples; column front_share varies the chip's uncertain numbers, front_probability
+            also recordings and seeds. None: 200 for the latter alone.
+
+    Raises:
+        ExpressionError: an unknown column or direction, or a condition that cannot be read.
+        TableError: a table cannot be read.
+    """
+    import pandas
+
+    frames = pricing.tables(results, list(hardware))
+    frame = pandas.concat(frames, ignore_index=True)
+    frame = pricing.on_duty(frame, contacts_per_hour, battery_mwh)
+    skyline = front.skyline(frame, objectives, where, by)
+    rows, beside, notes = skyline.rows, ["power_mw", "battery_h"], list(skyline.notes)
+    if draws:
+        names = [name for name, _ in objectives]
+        drawing = pricing.draws(results, frames, list(hardware), names, draws)
+        candidates = front.comparable(frame, objectives, where, by).rows
+        share = front.front_share(candidates, objectives, drawing, by)
+        rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
+        beside.append("front_share")
+    is_accurate = any(name in resampling.ACCURACIES for name, _ in objectives)
+    if is_accurate and all(Path(path).is_dir() for path in results):
+        try:
+            drawing = resampling.draws(results, frames, list(hardware), objectives, draws or DRAWS)
+            candidates = front.comparable(frame, objectives, where, by).rows
+            share = front.front_share(candidates, objectives, drawing, by)
+        except StoreError as error:
+            notes.append(f"no front_probability: {error}")
+        else:
+            rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
+            beside.append("front_probability")
+    return Skyline(rows, notes), beside

@@ -1,0 +1,285 @@
+"""A study as notebooks and scripts use it."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dse.door import arguments
+from dse.door.choice import Choice, choose
+from dse.door.front import DRAWS, front_of
+from dse.door.plots import Plots
+from dse.skyline.constraints import ExpressionError
+from dse.skyline.front import Skyline
+from dse.store import StoreError
+from dse.study import results
+
+if TYPE_CHECKING:
+    import optuna
+    import pandas
+
+    from dse.deploy.bundle import Bundle
+
+_MOST_ROWS = 10  # of the table in a notebook
+_WIDTH, _HEIGHT, _MARGIN = 360, 200, 36
+
+
+class NothingFeasible(ValueError):
+    """No design point meets every budget; `nearest` holds the nearest ones."""
+
+    def __init__(self, text: str, nearest: pandas.DataFrame) -> None:
+        """Keep the nearest points."""
+        super().__init__(text)
+        self.nearest = nearest
+
+
+class Study(results.Study):
+    """The results in a study's folder: `trials`, `points()`, `skyline()`, `best()`, `pick()`, `plot`."""
+
+    def __len__(self) -> int:
+        """Return the number of trials."""
+        return len(self.trials)
+
+    def __bool__(self) -> bool:
+        """Return True: a study without trials is a study."""
+        return True
+
+    def __repr__(self) -> str:
+        trials = self.trials
+        counts = [f"{n} {status}" for status, n in trials["status"].value_counts().items()]
+        finished = trials[trials["status"] == "finished"]
+        most = f", accuracy up to {finished['accuracy'].max():.3f}" if len(finished) else ""
+        return f"<Study {self.folder.name}: {', '.join(counts) or 'no trials'}{most}; {self.folder}>"
+
+    def _repr_html_(self) -> str:
+        """Return a small picture of the front and its first rows, for notebooks."""
+        title = f"<p>{html.escape(repr(self))}</p>"
+        points = self.points()
+        if points.empty:
+            return title
+        goals = self.objectives
+        names = [name for name, _ in goals]
+        by = [name for name in ("task",) if name in points and points[name].nunique() > 1]
+        rows = Skyline(*super().skyline(goals, None, ",".join(by) or None)).rows
+        distinct = rows.drop_duplicates(["trial", *names])
+        shown: pandas.DataFrame = distinct.head(_MOST_ROWS)[["trial", *by, *names]]
+        more = f"<p>{len(distinct) - len(shown)} more: <code>study.skyline()</code></p>"
+        table = shown.to_html(index=False, float_format=lambda x: f"{x:.4g}", border=0)
+        return title + _picture(rows, goals) + table + (more if len(distinct) > len(shown) else "")
+
+    def skyline(
+        self,
+        objectives: str | Sequence[Any] | Mapping[str, str] | None = None,
+        where: str | Sequence[str] | None = None,
+        by: str | Sequence[str] | None = None,
+        *,
+        hardware: str | Sequence[str] = (),
+        confidence: float | None = None,
+        draws: int | None = None,
+        contacts_per_hour: float | None = None,
+        battery_mwh: float | None = None,
+        targets: str | Sequence[str] = (),
+    ) -> Skyline:
+        """Return the non-dominated points and notes on what was left out.
+
+        Args:
+            objectives: 'accuracy:max,energy_uj:min', pairs, or a mapping; None: those of the search space.
+            where: condition such as "n_weights <= 5000", or several.
+            by: columns whose values have separate fronts, such as task.
+            hardware: profiles, by name or file, to compute costs on; empty: those of the study.
+            confidence: keep points that are on the front in this fraction of the samples of recordings, seeds
+                and uncertain numbers (column front_probability).
+            draws: number of samples; adds columns front_share and front_probability.
+            contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
+            battery_mwh: capacity of the battery.
+            targets: names of targets, for columns ram_bytes and cycles; points that none can hold are left
+                out.
+
+        Raises:
+            ExpressionError: an unknown column, or a condition that cannot be read.
+            TypeError: an argument of another kind.
+        """
+        goals = self.objectives if objectives is None else arguments.goals(objectives)
+        conditions = arguments.texts(where, "where")
+        groups = [x.strip() for each in arguments.texts(by, "by") for x in each.split(",") if x.strip()]
+        chips = arguments.texts(hardware, "hardware")
+        share = arguments.amount(confidence, "confidence", high=1)
+        hours = arguments.amount(contacts_per_hour, "contacts_per_hour")
+        battery = arguments.amount(battery_mwh, "battery_mwh")
+        if share is None and draws is None and not targets:
+            points = self._on_duty(chips, hours, battery)
+            from dse.skyline import front
+
+            return front.skyline(points, goals, conditions or None, groups)
+        skyline, _ = front_of(
+            [self.folder], goals, conditions, groups, hardware=chips, contacts_per_hour=hours,
+            battery_mwh=battery, draws=draws,
+        )  # fmt: skip
+        rows, notes = skyline.rows, list(skyline.notes)
+        if share is not None:
+            if "front_probability" not in rows:
+                raise ExpressionError("confidence needs an accuracy among the objectives")
+            rows = rows.loc[rows["front_probability"] >= share]
+        if names := arguments.texts(targets, "targets"):
+            from dse.deploy.footprints import on_targets
+
+            rows, remarks = on_targets(self, rows, names)
+            notes += remarks
+        return Skyline(rows, notes)
+
+    def pick(  # type: ignore[override]
+        self,
+        budgets: str | Sequence[str] = (),
+        maximise: str = "accuracy",
+        *,
+        hardware: str | Sequence[str] = (),
+        confidence: float | None = None,
+        draws: int = DRAWS,
+        contacts_per_hour: float | None = None,
+        battery_mwh: float | None = None,
+        targets: str | Sequence[str] = (),
+    ) -> Choice:
+        """Return the best point within the budgets (`row`), or None and the nearest ones (`nearest`).
+
+        Args:
+            budgets: conditions such as "energy_uj <= 50", one or several.
+            maximise: column to maximise.
+            hardware: profiles, by name or file, to compute costs on; empty: those of the study.
+            confidence: fraction of the samples in which the point must be within all budgets and on the
+                front.
+            draws: number of samples.
+            contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
+            battery_mwh: capacity of the battery.
+            targets: names of targets whose memory and cycles budgets may name.
+
+        Raises:
+            ExpressionError: an unknown column, or a budget that cannot be read.
+            TypeError: an argument of another kind.
+        """
+        return choose(
+            self.folder,
+            arguments.texts(budgets, "budgets"),
+            arguments.text(maximise, "maximise"),
+            hardware=arguments.texts(hardware, "hardware"),
+            confidence=arguments.amount(confidence, "confidence", high=1),
+            draws=draws,
+            contacts_per_hour=arguments.amount(contacts_per_hour, "contacts_per_hour"),
+            battery_mwh=arguments.amount(battery_mwh, "battery_mwh"),
+            targets=arguments.texts(targets, "targets"),
+        )
+
+    def best(self, *budgets: str, **options: Any) -> pandas.Series[Any]:
+        """Return the best point within the budgets: `study.best("n_weights <= 5000", hardware="mcu_m4")`.
+
+        Args:
+            budgets: conditions, as of `pick`.
+            options: as of `pick`.
+
+        Raises:
+            NothingFeasible: no point meets every budget; the text says what the nearest one misses.
+            ExpressionError: as of `pick`.
+            TypeError: as of `pick`.
+        """
+        conditions = [text for each in budgets for text in arguments.texts(each, "budgets")]
+        choice = self.pick(conditions, **options)
+        if choice.row is None:
+            missed = [str(name) for name in choice.nearest if str(name).startswith("missed ")]
+            text = f"no design point meets {' and '.join(conditions) or 'every condition'}"
+            if missed and len(choice.nearest):
+                nearest = choice.nearest.iloc[0]
+                misses = [f"{name.removeprefix('missed ')} by {nearest[name]:.4g}" for name in missed]
+                text += f"; the nearest misses {', '.join(misses)}"
+            raise NothingFeasible(text, choice.nearest)
+        return choice.row
+
+    def export(
+        self,
+        point: Mapping[str, Any] | pandas.Series[Any],
+        folder: str | Path,
+        targets: str | Sequence[str] = (),
+        recordings: str | Path | None = None,
+    ) -> Bundle:
+        """Write a design point as a bundle (`dse.export`)."""
+        from dse.deploy.export import export
+
+        row = {str(name): value for name, value in point.items()}
+        return export(self, row, folder, arguments.texts(targets, "targets"), recordings)
+
+    @property
+    def plot(self) -> Plots:
+        """The figures: `study.plot.front()`, `study.plot.surface(point)`, ...; dir() lists them."""
+        return Plots(self)
+
+    def to_optuna(self) -> optuna.Study:
+        """Return the trials as a study of Optuna, in memory, for its own plots and importances.
+
+        Raises:
+            StoreError: the journal is missing or damaged.
+        """
+        import warnings
+
+        import optuna
+
+        from dse.study.lines import JournalLines
+
+        path = self.folder / "journal.log"
+        if not path.is_file():
+            raise StoreError(f"{path}: no such file")
+        storage = optuna.storages.JournalStorage(JournalLines(path))  # type: ignore[arg-type]
+        (stored,) = storage.get_all_studies()
+        copy = optuna.create_study(study_name=self.folder.name, directions=stored.directions)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            copy.set_metric_names([name for name, _ in self.objectives])
+        copy.add_trials(storage.get_all_trials(stored._study_id))
+        return copy
+
+    def _on_duty(
+        self, hardware: list[str], contacts_per_hour: float | None, battery_mwh: float | None
+    ) -> pandas.DataFrame:
+        from dse.study import pricing
+
+        return pricing.on_duty(self.points(hardware), contacts_per_hour, battery_mwh)
+
+
+def open(folder: str | Path) -> Study:
+    """Return the study in a folder.
+
+    Raises:
+        StoreError: there is none, or nothing has finished yet.
+        TypeError: the folder is neither text nor path.
+    """
+    given: object = folder
+    if not isinstance(given, str | Path):
+        raise TypeError(f"folder must be the path of a study's folder, got {folder!r}")
+    return Study(results.open(folder).folder)
+
+
+def _picture(rows: pandas.DataFrame, goals: Sequence[tuple[str, str]]) -> str:
+    """Return the front over the first two objectives as SVG; nothing where there is one."""
+    names = [name for name, _ in goals]
+    if len(names) < 2 or rows.empty:
+        return ""
+    (y_name, x_name) = names[:2]
+    x, y = (rows[name].to_numpy(np.float64) for name in (x_name, y_name))
+    log = bool((x > 0).all() and x.max() > 100 * x.min())
+    across = _scaled(np.log10(x) if log else x) * (_WIDTH - 2 * _MARGIN) + _MARGIN
+    down = _HEIGHT - _MARGIN - _scaled(y) * (_HEIGHT - 2 * _MARGIN)
+    dots = "".join(f'<circle cx="{a:.1f}" cy="{d:.1f}" r="3"/>' for a, d in zip(across, down, strict=True))
+    ends = f"{x.min():.4g} to {x.max():.4g}{' (log)' if log else ''}"
+    return (
+        f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img" aria-label="front" '
+        'style="background:#fff" fill="#0072b2" font-family="sans-serif" font-size="11">'
+        f'{dots}<text x="{_MARGIN}" y="{_HEIGHT - 10}" fill="#333">{html.escape(x_name)}: {ends}</text>'
+        f'<text x="{_MARGIN}" y="16" fill="#333">{html.escape(y_name)}: {y.min():.4g} to {y.max():.4g}'
+        "</text></svg>"
+    )
+
+
+def _scaled(values: Any) -> Any:
+    low, high = values.min(), values.max()
+    return (values - low) / (high - low) if high > low else np.full(len(values), 0.5)
