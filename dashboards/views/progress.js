@@ -1,5 +1,5 @@
 "use strict";
-// How the study goes, in a line; behind it how its front grew, and what is under way, failed or was pruned.
+// How the study goes, in a line; behind it how its front grew, and what is under way, failed or stopped early.
 const Progress = (() => {
   const [WIDTH, HEIGHT] = [560, 240]; // of the figure, in px, at least
   const FAR = "\u202f"; // between a number and its unit
@@ -23,7 +23,7 @@ const Progress = (() => {
       repeated ? `${share(runs.done, runs.total)} runs` : "",
       trials.running ? `${grouped(trials.running)} ${isLive ? "running" : "begun"}` : "",
       trials.failed ? `${grouped(trials.failed)} failed` : "",
-      trials.pruned ? `${grouped(trials.pruned)} pruned` : "",
+      trials.stopped ? `${grouped(trials.stopped)} stopped early` : "",
       hours ? `${duration(3600 * hours)} spent` : "",
       left === null || !isLive ? "" : `${duration(left)} left`,
     ].filter(Boolean).join(" · ");
@@ -109,7 +109,7 @@ const Progress = (() => {
       const open = new Set([...lists.querySelectorAll("details[open] > summary")].map((node) => node.title));
       lists.replaceChildren(
         ...reasons("failed", progress.trials.failed, progress.failed),
-        ...reasons("pruned", progress.trials.pruned, progress.pruned),
+        ...reasons("stopped early", progress.trials.stopped, progress.stopped),
         ...running(progress),
         ...(progress.last ? [element("p", { className: "last", textContent: `A run last ended at ${progress.last.replace("T", " ").replace("+00:00", " UTC")}.` })] : []),
       );

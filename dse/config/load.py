@@ -15,6 +15,7 @@ from dse.config.evaluation import evaluation_faults
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space, names_a_file
 from dse.config.parts import Part
+from dse.config.racing import racing_faults
 from dse.config.sections import FAMILIES, SECTIONS, front_end
 from dse.config.space import SearchSpace
 from dse.config.teacher import teacher_faults
@@ -116,6 +117,9 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
     search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
+    if search is not None and search.racing is not None:
+        for path, text in racing_faults(search.racing, sections):
+            report(path, text)
     execution = goals.execution(data.get("execution"), report, check_device=check_data)
     for message in [] if execution is None else _device_faults(execution.device, sections.get("model")):
         report(("execution", "device"), message)

@@ -546,6 +546,44 @@ class Precision:
 
 
 @dataclass(frozen=True)
+class Racing:
+    """Which designs stop before their last epoch: those that cannot reach the front any more."""
+
+    rungs: tuple[int, ...] = param(
+        doc="epochs after which each design is measured, and stops or goes on; rising", low=1, axis=False
+    )
+    confidence: float = param(
+        0.95,
+        doc="probability with which a design gains no more than is predicted from those that have finished",
+        low=0,
+        low_open=True,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
+    least_gain: float = param(
+        0.001,
+        doc="a design goes on if it may add more than this fraction to the hypervolume of its front; 0: if "
+        "it may join the front at all",
+        low=0,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
+    audit: int = param(
+        4,
+        doc="stopped designs, drawn at random, that are trained to the end at last: what racing has lost",
+        low=0,
+        axis=False,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the order of the rungs."""
+        if not self.rungs or list(self.rungs) != sorted(set(self.rungs)):
+            raise ValueError(f"rungs must be at least one number of epochs, rising, got {list(self.rungs)}")
+
+
+@dataclass(frozen=True)
 class Search:
     """How designs are proposed and how often each is trained; a sampler adds its own keys."""
 
@@ -572,6 +610,11 @@ class Search:
     )
     repeats_on_front: int = param(
         1, doc="trainings of each design on the front of its task and family", low=1, axis=False
+    )
+    racing: Racing | None = param(  # noqa: RUF009
+        None,
+        doc="stop designs early: keys rungs, confidence, audit (default: all designs train to the end)",
+        axis=False,
     )
 
 

@@ -15,7 +15,7 @@ from dse.config.contracts import Source
 from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
 from dse.config.sections import SECTIONS
-from dse.config.settings import Evaluation, ExecutionSettings, Precision, Split
+from dse.config.settings import Evaluation, ExecutionSettings, Precision, Racing, Split
 from dse.config.values import Values, as_tuple, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
@@ -56,6 +56,7 @@ class SearchSettings:
     n_trials: designs to train; None: the whole grid.
     batch: designs proposed at a time.
     repeats, repeats_on_front: trainings of every design, and of those on the front at the end.
+    racing: when designs stop early; None: never.
     """
 
     sampler: str
@@ -63,6 +64,7 @@ class SearchSettings:
     batch: int
     repeats: int
     repeats_on_front: int
+    racing: Racing | None = None
     options: Mapping[str, Raw] = field(default_factory=dict)
 
 
@@ -193,6 +195,10 @@ class SearchSpace:
         if self.limits is not None:
             sections["limits"] = list(self.limits)
         search = {name: value for name, value in vars(self.search).items() if name != "options"}
+        if self.search.racing is None:
+            del search["racing"]
+        else:
+            search["racing"] = plain(self.search.racing)
         sections["search"] = search | dict(self.search.options)
         sections["execution"] = plain(self.execution)
         ordered = {name: sections[name] for name in SECTIONS if name in sections}

@@ -11,7 +11,7 @@ import numpy as np
 from dse.dashboard.write import plain_figure
 from dse.figures.progress import draw_progress
 from dse.store import plain_cell
-from dse.study.status import ENDED_BADLY, Status, status
+from dse.study.status import ENDED_EARLY, Status, status
 
 MAX_LISTED = 50
 """Largest number of running trials, of reasons, and of trials per reason in a list; counts include all."""
@@ -21,10 +21,10 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
     """Gather the progress of a study (`dse.study.status`), as plain values that JSON can hold.
 
     Returns:
-        trials: {total, done, running, failed, pruned}; total is None if it is unknown;
+        trials: {total, done, running, failed, stopped}; total is None if it is unknown;
         runs: {total, done};
         running: [{trial, design}] of proposed trials without all their runs, the first `MAX_LISTED`;
-        failed, pruned: [{reason, count, trials}], the most frequent reason first, each with its first trials;
+        failed, stopped: [{reason, count, trials}], the most frequent reason first, each with first trials;
         hours: total length of all sessions, without the time between them;
         time_left_s: None if there is no estimate or no run is missing;
         last: end of the last run, ISO 8601 in UTC, None before the first end;
@@ -38,12 +38,12 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
     last = None if now.last_s is None else datetime.fromtimestamp(now.last_s, UTC)
     return {
         "trials": {"total": now.n_trials, "done": now.n_done, "running": len(now.running)}
-        | {how: sum(outcome.status == how for outcome in now.outcomes.values()) for how in ENDED_BADLY},
+        | {how: sum(outcome.status == how for outcome in now.outcomes.values()) for how in ENDED_EARLY},
         "runs": {"total": now.n_runs, "done": now.n_runs_done},
         "running": [
             {"trial": entry.trial, "design": plain_cell(entry.design)} for entry in now.running[:MAX_LISTED]
         ],
-        **{how: _by_reason(now, how) for how in ENDED_BADLY},
+        **{how: _by_reason(now, how) for how in ENDED_EARLY},
         "hours": now.hours,
         "time_left_s": now.time_left_s,
         "last": None if last is None else last.isoformat(timespec="seconds"),

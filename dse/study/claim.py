@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from dse.study.results import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
+_UNFINISHED = ("checkpoints", "racing")  # of trainings that have begun
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
@@ -41,6 +43,9 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
     copies = {file: folder / "plugins" / f"{number}_{file.name}" for number, file in enumerate(files)}
     if next(folder.glob("artefacts/*/repeat_*"), None) is None:
         store.remove(folder / "journal.log")
+        if not _trains_the_same(path, now, copies):
+            for name in _UNFINISHED:
+                store.remove(folder / name)
     elif path.exists():
         before = now
         try:
@@ -72,6 +77,16 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
         folder / "environment.json", [*_sessions(folder / "environment.json", notes), environment.describe()]
     )
     return notes
+
+
+def _trains_the_same(path: Path, now: Any, copies: Mapping[Path, Path]) -> bool:
+    """Return whether trainings that a folder has begun may go on."""
+    try:
+        changes = _changes(plain_space(path), now)
+        same = all(copy.is_file() and store.read_sealed_text(copy) == _text(x) for x, copy in copies.items())
+    except store.StoreError:
+        return False
+    return same and all(x.startswith("execution.") and x != "execution.device" for x, *_ in changes)
 
 
 def _text(file: Path) -> str:

@@ -29,6 +29,7 @@ from dse.study.journal import Entry
 from dse.study.known import Group, KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.progress import Progress, shown
+from dse.study.racing import Race
 from dse.study.record import RunRecord
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
@@ -94,7 +95,12 @@ def run(
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
-                _search(space, ledger, runs, results_tables, report, before)
+                race = Race(space, folder, profiles, runs, report) if space.search.racing else None
+                _search(space, ledger, runs, results_tables, report, before, race)
+                if race is not None:
+                    for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
+                        report.note(text)
+                    runs.forget_checkpoints(of_stopped=True)
                 _repeat_front(space, ledger, runs, results_tables, report)
                 _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
@@ -182,6 +188,7 @@ def _search(
     results_tables: _Tables,
     report: Progress,
     before: KnownBefore | None,
+    race: Race | None,
 ) -> None:
     """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions."""
     settings = space.search
@@ -215,14 +222,18 @@ def _search(
                 entries = _of_batch(ledger, number)
         if not entries:
             return
-        runs.complete(entries, settings.repeats, results_tables.refresh)
+        if race is None:
+            runs.complete(entries, settings.repeats, results_tables.refresh)
+        else:
+            race.complete(number, entries, results_tables.refresh)
         with ledger.together():
             for entry in entries:
                 if not entry.is_reported and not runs.is_untrained(entry.trial):
                     records = runs.of(entry.trial)[: settings.repeats]
+                    stopped = any(one.stopped_at_epoch is not None for one in records)
                     values = _values(space, records)
                     missed = None if excluding is None or values is None else excluding.missed(entry, records)
-                    ledger.tell(entry.trial, values, missed)
+                    ledger.tell(entry.trial, values, missed, _at_rungs(space, records), stopped=stopped)
         ended = _of_batch(ledger, number)
         if excluding is not None:
             excluding.end(number, ended)
@@ -326,11 +337,26 @@ def _n_trials(space: SearchSpace) -> int:
     return space.search.n_trials or space.n_designs or 0
 
 
+def _at_rungs(space: SearchSpace, records: Sequence[RunRecord]) -> dict[int, float]:
+    """Return epochs -> the first objective of a trial's full read-out at that rung, where it has one."""
+    name = space.objectives[0][0]
+    values = {}
+    for epochs in sorted(set.intersection(*(set(one.rungs) for one in records))):
+        numbers = [one.rungs[epochs] for one in records]
+        value = float(tables.summary(numbers, next(iter(numbers[0].hardware), None)).get(name, math.nan))
+        if math.isfinite(value):
+            values[epochs] = value
+    return values
+
+
 def _values(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
-    """Return the objectives of a trial's full read-out, None if it failed or lacks one of them."""
+    """Return the objectives of a trial's full read-out, None if it failed or lacks one of them.
+
+    Those of a trial that stopped early are as they were then.
+    """
     if any(record.failed for record in records):
         return None
-    numbers = [record.measured for record in records]
+    numbers = [record.last for record in records]
     row = tables.summary(numbers, next(iter(numbers[0].hardware), None))
     values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
     return tuple(values) if all(map(math.isfinite, values)) else None

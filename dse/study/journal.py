@@ -16,7 +16,7 @@ from dse.study import lines
 from dse.study.lines import CREATE_TRIAL, SET_TRIAL_STATE
 
 # Of Optuna's format: JournalOperation.SET_TRIAL_USER_ATTR and SET_TRIAL_SYSTEM_ATTR, TrialState.RUNNING.
-SET_USER_ATTRIBUTE, SET_SYSTEM_ATTRIBUTE, RUNNING = 8, 9, 0
+SET_INTERMEDIATE_VALUE, SET_USER_ATTRIBUTE, SET_SYSTEM_ATTRIBUTE, RUNNING = 7, 8, 9, 0
 EXCLUDED = "excluded"
 """User attribute of a trial that is not trained: why."""
 

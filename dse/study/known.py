@@ -62,7 +62,7 @@ class KnownBefore:
 
     def violations(self, design: Mapping[str, Raw], records: Sequence[RunRecord]) -> dict[str, float]:
         """Return limit -> how far a trained design misses it at its full read-out, on its best chip."""
-        numbers = [record.measured for record in records]
+        numbers = [record.last for record in records]
         axes = self._cells(design)
         rows = []
         for chip in self._profiles or (None,):

@@ -17,13 +17,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from dse.config import SearchSpace
 from dse.search.limits import Exclusion
 from dse.search.proposals import distribution
 from dse.store import StoreError, damaged, explained, read_record, run_folder
-from dse.study.journal import EXCLUDED, SET_SYSTEM_ATTRIBUTE, SET_USER_ATTRIBUTE, Entry, read_journal
+from dse.study.journal import (
+    EXCLUDED,
+    SET_INTERMEDIATE_VALUE,
+    SET_SYSTEM_ATTRIBUTE,
+    SET_USER_ATTRIBUTE,
+    Entry,
+    read_journal,
+)
 from dse.study.lines import CREATE_STUDY, CREATE_TRIAL, SET_TRIAL_STATE, JournalLines, Log, counted
 
 if TYPE_CHECKING:
@@ -222,19 +230,33 @@ class Ledger:
         return {"op_code": operation, "worker_id": self._writer, **fields}
 
     def tell(
-        self, trial: int, values: Sequence[float] | None, violations: Mapping[str, float] | None = None
+        self,
+        trial: int,
+        values: Sequence[float] | None,
+        violations: Mapping[str, float] | None = None,
+        at_rungs: Mapping[int, float] = MappingProxyType({}),
+        *,
+        stopped: bool = False,
     ) -> None:
         """Append the result of a trial: its objectives, or None for a failed trial.
 
         Args:
             trial: its number.
-            values: its objectives.
+            values: its objectives, at its last rung if it stopped there.
             violations: limit -> by how much the trial misses it.
+            at_rungs: epochs -> first objective there.
+            stopped: whether it stopped at a rung.
         """
         from optuna.trial import TrialState
 
         state = TrialState.FAIL if values is None else TrialState.COMPLETE
+        state = TrialState.PRUNED if stopped else state
         with self.together():
+            for epochs, value in at_rungs.items():
+                line = self._line(
+                    SET_INTERMEDIATE_VALUE, trial_id=trial, step=epochs, intermediate_value=value
+                )
+                self._unwritten.append(line)
             self._end(trial, state, values, violations or {})
         objectives = None if values is None else tuple(map(float, values))
         self._entries[trial] = replace(self._entries[trial], reported_s=time.time(), values=objectives)

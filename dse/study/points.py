@@ -124,7 +124,7 @@ def _parts(
 ) -> Iterator[dict[str, Array]]:
     """Yield the columns of n points of a trial at a time on every profile; None: of all its points."""
     for trial, runs in sorted(trials.items()):
-        if any(record.failed for record in runs):
+        if not all(record.finished for record in runs):
             continue
         answered = answers(folder, runs)
         about = tables.named(space, trial, runs[0].design, len(runs))

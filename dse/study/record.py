@@ -13,6 +13,9 @@ from dse.measure.run import Measurement
 from dse.records import Head
 from dse.store import StoreError
 
+STOPPED = "stopped"
+"""The status of a run that racing stopped before its end."""
+
 
 @dataclass(frozen=True)
 class Numbers:
@@ -64,7 +67,8 @@ class RunRecord:
     design: its axes. seed: of the study.
     reason, details: why it failed, in a line and as a traceback; '' if it did not fail.
     needs_bytes: necessary memory of a run that failed for lack of memory.
-    numbers: the measured numbers; None if it failed, and then the fields below are empty too.
+    numbers: the measured numbers; None if it failed or stopped early, and then most fields below are empty.
+    stopped_at_epoch: epochs after which racing stopped it, for the reason; None: it was not stopped.
     sections: of its design, as plain data, with the values that were fitted to the recordings.
     classes, heads: of its answers.
     data: key of the data set. samples: number of samples in each part of it.
@@ -81,6 +85,7 @@ class RunRecord:
     details: str = ""
     needs_bytes: int | None = None
     numbers: Numbers | None = None
+    stopped_at_epoch: int | None = None
     sections: Mapping[str, Any] = field(default_factory=dict)
     classes: tuple[str, ...] = ()
     heads: tuple[Head, ...] = ()
@@ -92,23 +97,48 @@ class RunRecord:
 
     @property
     def failed(self) -> bool:
-        """Whether the run failed."""
-        return self.numbers is None
+        """Whether the run failed; one that stopped early did not."""
+        return self.numbers is None and self.stopped_at_epoch is None
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run trained to its end."""
+        return self.numbers is not None
+
+    @property
+    def last(self) -> Numbers:
+        """The numbers of a finished run, or those at the rung where it stopped.
+
+        Raises:
+            ValueError: it failed.
+        """
+        return self.measured if self.stopped_at_epoch is None else self.rungs[self.stopped_at_epoch]
 
     @property
     def measured(self) -> Numbers:
         """The numbers of a finished run.
 
         Raises:
-            ValueError: it failed.
+            ValueError: it failed, or stopped early.
         """
         if self.numbers is None:
-            raise ValueError(f"trial {self.trial} failed: {self.reason}")
+            how = "failed" if self.failed else f"stopped after {self.stopped_at_epoch} epochs"
+            raise ValueError(f"trial {self.trial} {how}: {self.reason}")
         return self.numbers
 
     def to_plain(self) -> dict[str, Any]:
         """Return the content of record.json without the schema and the checksums of files."""
         about = {"trial": self.trial, "repeat": self.repeat, "design": dict(self.design), "seed": self.seed}
+        if self.stopped_at_epoch is not None:
+            return {
+                **about,
+                "status": STOPPED,
+                "reason": self.reason,
+                "stopped_at_epoch": self.stopped_at_epoch,
+                "data": self.data,
+                "samples": dict(self.samples),
+                "rungs": plain_rungs(self.rungs),
+            }
         if self.numbers is None:
             needs = {} if self.needs_bytes is None else {"needs_bytes": self.needs_bytes}
             return {**about, "status": "failed", "reason": self.reason, "details": self.details, **needs}
@@ -142,7 +172,8 @@ class RunRecord:
                 reason=plain["reason"],
                 details=plain.get("details", ""),
                 needs_bytes=plain.get("needs_bytes"),
-                numbers=None if plain["status"] == "failed" else Numbers.from_plain(plain),
+                numbers=None if plain["status"] in ("failed", STOPPED) else Numbers.from_plain(plain),
+                stopped_at_epoch=plain.get("stopped_at_epoch"),
                 sections=plain.get("sections", {}),
                 classes=tuple(plain.get("classes", ())),
                 heads=store.heads_of({"name": name, **x} for name, x in plain.get("heads", {}).items()),

@@ -98,6 +98,7 @@ class Runs:
         self._shapes: dict[str, Shape | None] = {}  # by the key of a data set
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
         self._untrained: dict[tuple[int, int], str] = {}  # why the machine could not train a run
+        self._paused: dict[tuple[int, int, int], RunRecord] = {}  # runs at rungs: trial, repeat, epochs
 
     def of(self, trial: int) -> list[RunRecord]:
         """Return the records of a trial's finished runs, repeat 0 first."""
@@ -156,15 +157,48 @@ class Runs:
                 if record is not None and (record.needs_bytes or math.inf) <= self._budget:
                     store.remove(folder)
                 elif record is not None:
-                    self._check_data(entry, record)
+                    self._check_data(record)
                     self._records.setdefault(entry.trial, {})[repeat] = record
 
-    def forget_checkpoints(self) -> None:
-        """Remove the checkpoints of finished runs, which a killed worker may have left."""
-        checkpoints.forget(self._folder, {(trial, k) for trial, of in self._records.items() for k in of})
+    def forget_checkpoints(self, *, of_stopped: bool = False) -> None:
+        """Remove the checkpoints of runs that have finished or failed, or stopped at a rung."""
+        ended = {
+            (trial, repeat)
+            for trial, records in self._records.items()
+            for repeat, record in records.items()
+            if of_stopped or record.stopped_at_epoch is None
+        }
+        checkpoints.forget(self._folder, ended)
+
+    def paused(self, trial: int, repeats: int, epochs: int) -> list[RunRecord] | None:
+        """Return the records of a trial's runs at a rung where all of them pause; None: not all do."""
+        for repeat in range(repeats):
+            if self._has(trial, repeat) or not self._is_paused(trial, repeat, epochs):
+                return None
+        return [self._paused[trial, repeat, epochs] for repeat in range(repeats)]
+
+    def stop(self, trial: int, records: Sequence[RunRecord], epochs: int, reason: str) -> None:
+        """Record that racing stops the runs of a trial at a rung; checkpoints stay, for an audit."""
+        for record in records:
+            stopped = dataclasses.replace(record, numbers=None, stopped_at_epoch=epochs, reason=reason)
+            folder = store.run_folder(self._folder, trial, record.repeat)
+            store.save_run(folder, stopped.to_plain(), {})
+            self._keep(stopped)
+
+    def train_on(self, trial: int) -> None:
+        """Forget that racing stopped a trial: its runs are missing again."""
+        for repeat, record in list(self._records.get(trial, {}).items()):
+            if record.stopped_at_epoch is not None:
+                store.remove(store.run_folder(self._folder, trial, repeat))
+                del self._records[trial][repeat]
+                self._progress.expect(1)
 
     def complete(
-        self, entries: Sequence[Entry], repeats: int, after_each: Callable[[], None] = lambda: None
+        self,
+        entries: Sequence[Entry],
+        repeats: int,
+        after_each: Callable[[], None] = lambda: None,
+        until: int | None = None,
     ) -> None:
         """Train every missing run of some designs up to a number of repeats.
 
@@ -172,14 +206,20 @@ class Runs:
             entries: the designs.
             repeats: runs of each.
             after_each: called when a run has ended.
+            until: epochs of the rung to which they train; None: to their ends.
 
         Raises:
             StoreError: results cannot be written (the disk is full); nothing finished is lost.
             RecordingError: no data set of any design could be prepared.
         """
         self.recall(entries)
-        missing = [(e, r) for e in entries for r in range(repeats) if not self._has(e.trial, r)]
-        waiting = self._planned(self._prepared(missing))
+        missing = [
+            (entry, repeat)
+            for entry in entries
+            for repeat in range(repeats)
+            if not self._has(entry.trial, repeat) and not self._is_paused(entry.trial, repeat, until)
+        ]
+        waiting = self._planned(self._prepared(missing), until)
         for attempt in range(_ATTEMPTS):
             is_last = attempt == _ATTEMPTS - 1
             again: list[jobs.TrainingJob] = []
@@ -187,12 +227,12 @@ class Runs:
                 if isinstance(ended, Failure):
                     runs, why = cohort.runs, ended
                 elif ended[1] is None or not _by_machine(ended[1]):
-                    self._settle(cohort.runs[ended[0]], ended[1])
+                    self._settle(cohort.runs[ended[0]], ended[1], until)
                     after_each()
                     continue
                 else:
                     runs, why = (cohort.runs[ended[0]],), ended[1]
-                unfinished = self._unfinished(runs, why)
+                unfinished = self._unfinished(runs, why, until)
                 if len(cohort.runs) == 1 and not _by_machine(why):
                     for run in unfinished:
                         self._settle(run, why)
@@ -292,7 +332,7 @@ class Runs:
         left_out: dict[str, None] = {}
         for entry in entries:
             for record in self.of(entry.trial):
-                if record.failed:
+                if not record.finished:
                     continue
                 repeat = record.repeat
                 folder = store.run_folder(self._folder, entry.trial, repeat)
@@ -305,7 +345,17 @@ class Runs:
             self._progress.note(f"precision: skipped: {text}")
         return incomplete, lacking
 
-    def _planned(self, runs: Sequence[jobs.Run]) -> list[jobs.TrainingJob]:
+    def _is_paused(self, trial: int, repeat: int, until: int | None) -> bool:
+        """Return whether a run stands at the rung to which it is to train."""
+        if until is None:
+            return False
+        key = trial, repeat, until
+        if key not in self._paused and (record := checkpoints.at_rung(self._folder, *key)) is not None:
+            self._check_data(record)
+            self._paused[key] = record
+        return key in self._paused
+
+    def _planned(self, runs: Sequence[jobs.Run], until: int | None = None) -> list[jobs.TrainingJob]:
         """Return the runs as cohorts, in the order of training; a run too large for a worker fails here."""
         run_of = {run.data: run for run in runs}
 
@@ -318,8 +368,9 @@ class Runs:
         for run in runs:
             demand = jobs.demand(run, load(run.data), execution.threads)
             epochs = max(checkpoints.folders(self._folder, run.trial, run.repeat), default=0)
-            left = 1 - epochs / run.sections.training.epochs  # runs at one epoch may train together
-            demand = dataclasses.replace(demand, key=(demand.key, epochs), cost=demand.cost * left)
+            # Runs at one epoch may train together.
+            share = ((until or run.sections.training.epochs) - epochs) / run.sections.training.epochs
+            demand = dataclasses.replace(demand, key=(demand.key, epochs), cost=demand.cost * share)
             if demand.alone_bytes > self._budget:
                 text = (
                     f"training needs {demand.alone_bytes} bytes, more than the {self._budget} of a process; "
@@ -329,23 +380,24 @@ class Runs:
             else:
                 fitting.append(run)
                 demands.append(demand)
-                self._work[run.trial, run.repeat] = demand.cost
+                key = run.trial, run.repeat
+                self._work[key] = self._work.get(key, 0.0) + demand.cost
         self._progress.plan([demand.cost for demand in demands])
         device, threads, checkpoint_s = execution.device, execution.threads, execution.checkpoint_s
         plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
         return [
-            jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads, None, checkpoint_s)
+            jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads, until, checkpoint_s)
             for members in plan
         ]
 
-    def _unfinished(self, runs: Sequence[jobs.Run], why: Failure) -> list[jobs.Run]:
+    def _unfinished(self, runs: Sequence[jobs.Run], why: Failure, until: int | None) -> list[jobs.Run]:
         """Return the runs of a job that ended early which are not finished; record those that are."""
         _stop_if_blameless(why)
         unfinished = []
         for run in runs:
             if run.folder.is_dir():  # the worker died after publishing it
                 self._settle(run, None)
-            elif not self._has(run.trial, run.repeat):
+            elif not self._has(run.trial, run.repeat) and not self._is_paused(run.trial, run.repeat, until):
                 unfinished.append(run)
         return unfinished
 
@@ -354,13 +406,15 @@ class Runs:
         self._untrained[key] = why.reason
         self._progress.note(f"trial {key[0]} is not trained: {why.reason}; the next run tries again")
 
-    def _settle(self, run: jobs.Run, why: Failure | None) -> None:
+    def _settle(self, run: jobs.Run, why: Failure | None, until: int | None = None) -> None:
         """Record a run that has ended, unless it is recorded already."""
         if self._has(run.trial, run.repeat):
             return
         record = load_record(run.folder) if why is None else None
         if record is not None:
             self._keep(record)
+        elif why is None and self._is_paused(run.trial, run.repeat, until):
+            self._progress.doing(f"trial {run.trial} has trained {until} epochs")
         else:
             assert why is not None  # a run without a failure is published
             self._fail(run.trial, run.repeat, run.design, why)
@@ -583,12 +637,12 @@ class Runs:
         if now != known:
             store.write_json(path, now)
 
-    def _check_data(self, entry: Entry, record: RunRecord) -> None:
+    def _check_data(self, record: RunRecord) -> None:
         if not record.data:
             return
-        if self._data_key(entry.design, self._fold(record.repeat)) != record.data:
+        if self._data_key(record.design, self._fold(record.repeat)) != record.data:
             text = (
-                f"data: the recordings differ from those that trial {entry.trial} was trained on; "
+                f"data: the recordings differ from those that trial {record.trial} was trained on; "
                 "restore them, or use another --results folder"
             )
             raise ConfigError([Fault(str(self._space.source), 0, text)])
@@ -623,6 +677,8 @@ def _stop_if_blameless(failure: Failure) -> None:
 
 def _sentence(record: RunRecord) -> str:
     name = f"trial {record.trial}" + (f" repeat {record.repeat}" if record.repeat else "")
+    if record.stopped_at_epoch is not None:
+        return f"{name} stopped after {record.stopped_at_epoch} epochs: {record.reason}"
     if record.numbers is None:
         return f"{name} failed: {record.reason}"
     return f"{name} accuracy {record.numbers.columns['accuracy']:.3f}"

@@ -20,6 +20,7 @@ from dse.records import Floats
 from dse.store import StoreError, read_json, read_record, run_folder, verify
 from dse.study.fronts import GROUPS, fronts
 from dse.study.journal import Entry, read_journal, seconds
+from dse.study.record import STOPPED
 from dse.study.results import Study
 from dse.study.time_left import seconds_left
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from dse.skyline.goals import Goal
 
-ENDED_BADLY = ("failed", "pruned")
+ENDED_EARLY = ("failed", STOPPED)
 
 _OF_POINTS = ("trial", *GROUPS, "fits", "transductive", "weight_bits", "pruned_after")
 _CLOCKS_S = 60.0  # a file system's clock may be ahead by this
@@ -38,7 +39,7 @@ _Runs = dict[int, dict[int, float]]  # trial -> repeat -> when it ended, in seco
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended, over its runs: 'finished', 'failed' or 'pruned', and the reason."""
+    """How a trial ended, over its runs: 'finished', 'failed' or 'stopped', and the reason."""
 
     status: str
     reason: str
@@ -212,7 +213,7 @@ def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
     for trial, runs in written.items():
         if trial not in outcomes or len(runs) > outcomes[trial].n_runs:
             records = [_record(run_folder(folder, trial, repeat)) for repeat in runs]
-            bad = [record for record in records if record.get("status") in ENDED_BADLY]
+            bad = [record for record in records if record.get("status") in ENDED_EARLY]
             decisive = bad[0] if bad else records[0]
             outcomes[trial] = Outcome(
                 str(decisive.get("status", "")), str(decisive.get("reason", "")), len(runs)

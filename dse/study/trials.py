@@ -19,7 +19,7 @@ from dse.measure.objectives import flat
 from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_columns
 from dse.study.journal import Entry
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import STOPPED, Numbers, RunRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -43,9 +43,14 @@ def trials_table(
     for trial, records in sorted(trials.items()):
         row = named(space, trial, records[0].design, len(records))
         failed = [record for record in records if record.failed]
-        row["status"] = "failed" if failed else "finished"
+        stopped = [record for record in records if record.stopped_at_epoch is not None]
+        row["status"] = "failed" if failed else STOPPED if stopped else "finished"
         row["reason"] = "; ".join(_blamed(r, len(records)) for r in failed)
-        if not failed:
+        if stopped and not failed:
+            row["reason"] = stopped[0].reason
+            row["stopped_at_epoch"] = stopped[0].stopped_at_epoch
+            row["accuracy_when_stopped"] = summary([x.last for x in stopped], None)["accuracy"]
+        elif not failed:
             numbers = [record.measured for record in records]
             profile = next(iter(numbers[0].hardware), None)
             row |= {} if profile is None else {"hardware": profile}
@@ -58,6 +63,8 @@ def trials_table(
     # Ordered by the longest row: a table that starts with a failed trial has its columns like any other.
     names = dict.fromkeys(key for row in sorted(rows, key=len, reverse=True) for key in row)
     frame = pandas.DataFrame(rows, columns=[*(n for n in names if n not in _LAST), *_LAST])
+    if "stopped_at_epoch" in frame:
+        frame = frame.astype({"stopped_at_epoch": "Int64"})
     claims = [n for n in names if any(isinstance(row.get(n), bool) for row in rows)]
     return frame.astype(dict.fromkeys(claims, "boolean"))
 

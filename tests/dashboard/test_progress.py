@@ -93,7 +93,7 @@ def half(tmp_path):
 
 def test_a_study_half_way(half):
     found = gather_progress(half.path)
-    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "pruned": 0}
+    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "stopped": 0}
     assert found["runs"] == {"total": 4, "done": 3}
     assert found["running"] == [{"trial": 3, "design": {"model.hidden": [8, 3], "rate": None}}]
     assert found["failed"] == [{"reason": "loss is not finite", "count": 1, "trials": [2]}]
@@ -136,14 +136,14 @@ def test_before_the_tables_and_before_anything(half):
     for name in ("trials", "points"):
         (half.path / f"{name}.parquet").unlink()
     found = gather_progress(half.path)
-    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "pruned": 0}
+    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "stopped": 0}
     assert found["figure"] is None
     assert found["hypervolume"] == []
     shutil.rmtree(half.path / "artefacts")
     (half.path / "journal.log").unlink()
     (half.path / "environment.json").unlink()
     found = gather_progress(half.path)
-    assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "pruned": 0}
+    assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "stopped": 0}
     assert (found["hours"], found["time_left_s"], found["last"]) == (0, None, None)
 
 
@@ -209,7 +209,7 @@ def test_repeats_make_a_trial_done_and_the_front_needs_more(tmp_path):
     # Trial 1 beats trial 0; trial 2 lacks a run of its own.
     made.table([(k, "finished", "", 2) for k in range(2)], [(0, 0.5, 5.0), (1, 0.6, 4.0)])
     found = gather_progress(made.path)
-    assert found["trials"] == {"total": 3, "done": 2, "running": 1, "failed": 0, "pruned": 0}
+    assert found["trials"] == {"total": 3, "done": 2, "running": 1, "failed": 0, "stopped": 0}
     assert found["runs"] == {"total": 5 + 1 + 2, "done": 5}
     assert found["time_left_s"] is None
 
@@ -238,7 +238,7 @@ def test_all_failed_and_reasons_by_their_number(tmp_path):
         made.end(trial, at=10 + trial, status="failed", reason="rare" if trial == 3 else "<b>often</b>")
     made.table([(k, "failed", "rare" if k == 3 else "<b>often</b>", 1) for k in range(n)])
     found = gather_progress(made.path)
-    assert found["trials"] == {"total": n, "done": n, "running": 0, "failed": n, "pruned": 0}
+    assert found["trials"] == {"total": n, "done": n, "running": 0, "failed": n, "stopped": 0}
     often, rare = found["failed"]
     assert (often["reason"], often["count"], often["trials"][:4]) == ("<b>often</b>", n - 1, [0, 1, 2, 4])
     assert len(often["trials"]) == MAX_LISTED
@@ -247,11 +247,11 @@ def test_all_failed_and_reasons_by_their_number(tmp_path):
     assert found["time_left_s"] is None
 
 
-def test_pruned_trials_are_told_apart(half):
-    half.table([(0, "finished", "", 1), (1, "pruned", "behind the median", 1)])
+def test_stopped_trials_are_told_apart(half):
+    half.table([(0, "finished", "", 1), (1, "stopped", "behind the median", 1)])
     found = gather_progress(half.path)
-    assert (found["trials"]["failed"], found["trials"]["pruned"]) == (1, 1)
-    assert found["pruned"] == [{"reason": "behind the median", "count": 1, "trials": [1]}]
+    assert (found["trials"]["failed"], found["trials"]["stopped"]) == (1, 1)
+    assert found["stopped"] == [{"reason": "behind the median", "count": 1, "trials": [1]}]
 
 
 def test_a_sampler_that_has_no_other_designs_ends_the_search(tmp_path):
@@ -283,7 +283,7 @@ def test_a_study_that_was_really_run(tmp_path):
         found = gather_progress(ran.folder)
     finally:
         tiny_study.unregister()
-    assert found["trials"] == {"total": 4, "done": 4, "running": 0, "failed": 2, "pruned": 0}
+    assert found["trials"] == {"total": 4, "done": 4, "running": 0, "failed": 2, "stopped": 0}
     assert found["runs"] == {"total": 4, "done": 4}
     (group,) = found["failed"]
     assert group["count"] == 2

@@ -43,6 +43,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     space = load(arguments)
     from dse.study import explore
     from dse.study.health import faults
+    from dse.study.racing import sentences
     from dse.study.runs import UNTRAINED
 
     with by_signals():
@@ -55,7 +56,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         notes.append(f"{n} excluded before training; the first: {excluded['reason'].iloc[0]}")
     if len(failed):
         notes.append(f"{len(failed)} of {len(trained)} designs failed; the first: {failed['reason'].iloc[0]}")
-    notes += faults(study.trials)
+    notes += [*sentences(study.folder), *faults(study.trials)]
     points = study.points()
     if points.empty:
         return Answer([], notes, code=_NOTHING_TRAINED)
