@@ -297,6 +297,8 @@ class _Excluding:
             if entry.values is not None:
                 records = self._runs.of(entry.trial)[: self._space.search.repeats]
                 self.sampler.judge(entry.design, self.missed(entry, records))
+                if any(one.stopped_at_epoch is not None for one in records):
+                    continue  # it was measured at a rung alone
                 group = self._before.group(entry.design)
                 self._measured.setdefault(group, []).append((entry.trial, entry.values))
 

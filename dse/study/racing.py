@@ -29,9 +29,10 @@ import numpy as np
 
 from dse import seeds, store
 from dse.config import SearchSpace
+from dse.config.expressions import named_columns
 from dse.config.settings import Racing
 from dse.hardware.profile import Profile
-from dse.records import Floats, Ints
+from dse.records import Bools, Floats, Ints
 from dse.search.racing import LEAST, Scale, covered, evenly, is_certain, most_gain
 from dse.study import checkpoints, points
 from dse.study import trials as tables
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 _FOLDER, _AUDIT = "racing", "audit.json"
 _WAVES = 8
+_OF_SIZE = {"n_weights", "memory_bytes", "n_cores", "fits", "task", "family", "hardware"}
 
 Group = tuple[str, ...]
 """Task, family and chip: designs of a group compete."""
@@ -68,7 +70,7 @@ class _Finished:
 
 @dataclass(frozen=True)
 class _Verdict:
-    """What a design may add to its front's hypervolume at most, a fraction; the reason if that is too little."""
+    """What a design may add to its front's hypervolume at most, as a fraction; the reason if too little."""
 
     gain: float
     reason: str = ""
@@ -129,7 +131,8 @@ class Race:
             upcoming = self._next(entries, rounds, stands)
             if upcoming is None:
                 break
-        self._runs.complete([e for e in entries if e.trial not in self._stopped], repeats, after_each)
+        left = [e for e in entries if e.trial not in self._stopped or not self._runs.of(e.trial)]
+        self._runs.complete(left, repeats, after_each)
 
     def _stop(self, rounds: Iterable[Mapping[str, Any]]) -> None:
         """Record what rounds have stopped, where an interruption has prevented it."""
@@ -157,7 +160,8 @@ class Race:
         }
         if not at_rung:
             return None
-        epochs = min(n for trial in at_rung if (n := stands[trial]) is not None)
+        scouts = {trial for one in rounds for trial in one["scouts"]} & at_rung.keys()
+        epochs = min(n for trial in scouts or at_rung if (n := stands[trial]) is not None)
         waiting = {trial: at_rung[trial] for trial in sorted(at_rung) if stands[trial] == epochs}
         later = [rung for rung in rungs if rung > epochs]
         upcoming: dict[str, Any] = {
@@ -166,12 +170,12 @@ class Race:
             "scouts": [],
             "stopped": [],
         }
-        if scouts := [t for t in waiting if any(t in one["scouts"] for one in rounds)]:
-            return {**upcoming, "trials": scouts}
+        if scouts:
+            return {**upcoming, "trials": sorted(scouts & waiting.keys())}
         self._learn()
         table = self._comparable(waiting, checkpoints.rung_folder(self._folder, epochs))
-        if scouts := self._scouts(waiting, table, epochs, (entries[0].batch, len(rounds))):
-            return {**upcoming, "trials": scouts, "scouts": scouts}
+        if more := self._scouts(waiting, table, epochs, (entries[0].batch, len(rounds))):
+            return {**upcoming, "trials": more, "scouts": more}
         verdicts = self._verdicts(waiting, table, epochs)
         stopped = [
             {"trial": trial, "epochs": epochs, "reason": verdict.reason}
@@ -196,6 +200,7 @@ class Race:
             return
         self._known |= new.keys()
         table = self._comparable(new, self._folder)
+        table = table[self._meets_limits(table)] if len(table) else table
         for group, rows in _by_group(table):
             known = self._finished.setdefault(group, _Finished())
             before = [] if known.front is None else [known.front]
@@ -314,7 +319,7 @@ class Race:
         """
         of_rung = known.at_rungs.get(epochs, {})
         both = sorted(of_rung.keys() & known.values.keys())
-        if known.front is None or known.front.empty or len(both) < LEAST:
+        if known.front is None or len(both) < LEAST:
             return {trial: _Verdict(math.inf) for trial in at}
         before, after = (np.array([of[trial] for trial in both]) for of in (of_rung, known.values))
         goals = self._space.objectives
@@ -340,16 +345,33 @@ class Race:
             best.append(np.maximum(values, better) if direction == "max" else np.minimum(values, better))
             reach.append(scale.back(here + gain))
         sign = np.array([1.0 if direction == "max" else -1.0 for _, direction in goals])
-        gains = _gains(sign * np.array(best).T, sign * np.array(front).T, of_row, len(at))
+        meets = self._meets_limits(rows.assign(**{x[0]: b for x, b in zip(goals, best, strict=True)}))
+        if known.front.empty:
+            gains = np.where(np.bincount(of_row, meets, len(at)) > 0, math.inf, 0.0)
+        else:
+            points_at_best = sign * np.array(best).T
+            gains = _gains(points_at_best[meets], sign * np.array(front).T, of_row[meets], len(at))
         verdicts = {}
-        for n, trial in enumerate(at):
-            reason = (
-                f"{goals[0][0]} {x[n, 0]:.4g} after {epochs} epochs, at most {reach[0][n]:.4g} at the end, "
-                f"would add at most {gains[n]:.3%} to the hypervolume of the front"
+        for n, (trial, places) in enumerate(at.items()):
+            why = f"would add at most {gains[n]:.3%} to the hypervolume of the front"
+            why = why if meets[places].any() else "would meet the limits in no design point"
+            so_far = (
+                f"{goals[0][0]} {x[n, 0]:.4g} after {epochs} epochs, at most {reach[0][n]:.4g} at the end"
             )
             is_worth = gains[n] > self._settings.least_gain
-            verdicts[trial] = _Verdict(float(gains[n]), "" if is_worth else reason)
+            verdicts[trial] = _Verdict(float(gains[n]), "" if is_worth else f"{so_far}, {why}")
         return verdicts
+
+    def _meets_limits(self, rows: pandas.DataFrame) -> Bools:
+        """Return which design points meet the limits as far as objectives and size decide."""
+        from dse.skyline.constraints import matches
+
+        decided = {name for name, _ in self._space.objectives} | _OF_SIZE | self._space.axes.keys()
+        meets = np.ones(len(rows), bool)
+        for limit in self._space.limits or ():
+            if named_columns([limit]) <= decided & set(rows.columns):
+                meets &= matches(limit, rows)
+        return meets
 
     def audit(
         self,
