@@ -17,7 +17,7 @@ import yaml
 
 from dse import registry
 from dse.config import SearchSpace, load_space
-from dse.models.training import FitRequest, Generators, TrainingDiverged
+from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
 from dse.store import StoreError
@@ -175,7 +175,59 @@ class Together(Fake):
         return 1.0
 
 
-FAMILIES = {"fake": Fake, "together": Together}
+@dataclass(frozen=True)
+class Curve(Together):
+    """The same, with trainings that can pause: the share of right answers rises to `true_rate`."""
+
+    mood: str = param("fine", choices=("fine", "diverged"), doc="what happens in training")
+    rises: float = param(2.0, low=0, doc="epochs in which it gains all but a third of it")
+
+    def fit(self, dataset: Dataset, training: Any, rngs: Any) -> Outcome:
+        return self.after(training.epochs, dataset, training, rngs)
+
+    def after(self, epochs: int, dataset: Dataset, training: Any, rngs: Any) -> Outcome:
+        outcome = super().fit(dataset, training, rngs)
+        right = self.true_rate * (1 - np.exp(-epochs / self.rises))
+        n_right = round(right * len(dataset.validation))
+        output = np.zeros_like(outcome.validation.output)
+        label = dataset.target[dataset.validation]
+        answer = np.where(np.arange(len(label)) < n_right, label, (label + 1) % len(dataset.classes))
+        output[np.arange(len(label)), :, answer] = 1
+        return replace(outcome, validation=replace(outcome.validation, output=output))
+
+    @staticmethod
+    def fit_cohort(
+        dataset: Dataset,
+        designs: Sequence[FitRequest],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+        yield from Curve.fit_span(dataset, designs, shared, device, threads)  # type: ignore[misc]
+
+    @staticmethod
+    def fit_span(
+        dataset: Dataset,
+        designs: Sequence[FitRequest],
+        shared: Generators,
+        device: str = "cpu",
+        threads: int = 1,
+        span: Span | None = None,
+    ) -> Iterator[tuple[int, Outcome | Rung | TrainingDiverged]]:
+        for number, (model, training, rngs) in enumerate(designs):
+            span = span or Span()
+            start = int(span.states[number]()["epochs"]) if span.states else 0
+            until = span.until or training.epochs
+            if model.mood == "diverged" and start < 3 <= until:
+                yield number, TrainingDiverged("loss is not finite in epoch 3")
+            elif until < training.epochs:
+                outcome = model.after(until, dataset, training, rngs)
+                yield number, Rung(until, {"epochs": np.array(until)}, outcome)
+            else:
+                yield number, model.fit(dataset, training, rngs)
+
+
+FAMILIES = {"fake": Fake, "together": Together, "curve": Curve}
 
 
 def write_recordings(path: Path, seed: int = 0) -> Path:

@@ -79,7 +79,7 @@ def most_gain(at_rung: Floats, at_end: Floats, x: Floats, confidence: float) -> 
         x: (k,) trainings at the rung.
         confidence: probability that a gain is not larger.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     n = len(at_rung)
     if n < LEAST:
@@ -93,7 +93,7 @@ def most_gain(at_rung: Floats, at_end: Floats, x: Floats, confidence: float) -> 
     away = x - at_rung.mean()
     unlike = away**2 / spread if spread > 0 else np.where(away == 0, 0.0, math.inf)
     with np.errstate(invalid="ignore"):
-        most = gain.mean() + slope * away + t.ppf(confidence, free) * error * np.sqrt(1 + 1 / n + unlike)
+        most = gain.mean() + slope * away + stdtrit(free, confidence) * error * np.sqrt(1 + 1 / n + unlike)
     return np.asarray(np.maximum(np.nan_to_num(most, nan=0.0, posinf=math.inf), 0.0))
 
 

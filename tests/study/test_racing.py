@@ -1,0 +1,172 @@
+"""Racing: who stops, that nothing shows how often or on how many workers, and what is written down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+import pytest
+from pandas.testing import assert_frame_equal
+
+from dse import store
+from dse.cli.command_line import main
+from dse.study import explore
+from dse.study.journal import read_journal
+from dse.study.racing import sentences
+from dse.study.results import Study
+from dse.study.workers import Workers
+from tests import tiny_study
+
+RATES = [0.1, 0.2, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fake_model() -> Iterator[None]:
+    tiny_study.register()
+    yield
+    tiny_study.unregister()
+
+
+RACING = {"racing": {"rungs": [2, 5], "audit": 2}}
+
+
+def space_of(folder: Path, jobs: int = 1, search: Any = RACING) -> Any:
+    model = {"kind": "curve", "true_rate": {"choice": RATES}, "hidden": {"choice": [[8], [9]]}}
+    return tiny_study.make_space(
+        folder,
+        model=model,
+        training={"epochs": 20},
+        objectives=["accuracy:max", "n_weights:min"],
+        search={"sampler": "grid", **search},
+        execution={"jobs": jobs},
+    )
+
+
+def in_process(_: object, function: Callable[[Any], Iterable[Any]], jobs: Iterable[Any]) -> Iterator[Any]:
+    """Do the work of workers in this process."""
+    yield from ((job, part) for job in jobs for part in function(job))
+
+
+@pytest.fixture(scope="module")
+def raced(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    folder = tmp_path_factory.mktemp("raced")
+    return explore.run(space_of(folder, jobs=2), folder / "results", progress=False)
+
+
+def assert_same(one: Study, other: Study) -> None:
+    for a, b in ((one.trials, other.trials), (one.points(), other.points())):
+        assert_frame_equal(a.drop(columns="train_s"), b.drop(columns="train_s"), check_exact=True)
+    for path in (one.folder / "racing").glob("*.json"):
+        assert store.read_json(path) == store.read_json(other.folder / "racing" / path.name)
+
+
+def test_designs_that_cannot_add_to_the_front_stop_and_the_rest_is_as_without(
+    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trials = raced.trials.set_index("trial")
+    stopped = trials[trials["status"] == "stopped"]
+    # The best of the smaller networks is the whole front; nobody can stop it.
+    assert len(stopped) >= 5 and "finished" == trials["status"][RATES.index(0.9) * 2]
+    assert set(stopped["stopped_at_epoch"]) <= {2, 5}
+    for _, row in stopped.iterrows():
+        right = round(row["model.true_rate"] * (1 - np.exp(-row["stopped_at_epoch"] / 2)) * 18) / 18
+        assert row["accuracy_when_stopped"] == pytest.approx(right)
+        assert f"accuracy {right:.4g} after {row['stopped_at_epoch']} epochs, at most " in row["reason"]
+    assert stopped["accuracy"].isna().all()
+    assert not set(raced.points()["trial"]) & set(stopped.index)
+    monkeypatch.setattr(Workers, "stream", in_process)
+    full = explore.run(space_of(tmp_path, search={}), tmp_path / "results", progress=False)
+    points = full.points()
+    here = points[points["trial"].isin(raced.points()["trial"])].reset_index(drop=True)
+    assert_frame_equal(here.drop(columns="train_s"), raced.points().drop(columns="train_s"))
+    assert not list(raced.folder.glob("checkpoints/*"))
+
+
+def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study) -> None:
+    found = store.read_json(raced.folder / "racing" / "audit.json")
+    stopped = {
+        s["trial"]
+        for one in store.read_json(raced.folder / "racing/00000.json")["rounds"]
+        for s in one["stopped"]
+    }
+    assert len(found["trials"]) == 2 and set(found["trials"]) <= stopped
+    trials = raced.trials.set_index("trial")
+    assert (trials.loc[found["trials"], "status"] == "finished").all()
+    assert (trials.loc[sorted(stopped - set(found["trials"])), "status"] == "stopped").all()
+    saved, lost = sentences(raced.folder)
+    assert f"racing: {len(stopped)} of 24 designs stopped early (and 2 of these were trained on)" in saved
+    assert lost == "racing: of 2 stopped designs, drawn at random and trained on, none is on the front"
+
+
+def test_the_journal_is_optunas_with_intermediate_values(raced: Study) -> None:
+    path = str(raced.folder / "journal.log")
+    storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(path))
+    loaded = optuna.load_study(study_name=None, storage=storage)
+    entries = read_journal(raced.folder / "journal.log")
+    states = [trial.state.name for trial in loaded.trials]
+    assert states.count("PRUNED") >= 5 and set(states) == {"PRUNED", "COMPLETE"}
+    assert all(entry.is_reported and entry.values is not None for entry in entries)
+    for trial, entry in zip(loaded.trials, entries, strict=True):
+        assert 2 in trial.intermediate_values
+        if trial.state.name == "PRUNED":
+            last = max(trial.intermediate_values)
+            assert trial.intermediate_values[last] == entry.values[0]
+
+
+@pytest.mark.parametrize("n_ends", [27, 36])
+def test_who_stops_depends_neither_on_workers_nor_on_interruptions(
+    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_ends: int
+) -> None:
+    left = n_ends
+
+    def interrupted(_: object) -> None:
+        nonlocal left
+        left -= 1
+        if not left:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Workers, "stream", in_process)
+    space = space_of(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(explore._Tables, "refresh", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            explore.run(space, tmp_path / "results", progress=False)
+    assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
+
+
+@pytest.mark.parametrize(
+    ("racing", "model", "fault"),
+    [
+        ("{rungs: [2, 4]}", "snn", "9: search.racing.rungs must be below training.epochs, 4, got 4"),
+        ("{rungs: [3, 2]}", "snn", "9: search.racing.rungs must be at least one number of epochs, rising"),
+        ("{rungs: [2, 2]}", "snn", "9: search.racing.rungs must be at least one number of epochs, rising"),
+        ("{rungs: []}", "snn", "9: search.racing.rungs must be at least one number of epochs, rising"),
+        ("{rungs: [0]}", "snn", "9: search.racing.rungs"),
+        ("{rungs: [2], confidence: 1.0}", "snn", "9: search.racing.confidence must be"),
+        ("{rungs: [2], confidence: 0}", "snn", "9: search.racing.confidence must be"),
+        ("{confidence: 0.9}", "snn", "9: search.racing.rungs is required"),
+        ("{rungs: [2]}", "knn", "9: search.racing needs models whose training can pause at a rung"),
+        ("{rungs: [2], ladder: 3}", "snn", "9: unknown key 'search.racing.ladder'"),
+    ],
+)
+def test_bad_racing_is_a_fault_with_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], racing: str, model: str, fault: str
+) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    path = tmp_path / "space.yaml"
+    path.write_text(
+        "study: bad\n"
+        "data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}}\n"
+        "task: {target: fabric}\n"
+        "split: {stratified: {validation: 0.5}}\n"
+        f"model: {{kind: {model}}}\n"
+        "training: {epochs: 4}\n"
+        "objectives: [accuracy:max]\n"
+        "search:\n"
+        f"  racing: {racing}\n"
+    )
+    assert main(["check", str(path)]) == 2
+    assert fault in capsys.readouterr().err
