@@ -1,90 +1,93 @@
-"""Instructions of the C on Cortex-M: fitted on random networks, predicted for others that were not used.
+"""Cycles of the C on Cortex-M: fitted on random networks, predicted for others that were not used.
 
-    python -m benchmarks.instructions [--core cortex_m4] [--fit 30] [--test 20]
+    python -m benchmarks.instructions [--core cortex_m4] [--fit 130] [--test 20] [--csv FILE]
 
 Every network is written as C (target `c99`), compiled for the core and executed in an emulator on two
-recordings of random spikes; all its decisions are checked. The numbers of instructions per kind of work,
-which profiles `mcu_*` quote, minimise the squared relative errors over the networks of the fit. Networks are
-like those of search spaces: hidden neurons with decays of their own or resonators, outputs that share their
-decays, one to three hidden layers, recurrent or not, delayed inputs, pruned, 8 or 4 bits, both rules.
+recordings of random spikes; all its decisions are checked. The cycles per kind of work, which profiles
+`mcu_*` quote, minimise the squared relative errors over the networks of the fit. What is work, and the
+prediction, are those of `dse.hardware.kinds.processor`.
+Networks are like those of search spaces: hidden neurons with decays of their own or resonators, outputs that
+share their decays, one to three hidden layers, recurrent or not, delayed inputs, delays of synapses, pruned,
+8 or 4 bits, both rules.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import nnls
 
 from dse.config import Sections
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.c.plan import plan_of
 from dse.deploy.reference import Reference, answered, decided
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.cortex_m import CortexM, executed
 from dse.deploy.targets.emulator import CORES
+from dse.hardware.kinds.processor import counts_of, network_work
+from dse.measure.run import load_of
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond, spikes_of_layers
 from dse.neurons import cuba_lif, parameters_of, resonator
-from dse.records import Array, Dataset, Floats, Layer, Network
+from dse.records import Array, Dataset, Layer, Network, Workload
 from dse.registry import known
 from dse.testing.small import places, spikes_of
 
 STEP_MS = 5.0
-KINDS = (
-    "step_instructions",
-    "neuron_instructions",
-    "update_instructions",
-    "output_instructions",
-    "resonator_instructions",
-    "spike_instructions",
-    "synapse_instructions",
-    "packed_instructions",
-    "list_instructions",
-)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--core", choices=CORES, default="cortex_m4")
-    parser.add_argument("--fit", type=int, default=30, help="networks of the fit")
+    parser.add_argument("--fit", type=int, default=130, help="networks of the fit, after those to predict")
     parser.add_argument("--test", type=int, default=20, help="networks to predict")
+    parser.add_argument("--csv", help="file for a row per network")
     options = parser.parse_args()
     target = known("targets")[options.core]()
-    rows = [counted(target, seed) for seed in range(options.fit + options.test)]
-    work, instructions, cycles = (np.array(column) for column in zip(*rows, strict=True))
-    fit = slice(options.fit)
-    costs = nnls((work / instructions[:, None])[fit], np.ones(options.fit))[0]
-    error = work @ costs / instructions - 1
-    for kind, cost in zip(KINDS, costs, strict=True):
-        print(f"{kind}: {cost:.2f}")
+    rows = [counted(target, seed) for seed in range(options.test + options.fit)]
+    kinds = list(rows[0][0])
+    work = np.array([list(of_kinds.values()) for of_kinds, _, _ in rows])
+    instructions, cycles = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
+    fit = slice(options.test, None)
+    costs = nnls((work / cycles[:, None])[fit], np.ones(options.fit))[0]
+    for kind, cost in zip(kinds, costs, strict=True):
+        print(f"{kind}: {cost:.3g}")
     per_instruction = cycles / instructions
     low, mean, high = (f(per_instruction) for f in (np.min, np.mean, np.max))
     print(f"cycles per instruction: {mean:.3f} ({low:.3f}-{high:.3f})")
-    for what, errors in (("fit", error[fit]), ("not used", error[options.fit :])):
+    error = work @ costs / cycles - 1
+    for what, errors in (("fit", error[fit]), ("not used", error[: options.test])):
         off = np.abs(errors)
-        print(f"{what}: {len(off)} networks, error {off.mean():.1%} in the mean, {off.max():.1%} at most")
+        within = np.count_nonzero(off <= 0.05)
+        print(
+            f"{what}: {len(off)} networks, {within} within 5 %, error {off.mean():.1%} in the mean, "
+            f"{off.max():.1%} at most"
+        )
+    if options.csv:
+        columns = dict(zip(kinds, work.T, strict=True))
+        table = pd.DataFrame(columns | {"instructions": instructions, "cycles": cycles, "error": error})
+        table.to_csv(options.csv, index_label="network")
 
 
-def counted(target: CortexM, seed: int) -> tuple[Floats, float, float]:
-    """Return the work of an inference of random network `seed`, its instructions and its cycles."""
-    made, fired = network(seed)
+def counted(target: CortexM, seed: int) -> tuple[dict[str, float], float, float]:
+    """Return the work of an inference of random network `seed` by kind, its instructions and cycles."""
+    made, fired, bits = network(seed)
     reference = of_spikes(made, fired)
     with tempfile.TemporaryDirectory() as folder:
         C99().write(made, Path(folder) / "c")
         machine, answers = executed(target, Path(folder) / "c", reference)
     assert np.array_equal(answers.label, reference.label)
     counts, n = machine.counts(), len(fired)
-    return work_of(made, reference), counts.instructions / n, counts.cycles(target.core) / n
+    return work_of(made, reference, bits), counts.instructions / n, counts.cycles(target.core) / n
 
 
-def network(seed: int) -> tuple[Bundle, Array]:
-    """Return a random network, and the spikes of two recordings, (recording, step, channel)."""
+def network(seed: int) -> tuple[Bundle, Array, int]:
+    """Return a random network, spikes of two recordings, (recording, step, channel), and bits per weight."""
     rng = np.random.default_rng([78, seed])
     n_channels, n_steps = int(rng.choice([12, 16, 32, 64, 78, 128])), int(rng.choice([32, 64, 128, 200]))
     per_sample = int(rng.choice([1, 1, 1, 1, 2]))
@@ -128,10 +131,18 @@ def network(seed: int) -> tuple[Bundle, Array]:
                 Layer(weight, ring, parameters_of(cuba_lif.Population(current, voltage, threshold)))
             )
     net = rounded(Network(tuple(layers), n_channels, delays, per_sample, "integer"), bits, pruned)
+    apart = np.random.default_rng([79, seed])
+    if apart.random() < 0.15:
+        slowest_step = int(apart.choice([8, 20, 40]))
+        n_delayed = 1 if recurrent or apart.random() < 0.5 else len(net.layers)
+        delayed = [
+            replace(x, delay=apart.integers(0, slowest_step, x.weight.shape)) for x in net.layers[:n_delayed]
+        ]
+        net = replace(net, layers=(*delayed, *net.layers[n_delayed:]))
     made = _bundle(net, n_steps)
     if rng.random() < 0.5:
         made = replace(made, phi=float(rng.integers(0, 40)), theta=float(rng.choice([0.3, 0.5, 0.7])))
-    return made, fired
+    return made, fired, bits
 
 
 def _bundle(net: Network, n_steps: int) -> Bundle:
@@ -183,40 +194,18 @@ def of_spikes(made: Bundle, fired: Array) -> Reference:
     )
 
 
-def work_of(made: Bundle, reference: Reference) -> Floats:
-    """Return how often each of `KINDS` happens in an inference, from what dse records of a design."""
-    net, plan = made.fitted, plan_of(made)
+def work_of(made: Bundle, reference: Reference, bits: int) -> dict[str, float]:
+    """Return how often each kind of work is done in an inference, from what dse records of a design."""
+    net = made.fitted
     assert isinstance(net, Network)
     response = respond(net, reference.dataset, reference.dataset.test)
     steps = np.rint(reference.time_ms / reference.step_ms)
     before = np.arange(response.spikes.shape[1]) < steps[:, None]
-    n, n_steps = len(steps), steps.mean()
-    spikes = (response.spikes * before[..., None]).sum(axis=(0, 1)) / n
-    updates = (response.updates * before[..., None]).sum(axis=(0, 1)) / n
-    resonators = np.array([np.count_nonzero(x.parameters.get("resonates", 0)) for x in net.layers])
-    turning = updates * resonators / net.sizes[1:]
-    met = dict.fromkeys(("bytes", "words", "sparse"), 0.0)
-    reached = 0.0
-    for k, layer in enumerate(plan.layers):
-        for matrix, arriving in ((layer.feed_forward, spikes[k]), (layer.recurrent, spikes[k + 1])):
-            if matrix is not None:
-                length = (matrix.n_stored if matrix.form == "sparse" else matrix.weights.size) / len(
-                    matrix.weights
-                )
-                met[matrix.form] += arriving * length
-                reached += arriving
-    work: Mapping[str, float] = {
-        "step_instructions": n_steps,
-        "neuron_instructions": n_steps * sum(net.sizes[1:]),
-        "update_instructions": float((updates - turning)[:-1].sum()),
-        "output_instructions": float(updates[-1]),
-        "resonator_instructions": float(turning.sum()),
-        "spike_instructions": reached,
-        "synapse_instructions": met["bytes"],
-        "packed_instructions": met["words"],
-        "list_instructions": met["sparse"],
-    }
-    return np.array([work[kind] for kind in KINDS])
+    counted = np.concatenate([response.spikes, response.updates, response.updates > 0], axis=2)
+    mean = (counted * before[..., None]).sum(axis=(0, 1)) / len(steps)
+    load = load_of(net, response, mean, np.asarray(steps.mean()), bits)
+    assert isinstance(load, Workload)
+    return {kind: float(counts_of(load) @ per_count) for kind, per_count in network_work(load).items()}
 
 
 if __name__ == "__main__":

@@ -396,6 +396,10 @@ class Workload:
         trained networks include them.
     resonators: per layer after the input, how many of its neurons resonate (dse.neurons.resonator): four
         multiplications per update, where others have two, by two 12-bit factors of their own; None: none.
+    awake: (..., layer - 1) steps in which any neuron of a layer is updated; None: as many as its updates, at
+        most all.
+    copies: delayed copies of the input channels among the inputs, the undelayed ones included.
+    delayed: per layer after the input, whether its forward synapses have delays; None: all, given bits.
     """
 
     sizes: tuple[int, ...]
@@ -411,6 +415,9 @@ class Workload:
     cores: tuple[int, ...] | None = None
     pipeline_steps: int = 0
     resonators: tuple[int, ...] | None = None
+    awake: Floats | None = None
+    copies: int = 1
+    delayed: tuple[bool, ...] | None = None
 
     @property
     def n_resonators(self) -> int:
@@ -486,6 +493,7 @@ class Workload:
             n_steps=change(self.n_steps),
             spikes=change(self.spikes),
             updates=None if self.updates is None else change(self.updates),
+            awake=None if self.awake is None else change(self.awake),
         )
 
     def over_steps(self) -> Workload:
@@ -495,6 +503,7 @@ class Workload:
             n_steps=np.asarray(self.n_steps).sum(axis=-1),
             spikes=np.asarray(self.spikes).sum(axis=-2),
             updates=None if self.updates is None else np.asarray(self.updates).sum(axis=-2),
+            awake=None if self.awake is None else np.asarray(self.awake).sum(axis=-2),
         )
 
     def check(self) -> None:
@@ -507,7 +516,11 @@ class Workload:
         n_steps = np.asarray(self.n_steps, np.float64)
         _check_counts("n_steps", n_steps)
         n_layers = len(self.sizes)
-        for name, values, n in (("spikes", self.spikes, n_layers), ("updates", self.updates, n_layers - 1)):
+        for name, values, n in (
+            ("spikes", self.spikes, n_layers),
+            ("updates", self.updates, n_layers - 1),
+            ("awake", self.awake, n_layers - 1),
+        ):
             if values is None:
                 continue
             values = np.asarray(values, np.float64)
@@ -523,6 +536,7 @@ class Workload:
             ("weight_bits", self.weight_bits, 1),
             ("delay_bits", self.delay_bits, 0),
             ("pipeline_steps", self.pipeline_steps, 0),
+            ("copies", self.copies, 1),
         ):
             if number < least:
                 raise ValueError(f"{name} must be >= {least}, got {number}")

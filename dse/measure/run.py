@@ -571,7 +571,8 @@ def _of_spikes(
     lengths = read_out_steps(n_steps, response.step_ms, how.read_out_every_ms)
     label = _labels_after(output, lengths)
     label_test = None if output_test is None else _labels_after(output_test, lengths)
-    done = np.concatenate([response.spikes, response.updates], axis=2).cumsum(axis=1, dtype=np.int64)
+    counted = [response.spikes, response.updates, response.updates > 0]
+    done = np.concatenate(counted, axis=2, dtype=np.int32).cumsum(axis=1, dtype=np.int64)
     fired_test = None if test is None else test.spikes[..., 1:].sum(axis=2, dtype=np.int64).cumsum(axis=1)
     sizes = network.sizes if isinstance(network, Network) else None
 
@@ -591,7 +592,7 @@ def _of_spikes(
             decision_latency_ms=latency_ms,
             spikes=work[..., : response.spikes.shape[2]],
             n_weights=np.full(np.shape(accuracy), network.n_weights),
-            load=_load(network, response, work, n_steps, how.weight_bits),
+            load=load_of(network, response, work, n_steps, how.weight_bits),
             decisions=decisions,
             spikes_test=spikes_test,
             n_inputs=None if sizes is None else sizes[0],
@@ -672,16 +673,24 @@ def _labels_after(output: Array, lengths: Ints) -> Ints:
     return np.asarray(counts.argmax(axis=2))
 
 
-def _load(
+def load_of(
     network: Network | Parameters, response: Response, work: Floats, n_steps: Array, weight_bits: int
 ) -> Workload | Operations:
-    """Return mean work (..., layer + layer - 1) of a spiking classifier as hardware is asked for its cost.
+    """Return the mean work of a spiking classifier as hardware is asked for its cost.
+
+    Args:
+        network: what was trained.
+        response: of its samples.
+        work: (..., layer + 2 (layer - 1)) spikes and updates of the layers, steps in which they are awake.
+        n_steps: (...) network steps.
+        weight_bits: bits per weight.
 
     One that is no stack of layers, or whose neurons no chip runs, is operations to hardware. The response has
     the synapses of the former counted.
     """
     n_layers = response.spikes.shape[2]
-    spikes, updates = work[..., :n_layers], work[..., n_layers:]
+    ends = [n_layers, n_layers + response.updates.shape[2]]
+    spikes, updates, awake = np.split(work, ends, axis=-1)
     additions: Floats
     bits = weight_bits
     if isinstance(network, Network):
@@ -696,12 +705,16 @@ def _load(
             synapses=response.synapses,
             stored=network.stored,
             delay_bits=network.delay_bits,
+            awake=awake,
+            copies=len(network.delays),
         )
         neurons = [neuron_of(layer.neuron) for layer in network.layers]
         pairs = zip(neurons, network.layers, strict=True)
         resonators = tuple(neuron.resonators(layer.parameters) for neuron, layer in pairs)
         if any(resonators):
             workload = replace(workload, resonators=resonators)
+        if network.delay_bits:
+            workload = replace(workload, delayed=tuple(x.delay is not None for x in network.layers))
         if all(neuron.on_chips for neuron in neurons):
             return workload
         additions = workload.synaptic_operations

@@ -44,5 +44,10 @@ def test_a_processor_adds_late_weights_one_by_one() -> None:
     chip = load("mcu_m4")
     assert isinstance(chip, Processor)
     plain, late = (float(cost(chip, x).hardware_latency_ms) for x in (PLAIN, LATE))
-    more = (46 * 50 + 100 * 7) * (chip.delayed_instructions.value - chip.synapse_instructions.value)
-    assert late - plain == pytest.approx(more * chip.instruction_cycles.value / chip.cycles_per_ms)
+    more = (46 * 50 + 100 * 7) * (chip.delayed_cycles.value - chip.synapse_cycles.value)
+    more += (100 * 50 + 70 * 7) * chip.held_cycles.value + 100 * chip.row_cycles.value
+    assert late - plain == pytest.approx(more / chip.cycles_per_ms)
+    first = float(cost(chip, replace(LATE, delayed=(True, False))).hardware_latency_ms)
+    fewer = 100 * 7 * (chip.delayed_cycles.value - chip.synapse_cycles.value)
+    fewer += 70 * 7 * chip.held_cycles.value + 100 * chip.row_cycles.value
+    assert late - first == pytest.approx(fewer / chip.cycles_per_ms)

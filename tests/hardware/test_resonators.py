@@ -52,12 +52,11 @@ def test_loihi_2_has_their_updates_twice() -> None:
 
 def test_a_processor_runs_other_code_for_them() -> None:
     dearer, _ = more("mcu_m4")
-    # 20 in 50 of 400 updates are theirs.
+    # All 400 updates of the layer, 20 in 50 of them theirs, decide which of the two a neuron is.
     profile = load("mcu_m4")
     assert isinstance(profile, Processor)
-    beyond = profile.resonator_instructions.value - profile.update_instructions.value
-    cycle_pj = profile.instruction_cycles.value * profile.cycle_nj.value * 1e3
-    assert dearer == pytest.approx({"neuron_update": 160 * beyond * cycle_pj})
+    beyond = profile.mixed_cycles.value - profile.update_cycles.value
+    assert dearer == pytest.approx({"neuron_update": 400 * beyond * profile.cycle_nj.value * 1e3})
 
 
 def test_software_on_spinnaker_has_their_updates_twice() -> None:

@@ -93,7 +93,7 @@ def members(plan: Plan) -> list[Member]:
         ]
         if layer.n_later:
             out += [
-                Member(kind, f"later_{k}", (layer.n_later, layer.n_neurons), "input of this step and later"),
+                Member(kind, f"later_{k}", (layer.n_later * layer.n_neurons,), "input from this step on"),
                 Member("uint8_t", f"now_{k}", (), f"this step in later_{k}"),
                 Member("uint8_t", f"busy_{k}", (), "steps for which there may be input"),
             ]

@@ -15,51 +15,78 @@ from dse.deploy.c.text import filled, indented
 from dse.neurons import resonator
 from dse.neurons.fixed_point import DECAY_SCALE
 
+_SHORT_ROW = 16
+"""Weights of a row up to which the C has no loop."""
+
 
 def rows(plan: Plan) -> Iterator[str]:
-    """Yield the functions that add a row of weights, layer by layer."""
+    """Yield the functions that add a row of weights: one per form of rows, then one per matrix."""
+    matrices = []
     for k, layer in enumerate(plan.layers, 1):
-        yield f"/* Adds the weights of an input of layer {k} to its neurons. */\n"
-        yield _row(f"reach_{k}", f"weights_{k}", layer.feed_forward, k, layer)
+        matrices.append((f"reach_{k}", f"weights_{k}", layer.feed_forward, k, layer))
         if layer.recurrent is not None:
-            yield f"/* Adds the weights of a neuron of layer {k} to the layer's own neurons. */\n"
-            yield _row(f"return_{k}", f"recurrent_{k}", layer.recurrent, k, layer)
+            matrices.append((f"return_{k}", f"recurrent_{k}", layer.recurrent, k, layer))
+    shared = (_adder(matrix, layer) for _, _, matrix, _, layer in matrices if not _is_short(matrix))
+    yield from dict.fromkeys(shared)
+    for name, table, matrix, k, layer in matrices:
+        what = "an input of layer" if name.startswith("reach") else "a neuron of recurrent layer"
+        yield f"/* Adds the weights of {what} {k}. */\n"
+        body = indented(_added(table, matrix, k, layer))
+        yield f"static APART void {name}(uint32_t source)\n{{\n{body}}}\n\n"
 
 
-def _row(name: str, table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
-    state, unit = f"{states(layer)[0]}_{k}", UNITS_PER_STEP << matrix.exponent
-    if matrix.form == "bytes" and matrix.delays is None:
-        return _row_of_bytes(
-            name, table, int(matrix.weights.shape[1]), state, f"int{layer.state_bits}_t", unit
-        )
-    form = matrix.form if matrix.delays is None else f"{matrix.form}_later"
+def _adder(matrix: Matrix, layer: LayerPlan) -> str:
+    """Return the function that adds a row of a form: all rows of a form run the same instructions."""
     return filled(
-        f"row_{form}.c",
-        name=name,
-        k=k,
-        n=matrix.weights.shape[1],
-        n_later=layer.n_later,
-        table=table,
-        state=state,
+        f"add_{_form(matrix)}.c",
+        name=_adder_name(matrix, layer),
         type=f"int{layer.state_bits}_t",
-        unit=unit,
-        words=matrix.words_per_row,
+        column_type=index(int(matrix.weights.shape[1])),
         per_word=matrix.per_word,
         bits=matrix.bits,
         mask=2**matrix.bits - 1,
         sign=2 ** (matrix.bits - 1),
+        unit=UNITS_PER_STEP << matrix.exponent,
     )
 
 
-def _row_of_bytes(name: str, table: str, n: int, state: str, kind: str, unit: int) -> str:
-    """Return the function that adds a row of n weights, four at a time: rows of any length take alike."""
-    whole, rest = divmod(n, 4)
-    added = [f"u[{i}] += w[{i}] * {unit};\n" for i in range(4)]
-    loop = indented("".join(added) + "u += 4;\nw += 4;\n")
-    body = f"const int8_t *w = {table} + source * {n}u;\n{kind} *u = net.{state};\n"
-    if whole:
-        body += f"uint32_t i;\nfor (i = 0; i < {whole}u; i++) {{\n{loop}}}\n"
-    return f"static void {name}(uint32_t source)\n{{\n{indented(body + ''.join(added[:rest]))}}}\n\n"
+def _is_short(matrix: Matrix) -> bool:
+    """Return whether a row is added in a straight line, which a loop would hardly be shorter than."""
+    return matrix.form == "bytes" and matrix.delays is None and matrix.row_length <= _SHORT_ROW
+
+
+def _form(matrix: Matrix) -> str:
+    return matrix.form if matrix.delays is None else f"{matrix.form}_later"
+
+
+def _adder_name(matrix: Matrix, layer: LayerPlan) -> str:
+    kind = {"bytes": "", "words": f"_of_{matrix.bits}", "sparse": f"_{8 * matrix.column_bytes}"}[matrix.form]
+    wide = "_wide" if layer.state_bits == 64 else ""
+    return f"dse_add_{_form(matrix)}{kind}{wide}_{UNITS_PER_STEP << matrix.exponent}"
+
+
+def _added(table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
+    """Return the statements that add the row of `source` of a matrix."""
+    n = int(matrix.weights.shape[1])
+    state, busy = f"net.{states(layer)[0]}_{k}", ""
+    if _is_short(matrix):
+        unit = UNITS_PER_STEP << matrix.exponent
+        pointers = f"int{layer.state_bits}_t *restrict u = {state};\n"
+        pointers += f"const int8_t *restrict w = {table} + source * {n}u;\n"
+        return pointers + "".join(f"u[{i}] += w[{i}] * {unit};\n" for i in range(n))
+    if matrix.delays is not None:
+        state = f"net.later_{k}, net.now_{k}, {layer.n_later}u, {n}u"
+        busy = f"net.busy_{k} = {layer.n_later};\n"
+    if matrix.form == "sparse":
+        lists = f"{table}_column, {table}" + (f", {table}_delay" if busy else "")
+        row = f"{lists}, {table}_begin[source], {table}_begin[source + 1u]"
+    elif matrix.form == "words":
+        row = f"{table} + source * {matrix.words_per_row}u, {matrix.words_per_row}u"
+    elif busy:
+        row = f"{table} + source * {n}u, {table}_delay + source * {n}u"
+    else:
+        row = f"{table} + source * {n}u, {n // 4}u, {n % 4}u"
+    return f"{_adder_name(matrix, layer)}({state}, {row});\n{busy}"
 
 
 _LEAK = """\
@@ -163,7 +190,7 @@ def layer_text(plan: Plan, k: int) -> str:
     update = _update(k, layer, indented("\n".join(spikes) + "\n"))
     arriving, busy, arrived = "", "", ""
     if layer.n_later:
-        held = f"net.later_{k}[net.now_{k}][i]"
+        held = f"net.later_{k}[net.now_{k} * {layer.n_neurons}u + i]"
         arriving, arrived, busy = f" + {held}", f"{held} = 0;\n", f" && net.busy_{k} == 0"
         now = f"net.now_{k} + 1u < {layer.n_later}u ? net.now_{k} + 1u : 0u"
         after = f"    net.now_{k} = (uint8_t)({now});\n    net.busy_{k} -= net.busy_{k} != 0;\n{after}"

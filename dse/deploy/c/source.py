@@ -79,7 +79,7 @@ void dse_push_spike(uint16_t channel)
 _ALL_CHANNELS = 2**16
 _DELIVER = """\
 /* Spikes of `lag` input steps ago reach layer 1 as a delayed copy of the inputs. */
-static void deliver(uint32_t lag, uint32_t first)
+static APART void deliver(uint32_t lag, uint32_t first)
 {
     const uint32_t slot = net.slot >= lag ? net.slot - lag : net.slot + SLOTS - lag;
     uint32_t i;
@@ -159,7 +159,7 @@ def _argmax(name: str, first: int, n: int) -> list[str]:
 def _decide(lines: Iterable[str]) -> str:
     body = indented("\n".join(lines) + "\n")
     purpose = "/* The decision at this step, from the output spikes of the steps before. */\n"
-    return f"{purpose}static void decide(void)\n{{\n{body}}}\n\n"
+    return f"{purpose}static APART void decide(void)\n{{\n{body}}}\n\n"
 
 
 def _step(plan: Plan) -> str:
@@ -213,8 +213,7 @@ def _clear(plan: Plan) -> str:
             f"net.awake_{k} = 0;",
         ]
         if n := layer.n_later * layer.n_neurons:
-            row = f"net.later_{k}[i / {layer.n_neurons}u][i % {layer.n_neurons}u]"
-            lines += [f"for (i = 0; i < {n}u; i++) {{", f"    {row} = 0;", "}"]
+            lines += [f"for (i = 0; i < {n}u; i++) {{", f"    net.later_{k}[i] = 0;", "}"]
             lines += [f"net.now_{k} = 0;", f"net.busy_{k} = 0;"]
     lines += [f"for (i = 0; i < {plan.layers[-1].n_neurons}u; i++) {{", "    net.counts[i] = 0;", "}"]
     if plan.n_slots > 1:

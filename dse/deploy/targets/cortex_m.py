@@ -209,7 +209,7 @@ def _of_functions(machine: Machine, plan: Plan, reference: Reference) -> Mapping
     neurons = sum(layer.n_neurons for layer in plan.layers)
     met = max(1, weights_met(plan, reference, n))
     return {
-        "instructions_per_synapse": instructions("reach_", "return_") / met,
+        "instructions_per_synapse": instructions("reach_", "return_", "dse_add_") / met,
         "instructions_per_neuron_step": instructions("step_", "leak") / (steps * neurons),
         "instructions_per_decision_step": instructions("decide") / steps,
     }

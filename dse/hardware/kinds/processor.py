@@ -2,37 +2,47 @@
 
     energy = cycles x cycle_nj              time = cycles / clock
 
-    cycles of a spiking network   instruction_cycles x instructions, which are the sum of
-                                      step_instructions x steps
-                                      neuron_instructions x neurons x steps
-                                      update_instructions x updates; of resonators
-                                          resonator_instructions, of outputs output_instructions
-                                      spike_instructions x spikes x layers that they reach
-                                      synapse_instructions x weights that they meet; with delays of
-                                          their own delayed_instructions
+    cycles of a spiking network   wait_factor x the sum of
+                                      step_cycles x steps
+                                      layer_cycles x layers x steps
+                                      copy_cycles x words of 32 channels of delayed copies of the inputs
+                                          x steps
+                                      neuron_cycles x neurons x steps in which any of their layer is updated
+                                      held_cycles x the same of layers with delays of synapses
+                                      update_cycles x updates; of outputs output_cycles, in layers of
+                                          resonators resonator_cycles, of resonators and others mixed_cycles
+                                      spike_cycles x spikes of inputs and hidden neurons
+                                      output_spike_cycles x spikes of outputs
+                                      recurrent_cycles x spikes of recurrent layers
+                                      row_cycles x spikes x sets of weights that they reach, short rows apart
+                                      synapse_cycles x weights that they meet; of packed weights
+                                          packed_cycles, of lists list_cycles, with delays
+                                          delayed_cycles and delayed_list_cycles
     cycles of anything else       mac_cycles x multiply-accumulates
-                                      + instruction_cycles x synapse_instructions x additions
-                                      + instruction_cycles x (neuron + update_instructions) x state updates
+                                      + wait_factor x synapse_cycles x additions
+                                      + wait_factor x (neuron + update_cycles) x state updates
 
-The program is the C of target `c99`, and the numbers of instructions are counts: it is compiled for the core
-and executed in an emulator (`benchmarks.instructions` fits them and tests them on other networks). A spike
-walks the weights of its targets and adds them up, one by one. Every neuron is looked at in every step, and
-those that are not at rest are updated. Ranges are what differs between networks: decays that neurons share
-take fewer instructions than those of their own, resonators beside neurons that decay more than without
-them, and rows of few weights more than long ones. Encoder and preprocessing are left out, as elsewhere.
+The program is the C of target `c99`. It is compiled for the core and executed in an emulator, which counts
+instructions, loads, stores and taken branches, and Arm's tables without wait states make cycles of them
+(`dse.deploy.targets.emulator.Core`): one per instruction, one more per load unless the next load or store
+hides it, and two per taken branch; of a Cortex-M7 and a Cortex-M33 by their ratio of CoreMark per MHz to a
+Cortex-M4. `benchmarks.instructions` fits the cycles per kind of work on random networks and tests them on
+others; ranges are the largest error of a prediction. Encoder and preprocessing are left out, as elsewhere.
 
-An instruction takes instruction_cycles. Its value is that of the emulated instructions by Arm's tables
-without wait states (`dse.deploy.targets.emulator.Core`): one cycle each, one more per load unless the next
-load or store hides it, and two per taken branch; a Cortex-M7 and a Cortex-M33 by their ratio of CoreMark per
-MHz to a Cortex-M4. Low: every load is hidden, and branches refill the pipeline in one cycle. High: three
-cycles per branch, and flash that makes weights wait where caches miss.
+A spike walks the weights of its targets and adds them up, one by one. A layer at rest is passed over; of any
+other, every neuron is looked at in every step, and those that are not at rest are updated. Of every set of
+weights, forward or recurrent, the form is the smallest: bytes, words of packed weights where these have at
+most 4 bits, or lists of the weights that are left, each with the number of its column. Forms follow from
+layers as a whole: pruning leaves the same share of forward and recurrent weights.
+
+wait_factor is 1 by the tables. Low: every load is hidden, and branches refill the pipeline in one cycle.
+High: three cycles per branch, and flash that makes weights wait where caches miss.
 
 Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
 float.
 
-Weights lie in flash as numbers of 8, 16, 32 or 64 bits: shorter ones are not unpacked on the way. Where lists
-of the weights that are left, each with an index of 16 bits, are smaller than all weights, lists are stored,
-and a weight takes list_instructions; else weights that are 0 take what others take. A delay per synapse takes
+For the limits, weights lie in flash as numbers of 8, 16, 32 or 64 bits; where lists of the weights that are
+left, each with an index of 16 bits, are smaller than all weights, lists are stored. A delay per synapse takes
 8 bits. States lie in working memory, 32 bits each: current and voltage, and with delays per synapse a current
 per step of delay. The two factors of a resonator lie in flash, 16 bits each; those that other neurons share,
 the program, its inputs and, of what is no spiking network, activations are not counted.
@@ -46,8 +56,10 @@ What is counted: `dse.hardware.kinds.operations`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +78,8 @@ from dse.registry import register
 
 _MOST_PACKED = 4
 """Bits of a weight up to which the C packs several into a word."""
+_SHORT_ROW = 16
+"""Weights of a row up to which the C adds them without a loop."""
 _NO_PROGRAM = "the program and its other variables take no memory"
 
 
@@ -79,17 +93,25 @@ class Processor(Profile):
     cycle_nj: Number = figure("nJ", "energy of a cycle of the running processor, whole chip")
     mac_cycles: Number = figure("1", "cycles per 8-bit integer multiply-accumulate")
     float_mac_cycles: Number = figure("1", "cycles per floating-point multiply-accumulate")
-    instruction_cycles: Number = figure("1", "cycles per instruction of the program")
-    step_instructions: Number = figure("1", "instructions per network step")
-    neuron_instructions: Number = figure("1", "instructions per neuron and step, at rest or not")
-    update_instructions: Number = figure("1", "instructions per update of a neuron that is not at rest")
-    output_instructions: Number = figure("1", "the same of an output neuron: outputs share their decays")
-    resonator_instructions: Number = figure("1", "instructions per update of a resonator")
-    spike_instructions: Number = figure("1", "instructions per spike and layer that it reaches")
-    synapse_instructions: Number = figure("1", "instructions per weight that a spike meets, or addition")
-    packed_instructions: Number = figure("1", "the same of weights of 4 bits or fewer, which are packed")
-    list_instructions: Number = figure("1", "the same of weights that are stored as lists with indices")
-    delayed_instructions: Number = figure("1", "the same of weights with delays of their own")
+    wait_factor: Number = figure("1", "cycles per cycle of the tables: memory that waits, branches")
+    step_cycles: Number = figure("1", "cycles per network step")
+    layer_cycles: Number = figure("1", "cycles per layer and step")
+    copy_cycles: Number = figure("1", "cycles per step and 32 channels of a delayed copy of the inputs")
+    neuron_cycles: Number = figure("1", "cycles per neuron and step in which its layer is not at rest")
+    held_cycles: Number = figure("1", "more of a neuron whose synapses have delays, which holds later input")
+    update_cycles: Number = figure("1", "cycles per update of a neuron that is not at rest")
+    output_cycles: Number = figure("1", "the same of an output neuron: outputs share their decays")
+    resonator_cycles: Number = figure("1", "the same in a layer of resonators")
+    mixed_cycles: Number = figure("1", "the same in a layer of resonators and others")
+    spike_cycles: Number = figure("1", "cycles per spike of an input or a hidden neuron")
+    output_spike_cycles: Number = figure("1", "cycles per spike of an output neuron")
+    recurrent_cycles: Number = figure("1", "cycles per spike that returns to its own layer")
+    row_cycles: Number = figure("1", "cycles per spike and set of weights, beyond those of the weights")
+    synapse_cycles: Number = figure("1", "cycles per weight that a spike meets, or addition")
+    packed_cycles: Number = figure("1", "the same of weights of 4 bits or fewer, which are packed")
+    list_cycles: Number = figure("1", "the same of weights that are stored as lists with indices")
+    delayed_cycles: Number = figure("1", "the same of weights with delays of their own")
+    delayed_list_cycles: Number = figure("1", "the same of weights with delays of their own in lists")
     sleep_uw: Number = figure("uW", "power of the sleeping processor with memory retained")
     wake_us: Number = figure("us", "time to wake up, at running power")
     clock_mhz: Number = figure("MHz", "clock", whole=True)
@@ -101,6 +123,10 @@ class Processor(Profile):
         running_mw = figures["cycle_nj"] * self.clock_mhz.value
         waking_mw = running_mw * figures["wake_us"] * 1e-3 / load.step_ms
         return self._plan(figures, _of_network(load, figures), waking_mw, self._with_network(load))
+
+    def counts(self, load: Workload | Operations) -> Floats:
+        """Return what happens in an inference, (..., F); of a network also the steps with a layer awake."""
+        return counts_of(load) if isinstance(load, Workload) else load.counts
 
     def plan_operations(self, load: Operations, figures: Figures) -> Plan:
         """Return the plan of any other classifier (`Profile.plan`)."""
@@ -150,49 +176,163 @@ class Processor(Profile):
         return int(self.flash_kib.value) * 1024
 
 
+@dataclass(frozen=True)
+class _Rows:
+    """A set of weights, from the spikes of one layer to the neurons of one.
+
+    source: the layer that spikes, input first. is_recurrent: whether it is the layer of the neurons itself.
+    figure: what a weight takes. weights: that a spike meets. is_short: whether rows are added without a loop.
+    """
+
+    source: int
+    is_recurrent: bool
+    figure: str
+    weights: float
+    is_short: bool
+
+
+_WEIGHTS = ("synapse", "packed", "list", "delayed", "delayed_list")
+
+
+def counts_of(load: Workload) -> Floats:
+    """Return `Workload.counts` and the steps in which any neuron of each layer is updated, (..., F)."""
+    if load.awake is not None:
+        awake = np.asarray(load.awake, np.float64)
+    else:
+        updates = load.counts[..., 1 + len(load.sizes) :]
+        awake = np.minimum(updates, np.asarray(load.n_steps, np.float64)[..., None])
+    return np.concatenate([load.counts, awake], axis=-1)
+
+
+def network_work(load: Workload) -> dict[str, Floats]:
+    """Return how often each kind of work is done, by its figure: (F,) per count of `Processor.counts`."""
+    n_after = load.sizes[1:]
+    rows = _rows(load)
+    kinds = [_update_figure(load, k) for k in range(len(n_after))]
+    words = (load.copies - 1) * -(-(load.sizes[0] // load.copies) // 32)
+    reached, returned = np.zeros((2, len(load.sizes)))
+    work: dict[str, Floats] = {}
+    for each in rows:
+        reached[each.source] += not each.is_short
+        returned[each.source] += each.is_recurrent
+    for name in _WEIGHTS:
+        met = np.zeros(len(load.sizes))
+        for each in rows:
+            met[each.source] += each.weights * (each.figure == f"{name}_cycles")
+        work[f"{name}_cycles"] = _per_count(load, spike=met.tolist())
+    for name in ("update", "output", "resonator", "mixed"):
+        work[f"{name}_cycles"] = _per_count(load, update=[float(kind == f"{name}_cycles") for kind in kinds])
+    is_output = [0.0] * len(n_after) + [1.0]
+    return work | {
+        "step_cycles": _per_count(load, step=1.0),
+        "layer_cycles": _per_count(load, step=float(len(n_after))),
+        "copy_cycles": _per_count(load, step=float(words)),
+        "neuron_cycles": _per_count(load, awake=n_after),
+        "held_cycles": _per_count(load, awake=[n * x for n, x in zip(n_after, _delayed(load), strict=True)]),
+        "spike_cycles": _per_count(load, spike=[1 - x for x in is_output]),
+        "output_spike_cycles": _per_count(load, spike=is_output),
+        "recurrent_cycles": _per_count(load, spike=returned.tolist()),
+        "row_cycles": _per_count(load, spike=reached.tolist()),
+    }
+
+
+_CAUSES = {
+    "step": ("step", "layer", "copy"),
+    "synaptic_event": (
+        *("spike", "output_spike", "recurrent", "row"),
+        *_WEIGHTS,
+    ),
+    "neuron_update": ("neuron", "held", "update", "output", "resonator", "mixed"),
+}
+
+
 def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., F)."""
-    cycles = figures["instruction_cycles"]
-    lists = as_lists(load, _stored_bits(load))
-    packed = load.weight_bits <= _MOST_PACKED
-    form = "delayed" if load.delay_bits else "list" if lists else "packed" if packed else "synapse"
-    synapse = figures[f"{form}_instructions"]
-    reached = load.synapses if lists and load.synapses is not None else load.fan_out
-    # Spikes of the outputs reach a layer only if it is recurrent.
-    layers = [1.0, *(1.0 + back for back in load.recurrent)]
-    layers[-1] -= 1.0
-    n_neurons = sum(load.sizes[1:])
-    resonating = np.array(load.update_work) - 1
-    decaying = 1 - resonating
-    output = np.arange(len(decaying)) == len(decaying) - 1
-    updates = (
-        ("update_instructions", np.where(output, 0.0, decaying).tolist()),
-        ("output_instructions", np.where(output, decaying, 0.0).tolist()),
-        ("resonator_instructions", resonating.tolist()),
-    )
+    work = network_work(load)
     return {
-        "step": np.multiply.outer(cycles * figures["step_instructions"], per_count(load, step=1)),
-        "synaptic_event": np.multiply.outer(cycles * synapse, per_count(load, spike=reached))
-        + np.multiply.outer(cycles * figures["spike_instructions"], per_count(load, spike=layers)),
-        "neuron_update": np.sum(
+        cause: np.sum(
             [
-                np.multiply.outer(cycles * figures["neuron_instructions"], per_count(load, step=n_neurons)),
-                *(np.multiply.outer(cycles * figures[x], per_count(load, update=n)) for x, n in updates),
+                np.multiply.outer(figures["wait_factor"] * figures[f"{name}_cycles"], work[f"{name}_cycles"])
+                for name in names
             ],
             axis=0,
-        ),
+        )
+        for cause, names in _CAUSES.items()
     }
+
+
+def _per_count(load: Workload, *, awake: Sequence[float] = (), **numbers: Any) -> Floats:
+    """Return a number for each count of `Processor.counts`, (F,) (`dse.hardware.plan.per_count`)."""
+    return np.concatenate([per_count(load, **numbers), awake or [0.0] * (len(load.sizes) - 1)])
+
+
+def _update_figure(load: Workload, layer: int) -> str:
+    resonators, n = (load.resonators or (0,) * len(load.recurrent))[layer], load.sizes[layer + 1]
+    if resonators:
+        return "resonator_cycles" if resonators == n else "mixed_cycles"
+    return "output_cycles" if layer == len(load.recurrent) - 1 else "update_cycles"
+
+
+def _rows(load: Workload) -> list[_Rows]:
+    """Return all sets of weights of a network."""
+    dense = load.dense
+    stored = load.stored or dense
+    is_delayed = _delayed(load)
+    rows = []
+    for k, (before, n) in enumerate(pairwise(load.sizes)):
+        share = stored[k] / dense[k]
+        for source, n_inputs in [(k, before), *([(k + 1, n)] if load.recurrent[k] else [])]:
+            is_later = is_delayed[k] and source == k
+            form = _form(n_inputs, n, share, load.weight_bits, load.delay_bits if is_later else 0)
+            left = share if load.synapses is None else load.synapses[source] / max(load.fan_out[source], 1)
+            rows.append(
+                _Rows(
+                    source=source,
+                    is_recurrent=source > k,
+                    figure=_LATER.get(form, form) if is_later else form,
+                    weights=n * (left if form == "list_cycles" else 1.0),
+                    is_short=form == "synapse_cycles" and n <= _SHORT_ROW and not is_later,
+                )
+            )
+    return rows
+
+
+_LATER = {"synapse_cycles": "delayed_cycles", "list_cycles": "delayed_list_cycles"}
+
+
+def _delayed(load: Workload) -> tuple[bool, ...]:
+    """Return whether the forward synapses of each layer after the input have delays."""
+    return load.delayed or (load.delay_bits > 0,) * len(load.recurrent)
+
+
+def _form(n_inputs: int, n: int, share: float, bits: int, delay_bits: int) -> str:
+    """Return what a weight takes in the smallest form of a set of weights, of equal ones the plainest.
+
+    Args:
+        n_inputs: rows.
+        n: weights of each.
+        share: of the weights, that is left.
+        bits: of a weight.
+        delay_bits: of its delay; 0: it has none.
+    """
+    each, n_left = _bytes(bits) + _bytes(delay_bits), n_inputs * n * share
+    sizes = {"synapse_cycles": float(n_inputs * n * each)}
+    if bits <= _MOST_PACKED and not delay_bits:
+        sizes["packed_cycles"] = n_inputs * 4.0 * -(-n // (32 // max(bits, 2)))
+    column, offset = 1 if n <= 256 else 2, 2 if n_left < 2**16 else 4
+    sizes["list_cycles"] = (n_inputs + 1) * offset + n_left * (each + column)
+    return min(sizes, key=lambda form: sizes[form])
 
 
 def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., 4)."""
     macs, additions, updates = np.eye(4)[1:]
     mac = figures["mac_cycles" if load.number_bits <= 8 else "float_mac_cycles"]
-    cycles = figures["instruction_cycles"]
-    update = figures["neuron_instructions"] + figures["update_instructions"]
+    cycles = figures["wait_factor"]
+    update = figures["neuron_cycles"] + figures["update_cycles"]
     return {
         "mac": np.multiply.outer(mac, macs),
-        "addition": np.multiply.outer(cycles * figures["synapse_instructions"], additions),
+        "addition": np.multiply.outer(cycles * figures["synapse_cycles"], additions),
         "neuron_update": np.multiply.outer(cycles * update, updates),
     }
 

@@ -15,6 +15,13 @@
 #define SPIKE(layer, neuron) ((void)0)
 #endif
 
+/* Functions that are not inlined, so that the loops of all networks compile alike. */
+#if defined(__GNUC__)
+#define APART __attribute__((noinline))
+#else
+#define APART
+#endif
+
 #define STEPS ${network_steps}u /* network steps of a window */
 
 $tables

@@ -1,5 +1,5 @@
 /* Layer $k of $n_layers: $n neurons ($kinds). |$a| <= $first, |$b| <= $second within a window. */
-static void step_$k(void)
+static APART void step_$k(void)
 {
     uint32_t i;
     $type left = 0;
