@@ -8,12 +8,14 @@ token of the server.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import functools
 import gzip
 import hashlib
 import hmac
 import ipaddress
+import math
 import re
 import secrets
 import socket
@@ -38,8 +40,15 @@ LONGEST_ADDRESS = 1024
 LONGEST_HEADERS = 16_384
 """Characters of all headers of a request."""
 MOST_READERS = 64
-"""Largest number of open connections; further ones are closed unread, so that nobody can fill the memory."""
-_PATIENCE_S = 60.0
+"""Largest number of open connections; others wait, and the slowest one is closed for them."""
+HEAD_S = 10.0
+"""Time for all of a request, however it drips in; a connection may be closed for another one much sooner."""
+ANSWER_S = 60.0
+"""Time for all of an answer to be taken."""
+_WAITING = 1024  # connections that have no place yet
+# A client whose request or answer has taken so long may be closed for another one.
+_SLOW_HEAD_S, _SLOW_ANSWER_S = 0.5, 5.0
+_POLL_S = 0.05
 _WORTH_PACKING = 1024
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # policy of answers that are no page
 _GUARDS = {
@@ -209,10 +218,33 @@ def stamp(path: Path) -> Stamp | None:
     return status.st_ino, status.st_mtime_ns, status.st_size
 
 
-class Server(ThreadingHTTPServer):
-    """A server of a live page with one thread for each request."""
+@dataclass
+class _Open:
+    """An open connection: whether it waits for its request ('head'), us ('') or its client ('answer')."""
 
-    request_queue_size = MOST_READERS
+    socket: socket.socket
+    waits_for: str
+    since_s: float
+
+    def is_slow(self, head_s: float, answer_s: float) -> bool:
+        """Return whether its client has taken longer than it may."""
+        may_s = {"head": head_s, "answer": answer_s}.get(self.waits_for, math.inf)
+        return time.monotonic() - self.since_s > may_s
+
+    def close(self) -> None:
+        """End it; its thread sees that."""
+        with contextlib.suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
+
+
+class Server(ThreadingHTTPServer):
+    """A server of a live page with one thread for each request.
+
+    Who sends a request within half a second and takes the answer is always served: if there is no place, it
+    waits, and the client that has been slow for longest is closed.
+    """
+
+    request_queue_size = _WAITING
 
     def __init__(
         self,
@@ -240,6 +272,8 @@ class Server(ThreadingHTTPServer):
         self._documents: OrderedDict[tuple[str, int], str] = OrderedDict()
         self._gathering, self._exporting = threading.Lock(), threading.Lock()
         self._places = threading.Semaphore(MOST_READERS)
+        self._open: dict[int, _Open] = {}
+        self._opening = threading.Lock()
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
             self.address_family = family
@@ -287,18 +321,38 @@ class Server(ThreadingHTTPServer):
             return self._bundle(trial, point, hardware)
 
     def process_request(self, request: _Connection, client_address: object) -> None:
-        """Start a thread for a connection if fewer than `MOST_READERS` are open."""
-        if self._places.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
+        """Start a thread for a connection as soon as fewer than `MOST_READERS` are open."""
+        assert isinstance(request, socket.socket)
+        while not self._places.acquire(timeout=_POLL_S):
+            self._close_slow(_SLOW_HEAD_S, _SLOW_ANSWER_S, most=1)
+        with self._opening:
+            self._open[id(request)] = _Open(request, "head", time.monotonic())
+        super().process_request(request, client_address)
 
     def process_request_thread(self, request: _Connection, client_address: object) -> None:
         """Answer, and free the place of the connection."""
         try:
             super().process_request_thread(request, client_address)
         finally:
+            with self._opening:
+                del self._open[id(request)]
             self._places.release()
+
+    def waits_for(self, request: socket.socket, what: str) -> None:
+        """Note what a connection waits for from now on."""
+        with self._opening:
+            self._open[id(request)] = _Open(request, what, time.monotonic())
+
+    def service_actions(self) -> None:
+        """Close the connections that have taken all of their time; called about twice a second."""
+        self._close_slow(HEAD_S, ANSWER_S, most=MOST_READERS)
+
+    def _close_slow(self, head_s: float, answer_s: float, most: int) -> None:
+        """Close at most so many connections whose client has taken longer, the slowest first."""
+        with self._opening:
+            slow = [each for each in self._open.values() if each.is_slow(head_s, answer_s)]
+        for each in sorted(slow, key=lambda each: each.since_s)[:most]:
+            each.close()
 
     def handle_error(self, request: _Connection, client_address: object) -> None:
         """Ignore lost connections; print any other error."""
@@ -312,11 +366,12 @@ class Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: Server
-    timeout = _PATIENCE_S
+    timeout = ANSWER_S
     server_version = "dse"
     sys_version = ""
 
     def do_GET(self) -> None:
+        self.server.waits_for(self.connection, "")
         refused = self._refused()
         if refused:
             self.send_error(refused)
@@ -419,6 +474,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header(name, value)
         if body:
             self.send_header("Content-Length", str(len(body)))
+        self.server.waits_for(self.connection, "answer")
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)

@@ -330,11 +330,67 @@ def test_silent_connections_do_not_pile_up(server):
             return False
 
     silent = [connect(server) for _ in range(MOST_READERS)]
-    with connect(server) as one_more:
-        assert one_more.recv(1) == b""
+    assert answers()
     for connection in silent:
         connection.close()
-    until(answers, "a place that is free once its thread has seen the end")
+    until(lambda: not server._open, "all places to be free once their threads have seen the end")
+
+
+def test_clients_that_drip_shut_nobody_out(server):
+    """Whoever is closed comes back at once, and sends a byte now and then."""
+    stop = threading.Event()
+
+    def drip():
+        connections = []
+        while not stop.wait(0.1):
+            connections += [connect(server) for _ in range(2 * MOST_READERS - len(connections))]
+            for connection in list(connections):
+                try:
+                    connection.send(b"G")
+                except OSError:
+                    connections.remove(connection)
+                    connection.close()
+        for connection in connections:
+            connection.close()
+
+    attacker = threading.Thread(target=drip)
+    attacker.start()
+    until(lambda: len(server._open) == MOST_READERS, "every place to be taken")
+    assert [ask(server, "/data.json")[0] for _ in range(3)] == [200] * 3
+    stop.set()
+    attacker.join()
+
+
+def test_a_request_has_all_of_its_time_in_total(server, monkeypatch):
+    monkeypatch.setattr("dse.dashboard.serve.HEAD_S", 1.0)
+    with connect(server) as one:
+        one.settimeout(0.2)
+        began, closed = time.monotonic(), False
+        while not closed and time.monotonic() - began < PATIENCE_S:
+            try:
+                one.send(b"G")
+                closed = one.recv(1) == b""
+            except TimeoutError:
+                continue
+            except OSError:
+                closed = True
+        assert closed
+
+
+def test_who_takes_no_answer_makes_room(server, monkeypatch):
+    monkeypatch.setattr("dse.dashboard.serve._SLOW_ANSWER_S", 0.5)
+    lazy = [connect(server) for _ in range(MOST_READERS)]
+    for connection in lazy:
+        connection.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
+    assert [ask(server, "/data.json")[0] for _ in range(5)] == [200] * 5
+    for connection in lazy:
+        connection.close()
+
+
+def test_two_hundred_readers_at_once_are_all_answered(server):
+    with ThreadPoolExecutor(200) as pool:
+        answers = list(pool.map(lambda _: ask(server, "/data.json")[0], range(400)))
+    assert answers == [200] * 400
 
 
 def test_while_one_reads_others_get_the_last_page(folder):
