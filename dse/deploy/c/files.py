@@ -113,17 +113,19 @@ def program(plan: Frame, title: str) -> str:
                 f"#define N_BINS {plan.n_bins}",
                 "#endif",
             ]
-    return filled(f"main_{plan.front_end}.c", title=title, constants="\n".join(constants))
+    return filled(
+        "main.c",
+        title=title,
+        rows=_ROWS[plan.front_end],
+        constants="\n".join(constants),
+        longest_line=_LONGEST_LINE[plan.front_end],
+        reading=filled(f"main_{plan.front_end}.c"),
+    )
 
 
 def readme(code: Code, title: str) -> str:
     """Return README.md of the folder."""
     plan = code.frame
-    rows = {
-        "samples": "a row per sample: one number per sensor, separated by commas",
-        "events": "a row per event: time in us, x, y, polarity (1 ON, 0 OFF)",
-        "spikes": "a row per step: 1 or 0 of every channel",
-    }[plan.front_end]
     why = f"\nSpikes are pushed because {plan.no_front_end}.\n" if plan.no_front_end else ""
     if plan.encoder is not None:
         why = (
@@ -142,7 +144,7 @@ def readme(code: Code, title: str) -> str:
         "README.md",
         title=title,
         what=code.what,
-        rows=rows,
+        rows=_ROWS[plan.front_end],
         why=why,
         window=window,
         n_steps=plan.n_steps,
@@ -152,6 +154,12 @@ def readme(code: Code, title: str) -> str:
     )
 
 
+_ROWS = {
+    "samples": "a row per sample: one number per sensor, separated by commas",
+    "events": "a row per event: time in us, x, y, polarity (1 ON, 0 OFF)",
+    "spikes": "a row per step: 1 or 0 of every channel",
+}
+_LONGEST_LINE = {"samples": 65536, "events": 4096, "spikes": 262144}
 _PUSH_SAMPLES = """\
 /* One sample of every sensor: the spikes that it gives belong to this step. */
 void dse_push(const dse_sample_t *sample);

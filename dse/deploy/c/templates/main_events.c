@@ -1,39 +1,18 @@
-/* $title
- * Reads recordings from stdin, a row per event: time in us, x, y, polarity (1 ON, 0 OFF), and prints an answer
- * for each. A line of text before the first number is skipped; an empty line ends a recording.
- *
- *     cc -std=c99 -O2 -Isrc main.c src/dse.c -o touch
- *     ./touch < recording.csv
- */
-#include "dse.h"
-#include <stdio.h>
-#include <stdlib.h>
-
-$constants
-
 typedef struct {
     int64_t t_us;
     uint16_t x, y;
     uint8_t polarity;
 } event_t;
 
-static char line[4096];
 static event_t *events;
-static size_t n_events, capacity;
-static unsigned long line_number;
-
-static void refuse(const char *what)
-{
-    fprintf(stderr, "line %lu: %s\n", line_number, what);
-    exit(2);
-}
+static size_t capacity;
 
 static void add_row(const char *text)
 {
     double value[4];
     unsigned i;
     event_t *event;
-    if (n_events == capacity) {
+    if (n_rows == capacity) {
         capacity = 2 * capacity + 1024;
         events = realloc(events, capacity * sizeof *events);
         if (events == NULL) {
@@ -55,10 +34,10 @@ static void add_row(const char *text)
     if (value[3] != 0 && value[3] != 1) {
         refuse("polarity must be 1 or 0");
     }
-    if (n_events > 0 && value[0] < (double)events[n_events - 1].t_us) {
+    if (n_rows > 0 && value[0] < (double)events[n_rows - 1].t_us) {
         refuse("time must never fall");
     }
-    event = &events[n_events++];
+    event = &events[n_rows++];
     event->t_us = (int64_t)value[0];
     event->x = (uint16_t)value[1];
     event->y = (uint16_t)value[2];
@@ -68,7 +47,7 @@ static void add_row(const char *text)
 /* First bin of the window; it must fit. */
 static int64_t window_start(int64_t t0_us)
 {
-    int64_t start = 0, last = events[n_events - 1].t_us - t0_us + 1, n_bins;
+    int64_t start = 0, last = events[n_rows - 1].t_us - t0_us + 1, n_bins;
     if (last > END_US) {
         last = END_US;
     }
@@ -86,7 +65,7 @@ static int64_t window_start(int64_t t0_us)
         size_t e;
         int64_t bin = -1;
         double n = 0;
-        for (e = 0; e < n_events; e++) {
+        for (e = 0; e < n_rows; e++) {
             const int64_t t = events[e].t_us - t0_us;
             const uint32_t column = (uint32_t)events[e].x - CROP_X, row = (uint32_t)events[e].y - CROP_Y;
             if (t < START_US || t >= END_US || column >= CROP_COLUMNS || row >= CROP_ROWS) {
@@ -101,7 +80,7 @@ static int64_t window_start(int64_t t0_us)
                 break;
             }
         }
-        if (e == n_events) {
+        if (e == n_rows) {
             refuse("the recording has no contact");
         }
         start = bin;
@@ -129,7 +108,7 @@ static void answer(void)
         if (bin == start) {
             dse_reset();
         }
-        while (e < n_events && dse_push(events[e].t_us, events[e].x, events[e].y, events[e].polarity)) {
+        while (e < n_rows && dse_push(events[e].t_us, events[e].x, events[e].y, events[e].polarity)) {
             e++;
         }
         dse_step();
@@ -139,29 +118,5 @@ static void answer(void)
     }
     printf("%s,%.17g,%s\n", dse_class_name(dse_decision()), dse_steps() * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
            dse_confident() ? "true" : "false");
-    n_events = 0;
-}
-
-int main(void)
-{
-    printf("answer,time_ms,decided\n");
-    while (fgets(line, sizeof line, stdin) != NULL) {
-        const char *text = line;
-        line_number++;
-        while (*text == ' ' || *text == '\t' || *text == '\r' || *text == '\n') {
-            text++;
-        }
-        if (*text == '\0') {
-            if (n_events > 0) {
-                answer();
-            }
-        } else if (line_number > 1 || (*text >= '0' && *text <= '9') || *text == '-') {
-            add_row(text);
-        }
-    }
-    if (n_events > 0) {
-        answer();
-    }
-    free(events);
-    return 0;
+    n_rows = 0;
 }

@@ -1,33 +1,10 @@
-/* $title
- * Reads recordings from stdin, a row of sensor values per sample, and prints an answer for each. A line of
- * text before the first number is skipped; an empty line ends a recording.
- *
- *     cc -std=c99 -O2 -Isrc main.c src/dse.c -o touch
- *     ./touch < recording.csv
- */
-#include "dse.h"
-#include <stdio.h>
-#include <stdlib.h>
-
-$constants
-
-#define LONGEST_LINE 65536
-
-static char line[LONGEST_LINE];
 static dse_sample_t *samples;
-static size_t n_samples, capacity;
-static unsigned long line_number;
-
-static void refuse(const char *what)
-{
-    fprintf(stderr, "line %lu: %s\n", line_number, what);
-    exit(2);
-}
+static size_t capacity;
 
 static void add_row(const char *text)
 {
     unsigned i;
-    if ((n_samples + 1) * DSE_SENSORS > capacity) {
+    if ((n_rows + 1) * DSE_SENSORS > capacity) {
         capacity = 2 * capacity + 1024 * DSE_SENSORS;
         samples = realloc(samples, capacity * sizeof *samples);
         if (samples == NULL) {
@@ -45,14 +22,14 @@ static void add_row(const char *text)
             refuse("a sample must be a whole number below 2^24; for others compile with -DDSE_REAL_SAMPLES");
         }
 #endif
-        samples[n_samples * DSE_SENSORS + i] = (dse_sample_t)value;
+        samples[n_rows * DSE_SENSORS + i] = (dse_sample_t)value;
         for (text = end; *text == ',' || *text == ';' || *text == ' ' || *text == '\t'; text++) {
         }
     }
     if (*text != '\0' && *text != '\n' && *text != '\r') {
         refuse("a sample must have one number of every sensor, and no more");
     }
-    n_samples++;
+    n_rows++;
 }
 
 /* First sample of the window; it must fit. */
@@ -60,15 +37,15 @@ static size_t window_start(void)
 {
     size_t start = 0;
 #ifdef WINDOW_AT_MIDDLE
-    if (n_samples >= DSE_WINDOW) {
-        start = (n_samples - DSE_WINDOW) / 2;
+    if (n_rows >= DSE_WINDOW) {
+        start = (n_rows - DSE_WINDOW) / 2;
     }
 #endif
 #ifdef WINDOW_AT_CONTACT_ONSET
     for (;; start++) {
         unsigned i;
         int moved = 0;
-        if (start == n_samples) {
+        if (start == n_rows) {
             refuse("the recording has no contact");
         }
         for (i = 0; i < DSE_SENSORS; i++) {
@@ -80,7 +57,7 @@ static size_t window_start(void)
         }
     }
 #endif
-    if (start + DSE_WINDOW > n_samples) {
+    if (start + DSE_WINDOW > n_rows) {
         refuse("the recording is shorter than the window");
     }
     return start;
@@ -102,29 +79,5 @@ static void answer(void)
     }
     printf("%s,%.17g,%s\n", dse_class_name(dse_decision()), dse_steps() * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
            dse_confident() ? "true" : "false");
-    n_samples = 0;
-}
-
-int main(void)
-{
-    printf("answer,time_ms,decided\n");
-    while (fgets(line, sizeof line, stdin) != NULL) {
-        const char *text = line;
-        line_number++;
-        while (*text == ' ' || *text == '\t' || *text == '\r' || *text == '\n') {
-            text++;
-        }
-        if (*text == '\0') {
-            if (n_samples > 0) {
-                answer();
-            }
-        } else if (line_number > 1 || (*text >= '0' && *text <= '9') || *text == '-' || *text == '.') {
-            add_row(text);
-        }
-    }
-    if (n_samples > 0) {
-        answer();
-    }
-    free(samples);
-    return 0;
+    n_rows = 0;
 }

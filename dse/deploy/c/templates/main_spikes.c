@@ -1,33 +1,10 @@
-/* $title
- * Reads recordings from stdin, a row per step with 1 or 0 of every channel, and prints an answer for each. A
- * line of text before the first number is skipped; an empty line ends a recording.
- *
- *     cc -std=c99 -O2 -Isrc main.c src/dse.c -o touch
- *     ./touch < recording.csv
- */
-#include "dse.h"
-#include <stdio.h>
-#include <stdlib.h>
-
-$constants
-
-#define LONGEST_LINE 262144
-
-static char line[LONGEST_LINE];
 static uint8_t *spikes;
-static size_t n_steps, capacity;
-static unsigned long line_number;
-
-static void refuse(const char *what)
-{
-    fprintf(stderr, "line %lu: %s\n", line_number, what);
-    exit(2);
-}
+static size_t capacity;
 
 static void add_row(const char *text)
 {
     unsigned long i;
-    if ((n_steps + 1) * DSE_CHANNELS > capacity) {
+    if ((n_rows + 1) * DSE_CHANNELS > capacity) {
         capacity = 2 * capacity + 1024 * (size_t)DSE_CHANNELS;
         spikes = realloc(spikes, capacity);
         if (spikes == NULL) {
@@ -38,14 +15,14 @@ static void add_row(const char *text)
         if (*text != '0' && *text != '1') {
             refuse("a step must have 1 or 0 of every channel");
         }
-        spikes[n_steps * DSE_CHANNELS + i] = (uint8_t)(*text - '0');
+        spikes[n_rows * DSE_CHANNELS + i] = (uint8_t)(*text - '0');
         for (text++; *text == ',' || *text == ';' || *text == ' ' || *text == '\t'; text++) {
         }
     }
     if (*text != '\0' && *text != '\n' && *text != '\r') {
         refuse("a step must have 1 or 0 of every channel, and no more");
     }
-    n_steps++;
+    n_rows++;
 }
 
 /* First step of the window; it must fit. */
@@ -53,14 +30,14 @@ static size_t window_start(void)
 {
     size_t start = 0;
 #ifdef WINDOW_AT_MIDDLE
-    if (n_steps >= DSE_WINDOW) {
-        start = (n_steps - DSE_WINDOW) / 2;
+    if (n_rows >= DSE_WINDOW) {
+        start = (n_rows - DSE_WINDOW) / 2;
     }
 #endif
 #ifdef WINDOW_AT_CONTACT_ONSET
     for (;; start++) {
         unsigned long i, n = 0;
-        if (start == n_steps) {
+        if (start == n_rows) {
             refuse("the recording has no contact");
         }
         for (i = 0; i < DSE_CHANNELS; i++) {
@@ -71,7 +48,7 @@ static size_t window_start(void)
         }
     }
 #endif
-    if (start + DSE_WINDOW > n_steps) {
+    if (start + DSE_WINDOW > n_rows) {
         refuse("the recording is shorter than the window");
     }
     return start;
@@ -93,29 +70,5 @@ static void answer(void)
     }
     printf("%s,%.17g,%s\n", dse_class_name(dse_decision()), dse_steps() * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
            dse_confident() ? "true" : "false");
-    n_steps = 0;
-}
-
-int main(void)
-{
-    printf("answer,time_ms,decided\n");
-    while (fgets(line, sizeof line, stdin) != NULL) {
-        const char *text = line;
-        line_number++;
-        while (*text == ' ' || *text == '\t' || *text == '\r' || *text == '\n') {
-            text++;
-        }
-        if (*text == '\0') {
-            if (n_steps > 0) {
-                answer();
-            }
-        } else if (line_number > 1 || *text == '0' || *text == '1') {
-            add_row(text);
-        }
-    }
-    if (n_steps > 0) {
-        answer();
-    }
-    free(spikes);
-    return 0;
+    n_rows = 0;
 }
