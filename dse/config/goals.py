@@ -274,6 +274,7 @@ def search(
     folds: int | None = None,
     *,
     check_packages: bool = False,
+    base: Path | None = None,
 ) -> SearchSettings | None:
     """Read the search settings together with the sampler's own keys; None after a fault.
 
@@ -283,7 +284,12 @@ def search(
         report: called with (path, sentence) for every mistake.
         folds: of a cross-validation, of which every repeat is one; None without.
         check_packages: whether the package that a sampler may need must be installed here.
+        base: folder of the search space, beside which earlier studies must be; None: they are not looked for.
     """
+    earlier = raw.get("from") if isinstance(raw, dict) else None
+    warm = _earlier(earlier, report, base)
+    if isinstance(raw, dict):
+        raw = {key: value for key, value in raw.items() if key != "from"}
     known: dict[str, type[SamplerSettings]] = registry.known("search.samplers")
     keys = raw if isinstance(raw, dict) else {}
     stepless = [axis for axis in axes.values() if axis.values is None]
@@ -310,7 +316,11 @@ def search(
     if check_packages and package and (lack := missing_package(package, package)):
         report(("search", "sampler"), f"search.sampler '{name}' {lack}")
         return None
-    if not (good and good_options):
+    if not (good and good_options) or warm is None:
+        return None
+    stop = values["stop"]
+    if stop is not None and all(x is None for x in vars(stop).values()):
+        report(("search", "stop"), f"search.stop must state at least one of {', '.join(vars(stop))}")
         return None
     if values["repeats"] is None:
         values["repeats"] = folds or 1
@@ -324,8 +334,30 @@ def search(
         report(("search",), f"search.n_trials is required for sampler '{name}'")
         return None
     # A grid learns nothing from its results: designs that are proposed at once share the most passes.
-    size = n_combinations(axes.values()) or 1 if name == "grid" else _BATCH
-    return SearchSettings(**values | {"sampler": name, "batch": values["batch"] or size}, options=options)
+    whole = name == "grid" and stop is None
+    size = n_combinations(axes.values()) or 1 if whole else _BATCH
+    settings = values | {"sampler": name, "batch": values["batch"] or size}
+    return SearchSettings(**settings, options=options, warm=warm)
+
+
+def _earlier(raw: Raw, report: Report, base: Path | None) -> tuple[str, ...] | None:
+    """Read the folders of earlier studies; None after a fault."""
+    names = [raw] if isinstance(raw, str) else raw or []
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        report(("search", "from"), f"search.from must be a list of folders of studies, got {echo(raw)}")
+        return None
+    good = True
+    for index, name in enumerate(names):
+        where = ("search", "from", index) if isinstance(raw, list) else ("search", "from")
+        if base is not None and not (base / name / "search_space.yaml").is_file():
+            report(
+                where, f"search.from: '{name}' must be the folder of a study, relative to the search space"
+            )
+            good = False
+        if name in names[:index]:
+            report(where, f"search.from: '{name}' is named twice")
+            good = False
+    return tuple(names) if good else None
 
 
 def execution(raw: Raw, report: Report, *, check_device: bool) -> ExecutionSettings | None:

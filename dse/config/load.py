@@ -116,7 +116,14 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
-    search = goals.search(data.get("search"), axes, report, folds, check_packages=check_data)
+    search = goals.search(
+        data.get("search"),
+        axes,
+        report,
+        folds,
+        check_packages=check_data,
+        base=source.parent if check_data else None,
+    )
     if search is not None and search.racing is not None:
         for path, text in racing_faults(search.racing, sections):
             report(path, text)

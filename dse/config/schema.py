@@ -108,6 +108,10 @@ def _search() -> Schema:
     schema = _object(Search)
     for cls in registry.known("search.samplers").values():
         schema["properties"] |= _object(cls)["properties"]
+    folders = (
+        "folders of earlier studies, whose trials inform the search; equal designs are not trained again"
+    )
+    schema["properties"]["from"] = {**_listed({"type": "string"}), "description": folders}
     schema["properties"]["sampler"] = {"enum": list(registry.known("search.samplers"))}
     return schema
 

@@ -584,6 +584,29 @@ class Racing:
 
 
 @dataclass(frozen=True)
+class Stop:
+    """Conditions that end a search before all designs are trained; looked at after each batch."""
+
+    cpu_hours: float | None = param(
+        None, doc="CPU hours of all trainings", unit="h", low=0, low_open=True, axis=False
+    )
+    wall_hours: float | None = param(
+        None, doc="hours of all sessions", unit="h", low=0, low_open=True, axis=False
+    )
+    front_gain_per_hour: float | None = param(
+        None,
+        doc="least gain of the front's hypervolume over the last hour, from the second hour of a session on",
+        unit="%",
+        low=0,
+        low_open=True,
+        axis=False,
+    )
+    pick_unchanged_for: int | None = param(
+        None, doc="designs since the best one in the first objective", low=1, axis=False
+    )
+
+
+@dataclass(frozen=True)
 class Search:
     """How designs are proposed and how often each is trained; a sampler adds its own keys."""
 
@@ -614,6 +637,12 @@ class Search:
     racing: Racing | None = param(  # noqa: RUF009
         None,
         doc="stop designs early: keys rungs, confidence, audit (default: all designs train to the end)",
+        axis=False,
+    )
+    stop: Stop | None = param(  # noqa: RUF009
+        None,
+        doc="cpu_hours, wall_hours, front_gain_per_hour (%), pick_unchanged_for (designs): the first that is "
+        "reached ends the search",
         axis=False,
     )
 

@@ -15,7 +15,7 @@ from dse.config.contracts import Source
 from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
 from dse.config.sections import SECTIONS
-from dse.config.settings import Evaluation, ExecutionSettings, Precision, Racing, Split
+from dse.config.settings import Evaluation, ExecutionSettings, Precision, Racing, Split, Stop
 from dse.config.values import Values, as_tuple, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
@@ -57,6 +57,8 @@ class SearchSettings:
     batch: designs proposed at a time.
     repeats, repeats_on_front: trainings of every design, and of those on the front at the end.
     racing: when designs stop early; None: never.
+    stop: what ends the search early; None: nothing.
+    warm: folders of earlier studies (`from`), relative to the search space, whose trials inform the search.
     """
 
     sampler: str
@@ -66,6 +68,16 @@ class SearchSettings:
     repeats_on_front: int
     racing: Racing | None = None
     options: Mapping[str, Raw] = field(default_factory=dict)
+    stop: Stop | None = None
+    warm: tuple[str, ...] = ()
+
+    def to_plain(self) -> dict[str, Raw]:
+        """Return the settings as they are written in YAML; what is not set is left out."""
+        names = ("sampler", "n_trials", "batch", "repeats", "repeats_on_front")
+        always: dict[str, Raw] = {name: getattr(self, name) for name in names}
+        given = {"racing": self.racing, "stop": self.stop}
+        optional = {name: plain(value) for name, value in given.items() if value is not None}
+        return always | optional | ({"from": list(self.warm)} if self.warm else {}) | dict(self.options)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -194,12 +206,7 @@ class SearchSpace:
         sections["objectives"] = [f"{name}:{direction}" for name, direction in self.objectives]
         if self.limits is not None:
             sections["limits"] = list(self.limits)
-        search = {name: value for name, value in vars(self.search).items() if name != "options"}
-        if self.search.racing is None:
-            del search["racing"]
-        else:
-            search["racing"] = plain(self.search.racing)
-        sections["search"] = search | dict(self.search.options)
+        sections["search"] = self.search.to_plain()
         sections["execution"] = plain(self.execution)
         ordered = {name: sections[name] for name in SECTIONS if name in sections}
         about: dict[str, Raw] = {"study": self.study, "seed": self.seed}

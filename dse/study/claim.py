@@ -25,9 +25,9 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
     """Write the search space, its plugins and the environment to the folder, or check that they are the same.
 
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
-    trials, other precisions of trained networks, targets, limits, and hardware after the first. The device
-    may not: another one rounds differently. Until a run has finished, any search space may replace the one
-    before.
+    trials, other precisions of trained networks, targets, limits, when a search stops, and hardware after
+    the first. The device may not: another one rounds differently. Until a run has finished, any search space
+    may replace the one before.
 
     A damaged copy of the search space is written anew if the finished runs were trained as this one says.
 
@@ -62,6 +62,8 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
             and not (key == "hardware" and old[:1] == new[:1])
             and not key.startswith("precision")
             and key not in ("targets", "limits")
+            and not key.startswith("search.stop")
+            and not (key == "search.batch" and space.search.sampler == "grid")
         ]
         faults += [
             Fault(str(file), 0, f"differs from {copy}, which {folder} was started with; {_HINT}")

@@ -20,8 +20,9 @@ from dse.recordings import RecordingError
 from dse.search.limits import Exclusion
 from dse.search.proposals import Sampler, limited
 from dse.search.space import design_at
+from dse.search.stop import Spent, reached
 from dse.seeds import design_key
-from dse.study import decisions, points, precision, pricing
+from dse.study import decisions, points, precision, pricing, warm
 from dse.study import trials as tables
 from dse.study.claim import claim
 from dse.study.fronts import fronts
@@ -33,6 +34,7 @@ from dse.study.racing import Race
 from dse.study.record import RunRecord
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
+from dse.study.status import session_hours
 from dse.study.workers import Workers
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 
 _REFRESH_S = 60.0
 _REFRESH_SHARE = 0.05
+_STOPPED = "the search stopped: "
 # Designs of a grid whose data sets are prepared together, and excluded ones that are written down.
 _MOST_PREPARED, _MOST_RECORDED = 100_000, 1000
 
@@ -76,6 +79,7 @@ def run(
         raise ConfigError([Fault(str(space.source), 0, text)])
     profiles = load_all(space.hardware, space.source.parent)
     folder = Path(results) / space.study
+    earlier = warm.earlier_trials(space)
     n_workers = jobs or space.execution.jobs
     with store.exclusive(folder), shown(progress, n_workers) as report:
         store.sweep(folder)
@@ -92,11 +96,12 @@ def run(
         runs.recall(ledger.entries)
         results_tables.know_ended()
         runs.forget_checkpoints()
+        took = _Took(space, folder, ledger, runs, earlier)
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
                 race = Race(space, folder, profiles, runs, report) if space.search.racing else None
-                _search(space, ledger, runs, results_tables, report, before, race)
+                stopped = _search(space, ledger, runs, results_tables, report, before, race, took)
                 if race is not None:
                     for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
                         report.note(text)
@@ -109,6 +114,7 @@ def run(
             raise
         results_tables.write()
         runs.remark(runs.untrained(), UNTRAINED)
+        runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
 
@@ -189,8 +195,16 @@ def _search(
     report: Progress,
     before: KnownBefore | None,
     race: Race | None,
-) -> None:
-    """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions."""
+    took: _Took,
+) -> str:
+    """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions.
+
+    Returns:
+        Why the search stopped early; '' if it did not.
+
+    Raises:
+        ConfigError: a condition to stop is reached before anything is trained.
+    """
     settings = space.search
     sampler: Sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
         space, [direction for _, direction in space.objectives]
@@ -198,6 +212,8 @@ def _search(
     excluding = None if before is None else _Excluding(space, ledger, runs, before, sampler)
     if excluding is not None:
         sampler = excluding.sampler
+    if hasattr(sampler, "inform"):
+        sampler.inform([x.design for x in took.earlier], [_values(space, x.records) for x in took.earlier])
     number, n_before = 0, 0
     while True:
         if excluding is not None:
@@ -206,6 +222,8 @@ def _search(
         if not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
             n_missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
+            if n_missing > 0 and not entries and (why := took.stop(number)):
+                return why
             if n_missing > 0:
                 known = {design_key(e.design) for e in entries}
                 proposed = sampler.ask(len(entries) + n_missing)
@@ -221,7 +239,9 @@ def _search(
                     )
                 entries = _of_batch(ledger, number)
         if not entries:
-            return
+            return ""
+        if n := sum(took.over(entry) for entry in entries if not entry.is_reported):
+            report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
         if race is None:
             runs.complete(entries, settings.repeats, results_tables.refresh)
         else:
@@ -239,6 +259,66 @@ def _search(
             excluding.end(number, ended)
         sampler.tell([e.design for e in ended], [e.values for e in ended])
         number, n_before = number + 1, n_before + len(ended)
+
+
+class _Took:
+    """What a search has spent, and what it takes over from earlier studies."""
+
+    def __init__(
+        self,
+        space: SearchSpace,
+        folder: Path,
+        ledger: Ledger,
+        runs: Runs,
+        earlier: Sequence[warm.Earlier],
+    ) -> None:
+        self.earlier = earlier
+        self._space = space
+        self._ledger = ledger
+        self._runs = runs
+        self._takeover = warm.Takeover(space, folder, earlier)
+        self._began_s = time.time()
+        self._n_before = runs.count()
+        self._hours_before = 0.0
+        stop = space.search.stop
+        if stop is not None and stop.wall_hours is not None:
+            self._hours_before = session_hours(folder, ledger.entries)
+
+    def over(self, entry: Entry) -> int:
+        """Take over the runs of a design that an earlier study has trained; return how many."""
+        design = warm.on_axes(self._space, entry.design)
+        return 0 if design is None else self._takeover.take(entry.trial, design, self._space.search.repeats)
+
+    def stop(self, number: int) -> str:
+        """Return why no further batch is proposed; '' if one is.
+
+        Raises:
+            ConfigError: nothing was trained since the command began.
+        """
+        stop = self._space.search.stop
+        if stop is None or number == 0:
+            return ""
+        now_s = time.time()
+        signs = [1.0 if direction == "min" else -1.0 for _, direction in self._space.objectives]
+        ended = [
+            e
+            for e in self._ledger.entries
+            if e.values is not None and all(x.stopped_at_epoch is None for x in self._runs.of(e.trial))
+        ]
+        ended.sort(key=lambda e: (e.batch, e.trial))
+        why = reached(
+            stop,
+            Spent(
+                cpu_hours=self._runs.train_s() * self._space.execution.threads / 3600,
+                wall_hours=self._hours_before + (now_s - self._began_s) / 3600,
+                session_s=now_s - self._began_s,
+                ages_s=[now_s - (e.reported_s or now_s) for e in ended],
+                costs=[[s * x for s, x in zip(signs, e.values or (), strict=True)] for e in ended],
+            ),
+        )
+        if why and self._runs.count() == self._n_before:
+            raise ConfigError([Fault(str(self._space.source), 0, f"{why}; raise it to go on")])
+        return why
 
 
 def _of_batch(ledger: Ledger, number: int) -> list[Entry]:

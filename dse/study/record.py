@@ -75,6 +75,7 @@ class RunRecord:
     leak: why evaluations on the data know the labels; '' if they do not.
     rungs: epochs -> what was measured after so many, at each rung where the training paused.
     files: names of its artefacts.
+    taken_from: study and trial that trained it, where it was taken over.
     """
 
     trial: int
@@ -94,6 +95,7 @@ class RunRecord:
     leak: str = ""
     rungs: Mapping[int, Numbers] = field(default_factory=dict)
     files: tuple[str, ...] = ()
+    taken_from: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -182,6 +184,7 @@ class RunRecord:
                 leak=plain.get("transductive", ""),
                 rungs={int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()},
                 files=tuple(plain.get("files", ())),
+                taken_from=plain.get("taken_from", {}),
             )
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise StoreError(f"{where}: key {error} is missing or invalid") from error

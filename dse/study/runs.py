@@ -116,6 +116,12 @@ class Runs:
     def _has(self, trial: int, repeat: int) -> bool:
         return repeat in self._records.get(trial, {})
 
+    def train_s(self) -> float:
+        """Return the seconds that all finished runs took to train, those taken over left out."""
+        records = (record for of_trial in self._records.values() for record in of_trial.values())
+        trained = (record for record in records if not record.taken_from)
+        return sum(float(x.numbers.columns.get("train_s", 0.0)) for x in trained if x.numbers is not None)
+
     def is_untrained(self, trial: int) -> bool:
         """Return whether the machine kept a run of a trial from being trained."""
         return any(trial == number for number, _ in self._untrained)

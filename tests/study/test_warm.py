@@ -1,0 +1,113 @@
+"""Warm start from earlier studies, and searches that stop: with models that take no time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse import store
+from dse.config import ConfigError
+from dse.search.space import design_at
+from dse.store import read_record, run_folder
+from dse.study import explore
+from dse.study.results import Study
+from dse.study.warm import Takeover, earlier_trials
+from tests.tiny_study import make_space, unregister
+
+COLUMNS = ["model.hidden", "model.true_rate", "accuracy", "n_weights", "energy_uj"]
+Explore = Callable[..., Study]
+
+
+@pytest.fixture
+def search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+
+    def run(study: str, **changes: Any) -> Study:
+        space = make_space(tmp_path, study=study, execution={"jobs": 1}, **changes)
+        return explore.run(space, tmp_path / "results", progress=False)
+
+    yield run
+    unregister()
+
+
+def model(*hidden: int) -> dict[str, Any]:
+    return {
+        "kind": "fake",
+        "hidden": {"choice": [[n] for n in hidden]},
+        "true_rate": {"choice": [0.2, 0.8]},
+    }
+
+
+def rows(study: Study) -> list[Any]:
+    return sorted(study.trials[COLUMNS].to_numpy().tolist())
+
+
+def taken(study: Study) -> list[Any]:
+    records = (read_record(run_folder(study.folder, trial, 0)) for trial in study.trials["trial"])
+    return [record.get("taken_from") for record in records]
+
+
+def test_equal_designs_are_taken_over_and_not_trained_again(search: Explore, tmp_path: Path) -> None:
+    search("first", model=model(4, 8))
+    warm = search("second", model=model(4, 16), search={"sampler": "grid", "from": ["results/first"]})
+    assert [x and (x["study"], x["trial"]) for x in taken(warm)] == [("first", 0), ("first", 1), None, None]
+    store.load_run(run_folder(warm.folder, 1, 0))  # whole, by its checksums
+    assert rows(search("alone", model=model(4, 16))) == rows(warm)
+
+
+def test_what_is_not_equal_is_trained_again(search: Explore, tmp_path: Path) -> None:
+    search("first", model=model(4))
+
+    def taken_over(**changes: Any) -> int:
+        settings = {"sampler": "grid", "from": ["results/first"]}
+        space = make_space(tmp_path, study="second", **{"model": model(4), "search": settings} | changes)
+        takeover = Takeover(space, tmp_path / "second", earlier_trials(space))
+        n = takeover.take(0, design_at(space, 0), repeats=1)
+        store.remove(tmp_path / "second")
+        return n
+
+    assert taken_over() == 1
+    assert taken_over(seed=8) == 0
+    assert taken_over(training={"epochs": 3}) == 0
+    assert taken_over(split={"stratified": {"validation": 0.25}}) == 0
+    assert taken_over(decision={"phi": [0], "theta": [0.5]}) == 0
+    assert taken_over(hardware=["loihi2_board"]) == 0
+    with pytest.raises(ConfigError, match=r"holds no design with the axes model\.hidden of this space"):
+        taken_over(model={"kind": "fake", "hidden": {"choice": [[4], [8]]}})
+    with pytest.raises(ConfigError, match=r"search\.from: .*none/search_space\.yaml: is missing"):
+        taken_over(search={"sampler": "grid", "from": ["results/none"]})
+
+
+def test_a_search_stops_and_goes_on(search: Explore) -> None:
+    settings = {"sampler": "grid", "batch": 2, "stop": {"pick_unchanged_for": 1}}
+    stopped = search("stopped", search=settings)
+    n = len(stopped.trials)
+    assert n < 6
+    assert any("search.stop.pick_unchanged_for 1 is reached" in text for text in stopped.warnings)
+    with pytest.raises(ConfigError, match=r"pick_unchanged_for 1 is reached.*raise it to go on"):
+        search("stopped", search=settings)
+    assert len(Study(stopped.folder).trials) == n
+    whole = search("stopped", search={"sampler": "grid", "batch": 2})
+    assert not [text for text in whole.warnings if text.startswith("the search stopped")]
+    assert rows(whole) == rows(search("alone", search={"sampler": "grid", "batch": 2}))
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({"stop": {"cpu_hours": 0}}, "search.stop.cpu_hours must be > 0, got 0"),
+        ({"stop": {}}, "search.stop must state at least one of cpu_hours, wall_hours"),
+        ({"stop": {"cpu_hous": 1}}, "unknown key 'search.stop.cpu_hous'"),
+        ({"from": 3}, "search.from must be a list of folders of studies, got 3"),
+        ({"from": ["a", "a"]}, "search.from: 'a' is named twice"),
+    ],
+)
+def test_faults_have_a_line(search: Explore, tmp_path: Path, settings: dict[str, Any], fault: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        search("wrong", search={"sampler": "grid"} | settings)
+    (line,) = str(caught.value).splitlines()
+    assert line.startswith(f"{tmp_path / 'tiny.yaml'}:")
+    assert fault in line
