@@ -124,8 +124,7 @@ const Budgets = (() => {
     const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
     const costs = objectives.map(([column, way]) => costOf(column, way));
     const whole = new Uint8Array(nRows); // rows of any front or budget: all of the table's are here
-    for (const row of budgets.contenders) whole[row] = 1;
-    for (const rows of Object.values(page.fronts)) for (const row of rows) whole[row] = 1;
+    for (const row of budgets.whole) whole[row] = 1;
     const text = (column) => columns[column]?.values.map(String);
     const [task, family, hardware] = ["task", "family", "hardware"].map(text);
     const tasks = task ? [...new Set(task)] : [""];
@@ -146,13 +145,30 @@ const Budgets = (() => {
       task: chosenOnly(task, state.task), family: chosenOnly(family, state.family), hardware: chosenOnly(hardware, state.hardware),
     });
 
+    // The filters of a state: {column, low, high}, where null is no end, or {column, values: Set of texts}.
+    function conditionsOf(state) {
+      return Object.entries(state).filter(([key, text]) => key.startsWith("f.") && text !== "" && columns[key.slice(2)]).map(([key, text]) => {
+        const column = key.slice(2);
+        if (text.startsWith("in:")) return { column, text, values: new Set(text.slice(3).split("|").map(decodeURIComponent)) };
+        const [low, high] = text.split("~").map((end) => (end === "" ? null : Number(end)));
+        return { column, text, low, high };
+      });
+    }
+
+    function passes(condition, row) {
+      const value = columns[condition.column].values[row];
+      if (condition.values) return value !== null && condition.values.has(String(value));
+      return typeof value === "number" && !(value < condition.low && condition.low !== null) && !(condition.high !== null && value > condition.high);
+    }
+
     // Rows of the filters, without those that have seen the labels or do not fit their hardware where others do.
-    function select(chosen) {
+    function select(chosen, conditions) {
+      const named = conditions.filter((one) => one.values); // as dse pick does: numbers are limits, what fits is judged before them
       const rows = [];
       for (let row = 0; row < nRows; row += 1) {
         if ((chosen.task === null || task[row] === chosen.task) && (chosen.family === null || family[row] === chosen.family)
           && (chosen.hardware === null || hardware[row] === chosen.hardware)
-          && columns.transductive?.values[row] !== true) rows.push(row);
+          && columns.transductive?.values[row] !== true && named.every((one) => passes(one, row))) rows.push(row);
       }
       // A row that has no answer where others of its hardware have one cannot run there.
       const answered = new Set(rows.filter((row) => typeof columns.fits?.values[row] === "boolean").map((row) => hardware?.[row]));
@@ -160,6 +176,24 @@ const Budgets = (() => {
       const chips = new Set(rows.filter(fits).map((row) => hardware?.[row]));
       return rows.filter((row) => fits(row) || !chips.has(hardware?.[row]));
     }
+
+    function maskOf(rows) {
+      const mask = new Uint8Array(nRows);
+      for (const row of rows) mask[row] = 1;
+      return mask;
+    }
+
+    // Why a row is compared with none, or "".
+    function leftOut(result, row) {
+      if (result.admitted[row]) return "";
+      return columns.transductive?.values[row] === true ? "has seen the labels" : `does not fit ${hardware?.[row] ?? "the chip"}`;
+    }
+
+    // Objectives without a number in a selection, such as the energy of a family that its chip cannot run.
+    const lackingIn = (rows) => (rows.length ? Object.keys(page.objectives).filter((c) => !rows.some((row) => Number.isFinite(values[c][row]))) : []);
+
+    // Whether costs are those of a larger chip, because no row of the selection fits the one that there is.
+    const oversized = (rows) => rows.length > 0 && !rows.some((row) => columns.fits?.values[row] !== false);
 
     function rangesOf(chosen) {
       const groups = budgets.ranges.filter((group) => Object.entries(chosen).every(([k, v]) => v === null || group[k] === v));
@@ -180,8 +214,11 @@ const Budgets = (() => {
 
     function evaluate(state) {
       const chosen = filters(state);
-      const key = JSON.stringify(chosen);
-      const selected = remembered("selected", key, () => select(chosen));
+      const conditions = conditionsOf(state);
+      const key = JSON.stringify([chosen, conditions.map(({ column, text }) => [column, text])]);
+      const admissible = remembered("admissible", key, () => select(chosen, conditions));
+      const admitted = remembered("admitted", key, () => maskOf(admissible));
+      const selected = remembered("selected", key, () => admissible.filter((row) => conditions.every((one) => passes(one, row))));
       const limits = limitsOf(state);
       const within = new Uint8Array(nRows);
       const alone = limits.map(() => 0); // weight of rows that only this budget excludes
@@ -198,6 +235,7 @@ const Budgets = (() => {
         if (missed === 0) { within[row] = 1; count += weight; } else if (missed === 1) alone[which] += weight;
       }
       const rivals = remembered("rivals", key, () => {
+        if (conditions.length) return selected; // who decides under any budget does not under any filter
         const among = new Set(selected);
         return budgets.contenders.filter((row) => among.has(row));
       });
@@ -207,22 +245,39 @@ const Budgets = (() => {
         rivals.filter((row) => costs.every((cost) => Number.isFinite(cost[row])) && beside.every((limit) => meets(limit, row))), costs));
       const isWithin = (row) => within[row] === 1;
       const result = {
-        page, normalised: () => normalised(result), chosen, limits, within, count, total, front: base.filter((row) => limits.every((limit) => meets(limit, row))),
+        page, normalised: () => normalised(result), chosen, limits, within, count, total, admitted, conditions, rivals,
+        matches: (row) => conditions.every((one) => passes(one, row)),
+        lacking: remembered("lacking", key, () => lackingIn(selected)), oversized: remembered("oversized", key, () => oversized(selected)), front: base.filter((row) => limits.every((limit) => meets(limit, row))),
         cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
-        ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [],
-        command: command(state, chosen, limits),
+        ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [], relaxed: [], picks: [],
+        command: command(state, chosen, limits, conditions),
       };
       if (!budgets.maximise) return result;
       const ranking = [costOf(budgets.maximise, "max"), ...objectives.filter(([c]) => c !== budgets.maximise).map(([c, way]) => costOf(c, way)),
+        ...conditions.flatMap(({ column, low, high, values: names }) => (names ? [] : [
+          ...(low !== null ? [numbers(columns[column].values).map((v) => -v)] : []), ...(high !== null ? [numbers(columns[column].values)] : [])])),
         ...limits.map(({ column, way }) => costOf(column, way)), ...budgets.ties.filter((c) => values[c]).map((c) => costOf(c, "min"))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
-      result.pick = least(rivals.filter(isWithin), ranking);
+      const feasible = rivals.filter(isWithin);
+      result.pick = least(feasible, ranking);
       if (result.pick >= 0) {
+        // Accuracies of different tasks are not compared: each has a pick.
+        result.picks = chosen.task !== null || tasks.length < 2 ? [{ task: "", row: result.pick }]
+          : tasks.map((name) => ({ task: name, row: least(feasible.filter((row) => task[row] === name), ranking) }));
         result.second = least(selected.filter((row) => isWithin(row) && !sameDesign(row, result.pick)), ranking);
         return result;
       }
       const known = (row) => [numbered, ...limits.map(({ column }) => values[column])].every((x) => Number.isFinite(x[row]));
       const miss = ({ column, way, limit }, row) => Math.max(way === "max" ? limit - values[column][row] : values[column][row] - limit, 0);
+      // For each budget, what it must be if the others stay: nothing beats this row in its column within them.
+      const isMet = (row) => limits.map((one) => meets(one, row));
+      const met = new Map(rivals.filter(known).map((row) => [row, isMet(row)]));
+      const last = (k) => Number(limits[k].column === budgets.maximise); // more accuracy is what the others are relaxed for
+      [...limits.keys()].sort((a, b) => last(a) - last(b)).forEach((k) => {
+        const { column, way } = limits[k];
+        const row = least([...met.keys()].filter((one) => met.get(one).every((is, j) => is || j === k)), [costOf(column, way), ...ranking]);
+        if (row >= 0) result.relaxed.push({ row, column, missed: [{ ...limits[k], by: miss(limits[k], row) }] });
+      });
       const shortfall = new Float64Array(nRows);
       let left = selected.filter(known);
       for (const row of left) for (const one of limits) shortfall[row] += miss(one, row) / (Math.abs(one.limit) || 1);
@@ -235,9 +290,19 @@ const Budgets = (() => {
       return result;
     }
 
-    function command(state, chosen, limits) {
+    // The literal of a value in the language of conditions.
+    function literal(column, text) {
+      const value = columns[column].values.find((one) => String(one) === text);
+      return typeof value === "boolean" ? (value ? "True" : "False") : JSON.stringify(text);
+    }
+
+    function command(state, chosen, limits, filtered) {
       const conditions = Object.entries({ task: several(task), family: several(family), hardware: several(hardware) })
         .filter(([name, needed]) => needed && chosen[name] !== null).map(([name]) => `${name} == ${JSON.stringify(chosen[name])}`);
+      for (const { column, low, high, values: names } of filtered) {
+        if (names) conditions.push(`${column} in [${[...names].map((name) => literal(column, name)).join(", ")}]`);
+        else conditions.push(...(low !== null ? [`${column} >= ${low}`] : []), ...(high !== null ? [`${column} <= ${high}`] : []));
+      }
       const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
       return ["dse pick", quoted(budgets.results), ...priced, ...expressions.map((one) => `--budget ${quoted(one)}`),
@@ -259,10 +324,10 @@ const Budgets = (() => {
     }
 
     // The front over some objectives alone, among what is within the budgets.
-    const joined = (result, named) => byTask(budgets.contenders.filter((row) => result.within[row] && named.every((c) => Number.isFinite(values[c][row]))),
+    const joined = (result, named) => byTask((result.conditions.length ? result.rivals : budgets.contenders).filter((row) => result.within[row] && named.every((c) => Number.isFinite(values[c][row]))),
       named.map((c) => costOf(c, page.objectives[c])));
 
-    return { evaluate, joined };
+    return { evaluate, joined, leftOut };
   }
 
   // ---- the panel
@@ -295,7 +360,7 @@ const Budgets = (() => {
       root.querySelector("#sliders").append(line);
       return one;
     });
-    const part = (name) => root.querySelector(name);
+    const part = (name) => root.querySelector(name) ?? document.querySelector(name); // the pick has a column of its own
     part("#clear").addEventListener("click", () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""]))));
     part("#pick > div").addEventListener("click", (event) => {
       const key = event.target.closest("button")?.dataset.key;
@@ -334,23 +399,42 @@ const Budgets = (() => {
         }
         if (box.value !== limit && document.activeElement !== box) box.value = limit;
         slider.setAttribute("aria-valuetext", limit === "" ? "no limit" : `${words} ${limit}`);
-        cost.title = limit === "" ? "" : "designs that would be feasible without this budget";
+        const easier = result.relaxed.find((other) => other.column === column);
+        cost.title = limit === "" ? "" : result.count ? "points that would be feasible without this budget" : "what this budget must be if the others stay";
         cost.textContent = !range ? "no numbers" : slider.disabled ? "the same for all designs"
-          : limit === "" ? "no limit" : `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`;
+          : limit === "" ? "no limit" : result.count ? `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`
+            : easier ? `from ${number(page.columns[column].values[easier.row])}` : "not alone";
       }
-      write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} feasible`);
+      write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} points feasible`);
       write("#n-front", `${many(result.front.length)} on the front`);
+      write("#fit", fitOf(page, result));
       sum(result);
       part("#clear").disabled = result.limits.length === 0;
+      const several = result.picks.length > 1;
       const [heading, ...nodes] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
-        : result.pick >= 0
-          ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
-          : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
-            : ["Nothing is feasible", element("p", { textContent: "No design has values for all budgets." })];
+        : several ? ["Picks", ...result.picks.flatMap(({ task, row }) => [element("h3", { textContent: clip(task, 40) }),
+          row >= 0 ? design(page, row) : element("p", { textContent: "nothing is feasible" })])]
+          : result.pick >= 0
+            ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
+            : result.relaxed.length ? ["Nothing is feasible; relax one budget", ...result.relaxed.map(({ row, missed }) => design(page, row, missed))]
+              : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
+                : ["Nothing is feasible", element("p", { textContent: "No design has values for all budgets." })];
       write("#pick h2", heading);
       writePick(nodes);
       part("#export").hidden = result.pick < 0;
+      part("#command").hidden = part("#copy").hidden = several;
+      part("#which").hidden = !several;
       part("#command").textContent = result.command;
+    }
+
+    // What the chip that is shown does with the designs that are shown.
+    function fitOf({ columns, budgets }, { lacking, oversized, chosen, conditions }) {
+      const [chip, family] = [chosen.hardware ?? "the chip", chosen.family ?? "these designs"];
+      if (lacking.length && chosen.hardware !== null) {
+        return `${chip} cannot run ${family}: no ${lacking.map((c) => columns[c].label).join(", ")}. Budgets are not the cause.`;
+      }
+      const sampled = conditions.length && budgets.stands_for > 1 ? "With filters, the front and the pick are the best of the points that this page holds. " : "";
+      return oversized ? `${sampled}No design fits ${chip}: costs assume a larger chip of the same kind.` : sampled;
     }
 
     // What is read aloud when it changes is not written again as it was.

@@ -46,7 +46,7 @@ const Figure = (() => {
 
   // Nothing of a study leaves its page: plotly would offer to upload it.
   const config = {
-    responsive: true, displaylogo: false, plotlyServerURL: "",
+    responsive: true, displaylogo: false, displayModeBar: false, plotlyServerURL: "",
     modeBarButtonsToRemove: ["sendChartToCloud", "lasso2d", "select2d", "autoScale2d"],
   };
 

@@ -3,14 +3,18 @@
 // Text from the study only ever enters the page through textContent or escaped() below.
 (async () => {
   const byId = (id) => document.getElementById(id);
-  let page, columns, objectives, nRows, rows, axes, tasks, hardware, families, allowed, engine, byKey, plain; // set by take()
+  let given, page, columns, objectives, nRows, rows, axes, tasks, hardware, families, filterable, allowed, engine, byKey, plain; // set by take()
   const BOTH = "all";
   const COMPARED = 4; // designs side by side, at most
-  const NOTES = 2; // that are open to begin with
+  const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
+  const [WARM_ROWS, WARM_MS] = [2000, 300]; // of a page that is warmed, after its first drawing
+  const MAX_PAST = 100; // changes that can be undone
+  const UNDO_MS = 1000; // steps of a slider nearer than this are one change
+  const NOTES = matchMedia("(max-width: 800px)").matches ? 0 : 2; // that are open to begin with
 
   // ---- words and numbers
 
-  const known = { distinct: new WeakMap(), numbers: new WeakMap(), numeric: new WeakMap() }; // of columns: asked for at every step of a slider
+  const known = { distinct: new WeakMap(), numbers: new WeakMap(), numeric: new WeakMap(), categories: new WeakMap() }; // of columns: asked for at every step of a slider
   function remembered(kind, column, make) {
     const { values } = columns[column];
     if (!known[kind].has(values)) known[kind].set(values, make(values));
@@ -18,8 +22,19 @@
   }
   const distinct = (column) => (columns[column] ? remembered("distinct", column, (values) => [...new Set(values.map(String))]) : []);
   const isNumeric = (column) => remembered("numeric", column, (values) => values.some((v) => typeof v === "number"));
-  // A column as numbers, NaN where it has none.
-  const numbers = (column) => remembered("numbers", column, (values) => Float64Array.from(values, (v) => (typeof v === "number" ? v : NaN)));
+  // The values of a column of words in their order; none of a column of numbers, or of one whose words hardly repeat.
+  const categories = (column) => remembered("categories", column, (values) => {
+    const known = [...new Set(values.filter((value) => value !== null && value !== undefined))];
+    if (known.length === 0 || known.length > MAX_CATEGORIES || known.some((value) => typeof value === "number")) return [];
+    return known.map(String).sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
+  });
+  // A column as numbers, NaN where it has none; of words, their places among the categories.
+  const numbers = (column) => remembered("numbers", column, (values) => {
+    if (isNumeric(column)) return Float64Array.from(values, (v) => (typeof v === "number" ? v : NaN));
+    const places = new Map(categories(column).map((name, k) => [name, k]));
+    return Float64Array.from(values, (v) => places.get(String(v)) ?? NaN);
+  });
+  const placed = (column, value) => (typeof value === "number" || !columns[column] || value === null ? value : numbers(column)[columns[column].values.indexOf(value)]);
   const title = (column) => columns[column].label + (columns[column].unit ? ` (${columns[column].unit})` : "");
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
   const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -71,16 +86,40 @@
 
   const isKey = { includes: (text) => text === "" || /^-?\d+(\.\d+)?$/.test(text) };
   const areKeys = { includes: (text) => text === "" || (text.split(",").length <= COMPARED && text.split(",").every((key) => key && isKey.includes(key))) };
+  const isEnd = (text) => text === "" || Number.isFinite(Number(text));
+  const isFilter = { includes: (text) => text === "" || text.startsWith("in:") || (text.split("~").length === 2 && text.split("~").every(isEnd)) };
   const isWord = { includes: (text) => /^[a-z]*$/.test(text) };
 
-  function take(data) {
-    page = data;
+  // A page whose energies are those at the sensor's period: one switch for every number of it.
+  function atPeriod(data) {
+    const { energy, instead, ...other } = data.period;
+    const renamed = (name) => (name === energy ? instead : name);
+    const swapped = (object) => Object.fromEntries(Object.entries(object ?? {}).map(([name, value]) => [renamed(name), value]));
+    const { definition: given, columns: { [energy]: flat, [instead]: paced, ...rest } } = data;
+    const front = { ...given.front, ...Object.fromEntries(["x", "y", "z"].map((axis) => [axis, renamed(given.front[axis])])), log: given.front.log.map(renamed) };
+    const list = (names) => names && names.map(renamed);
+    return {
+      ...data, objectives: swapped(data.objectives), fronts: { ...data.fronts, ...other.fronts }, budgets: { ...data.budgets, ...other.budgets },
+      columns: { ...rest, [instead]: { ...paced, label: flat.label }, [energy]: { ...flat, label: `${flat.label} flat out` } },
+      definition: {
+        ...given, front, table: list(given.table), parallel: list(given.parallel), budgets: swapped(given.budgets), sort: renamed(given.sort),
+      },
+    };
+  }
+
+  const paceOf = (fragment) => (new URLSearchParams(fragment).get("pace") === "period" ? "period" : "flat");
+
+  function take(data, pace) {
+    given = data;
+    page = pace === "period" && data.period ? atPeriod(data) : data;
     columns = page.columns;
     objectives = Object.keys(page.objectives);
     nRows = Object.values(columns)[0]?.values.length ?? 0;
     rows = Array.from({ length: nRows }, (_, row) => row);
     byKey = null;
-    axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && isNumeric(c))];
+    axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && (isNumeric(c) || categories(c).length > 1))];
+    filterable = Object.keys(columns).filter((c) => /^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*$/.test(c) && !Object.hasOwn(page.budgets.columns, c)
+      && !["task", "family", "hardware"].includes(c) && varies(c) && (isNumeric(c) || categories(c).length > 1));
     tasks = distinct("task");
     hardware = distinct("hardware");
     families = [...new Set((columns.family?.values ?? []).filter((name) => name !== null))];
@@ -89,7 +128,8 @@
       view: ["2", "3", ...(tasks.length > 1 ? ["s"] : [])], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
       task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
       sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
-      family: [BOTH, ...families], ...Budgets.allowed(page),
+      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], once: ["0", "1"], colour: ["", ...axes], ...Budgets.allowed(page),
+      ...Object.fromEntries(filterable.map((column) => [`f.${column}`, isFilter])),
     };
     plain = initialState();
   }
@@ -108,7 +148,7 @@
   function initialState() {
     const definition = page.definition;
     const fixed = ["y", "x", "z"].map((axis) => (axes.includes(definition.front[axis]) ? definition.front[axis] : null));
-    const preferred = [...objectives.slice(0, 1), ...objectives.filter((c) => c === "energy_uj"), ...objectives];
+    const preferred = [...objectives.slice(0, 1), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives];
     const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !fixed.includes(column));
     const [y, x, z] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
     const sort = definition.sort ?? objectives[0] ?? "";
@@ -116,30 +156,66 @@
       view: String(definition.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, ...Budgets.plain(page),
+      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", once: "0", colour: "",
+      ...Object.fromEntries(filterable.map((column) => [`f.${column}`, ""])), ...Budgets.plain(page),
     };
   }
+
+  const canBeLog = (column) => axes.includes(column) && !numbers(column).some((value) => value <= 0);
 
   function readState() {
     const read = { ...plain };
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
       if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) read[key] = value;
     }
+    for (const axis of ["x", "y", "z"]) if (!canBeLog(read[axis])) read[`l${axis}`] = "0";
     return read;
   }
 
-  take(await Data.read());
+  take(await Data.read(), paceOf(location.hash.slice(1)));
   let state = readState();
   let writing;
 
+  const past = []; // states before each change, of a drag before its first step
+  let last = { keys: "", at: -Infinity };
+
+  function remember(part, moving) {
+    const keys = Object.keys(part).join();
+    const goesOn = moving && keys === last.keys && performance.now() - last.at < UNDO_MS;
+    if (!goesOn) past.push(state);
+    if (past.length > MAX_PAST) past.shift();
+    last = { keys, at: performance.now() };
+  }
+
+  function undo() {
+    if (!past.length) return;
+    const before = past.pop();
+    if (before.pace !== state.pace) take(given, before.pace);
+    state = { ...plain, ...Object.fromEntries(Object.entries(before).filter(([key, value]) => allowed[key]?.includes(value))) };
+    last = { keys: "", at: -Infinity };
+    writeState();
+    render();
+  }
+
   // `moving`: more of the same follows at once, as when a slider is dragged.
   function change(part, moving = Object.keys(part).some((key) => key.startsWith("b."))) {
+    if (Object.entries(part).some(([key, value]) => state[key] !== value)) remember(part, moving);
     for (const axis of ["x", "y", "z"]) {
       if (axis in part) part[`l${axis}`] = log(part[axis]);
     }
+    if (part.pace !== undefined && part.pace !== state.pace) setPace(part.pace);
     state = { ...state, ...part };
     writeState(moving);
     render(moving);
+  }
+
+  // What is looked at of one energy is looked at of the other; limits on energy are gone.
+  function setPace(pace) {
+    const { energy, instead } = given.period;
+    const renamed = (name) => (pace === "period" ? (name === energy ? instead : name) : name === instead ? energy : name);
+    take(given, pace);
+    const kept = Object.entries({ ...state, ...Object.fromEntries(["x", "y", "z", "sort"].map((key) => [key, renamed(state[key])])) });
+    state = { ...plain, ...Object.fromEntries(kept.filter(([key, value]) => allowed[key]?.includes(value))) };
   }
 
   function writeState(later = false) {
@@ -155,7 +231,7 @@
 
   function show(data) {
     const before = { state, plain, empty: page.state !== null };
-    take(data);
+    take(data, before.empty ? paceOf(location.hash.slice(1)) : before.state.pace);
     // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
     const valid = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
       !(key === "task" && value === before.plain.task));
@@ -179,12 +255,23 @@
   }
   const surfaces = new Map();
 
+  // The rows that are shown stay one list while budgets move, so that views recognise it.
+  let listed = { page: null, key: "", rows: [] };
+  function shownRows(budgeted) {
+    const key = JSON.stringify([state.task, state.hardware, state.family, state.left, budgeted.conditions.map(({ column, text }) => [column, text])]);
+    if (listed.page !== page || listed.key !== key) {
+      listed = { page, key, rows: rows.filter((row) => isShown(row) && budgeted.matches(row) && (state.left === "1" || budgeted.admitted[row])) };
+    }
+    return listed.rows;
+  }
+
   // What every view is a function of.
   function selection(moving) {
     const budgeted = engine.evaluate(state);
-    const limited = budgeted.limits.length || state.family !== BOTH;
+    const limited = budgeted.limits.length || budgeted.conditions.length || state.family !== BOTH;
     return {
-      page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front), rows: rows.filter(isShown),
+      page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front),
+      rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
       within: (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1,
       // The front over some columns alone, if each has a direction and no two are the same.
       joined: (named) => {
@@ -209,6 +296,17 @@
     element("a", { href: address, download: name }).click();
   }
 
+  // Some rows with all their columns, as a spreadsheet reads them.
+  function csv(name, some) {
+    const quoted = (value) => (/[",\r\n]/.test(String(value)) ? `"${String(value).replace(/"/g, '""')}"` : String(value));
+    const cells = (row) => Object.values(columns).map(({ values }) => (values[row] === null || values[row] === undefined ? "" : quoted(values[row])));
+    const lines = [Object.keys(columns).map(quoted), ...some.map(cells)].map((line) => `${line.join(",")}\r\n`);
+    const address = URL.createObjectURL(new Blob(lines, { type: "text/csv" }));
+    download(`${fileName()}-${name}.csv`, address);
+    setTimeout(() => URL.revokeObjectURL(address), 60000);
+  }
+  const fileName = () => clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_");
+
   // Values of a point that is no row of the page; `values` is {column: value}.
   function setPoint(key, values) {
     surfaces.set(`${key}@${state.hardware}`, values);
@@ -220,14 +318,14 @@
   };
 
   const app = {
-    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, varies, taskOf, colourOf, setPoint,
-    toggleCompared, download, style: () => Figure.style(page.palette),
+    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
+    toggleCompared, download, csv, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {
     const { view: name, place } = root.dataset;
     if (place === "top") document.querySelector("main").before(root);
-    if (place === "side") byId("views").after(root);
+    if (place === "side") byId("side").append(root);
     return { name, root, whenEmpty: Views[name].whenEmpty === true, view: Views[name].view(root, app) };
   });
   const showBudgets = Budgets.panel(byId("budgets"), app);
@@ -236,24 +334,32 @@
     const place = root.querySelector(".save") ?? root.appendChild(element("span", { className: "save" }));
     place.append(...["svg", "png"].map((format) => {
       const button = element("button", { type: "button", textContent: format.toUpperCase(), title: `save this figure as ${format.toUpperCase()}` });
-      button.addEventListener("click", async () => download(`${clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_")}-${name}.${format}`, await view.image(format)));
+      button.addEventListener("click", async () => download(`${fileName()}-${name}.${format}`, await view.image(format)));
       return button;
     }));
   }
 
+  for (const { root, view } of views.filter((one) => one.view.listed)) {
+    const button = element("button", { type: "button", textContent: "CSV", title: "save the points that are shown here, with all their columns" });
+    button.addEventListener("click", () => csv(root.dataset.view, view.listed()));
+    root.querySelector(".save").append(button);
+  }
+
   // ---- views of the page itself
 
-  function renderHeader(shown) {
-    const counts = Object.entries(page.counts).map(([status, n]) => `${number(n)} ${status}`);
-    const best = shown.rows.filter((row) => shown.onFront.has(row)).length;
-    if (nRows) counts.push(`${plural(shown.rows.length, "point")}, ${many(best)} on the front`);
+  function renderHeader() {
+    // Trials are counted by the progress, which is newer than the table of points; a table alone has no other count.
+    const counts = page.progress ? [] : Object.entries(page.counts).map(([status, n]) => (status === "finished" ? plural(n, "trial") : `${number(n)} ${status}`));
+    const n = columns.hardware ? rows.filter((row) => String(columns.hardware.values[row]) === state.hardware).length : nRows;
+    const age = page.points_at && Details.isServed(page) ? ` as of ${new Date(page.points_at).toLocaleTimeString()}` : "";
+    if (nRows) counts.push(`${plural(n, "point")}${age}`);
     byId("counts").textContent = counts.join(" · ");
     byId("title").textContent = page.definition.title;
     const open = byId("notes").querySelector("details")?.open ?? false;
     const notes = page.notes.map((text) => element("li", { textContent: text }));
     const rest = notes.splice(NOTES);
     byId("notes").replaceChildren(...notes, ...(rest.length ? [element("li", {},
-      element("details", { open }, element("summary", { textContent: plural(rest.length, "more note") }), element("ul", {}, ...rest)))] : []));
+      element("details", { open }, element("summary", { textContent: plural(rest.length, NOTES ? "more note" : "note") }), element("ul", {}, ...rest)))] : []));
   }
 
   function fillSelect(id, options, names) {
@@ -270,10 +376,13 @@
     for (const axis of ["x", "y", "z"]) {
       fillSelect(axis, axes, axes.map(title));
       byId(`l${axis}`).checked = state[`l${axis}`] === "1";
-      byId(`l${axis}`).disabled = numbers(state[axis]).some((v) => v <= 0);
+      byId(`l${axis}`).disabled = !canBeLog(state[axis]);
     }
     fillSelect("task", allowed.task, allowed.task.map((t) => (t === BOTH && tasks.length > 1 ? "all" : t)));
     fillSelect("hardware", hardware, hardware);
+    fillSelect("colour", allowed.colour, allowed.colour.map((column) => (column === "" ? (tasks.length > 1 ? "task" : "none") : title(column))));
+    fillSelect("pace", allowed.pace, allowed.pace.map((pace) => ({ flat: "flat out", period: "at the sensor's period" })[pace]));
+    byId("pace-label").hidden = allowed.pace.length < 2;
     fillSelect("family", [BOTH, ...families], ["all", ...families]);
     byId("family-label").hidden = families.length < 2;
     byId("task-label").hidden = tasks.length < 2;
@@ -283,8 +392,90 @@
     for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
   }
 
-  function renderFailures() {
-    const failed = page.failures;
+  function renderLeftOut(shown) {
+    const reasons = new Map();
+    for (const row of rows) {
+      const reason = isShown(row) && shown.budgeted.matches(row) ? shown.leftOut(row) : "";
+      if (reason) reasons.set(reason, (reasons.get(reason) ?? 0) + 1);
+    }
+    byId("left").hidden = reasons.size === 0;
+    byId("left-out").checked = state.left === "1";
+    byId("left").querySelector("span").textContent = [...reasons].map(([reason, n]) => `${plural(n, "point")} ${n === 1 ? reason : severally(reason)}`).join(", ");
+  }
+
+  // ---- filters: two ends of any column of numbers, or some values of any other
+
+  let opened = []; // columns whose filter is shown, though it may not exclude anything yet
+  const filterOf = (column) => byId("filters").querySelector(`fieldset[data-column="${CSS.escape(column)}"]`);
+
+  function newFilter(column) {
+    const node = element("fieldset", {}, element("legend", { textContent: clip(title(column), 40), title: column }));
+    node.dataset.column = column;
+    const remove = element("button", { type: "button", textContent: "×", title: "remove this filter" });
+    remove.setAttribute("aria-label", `remove the filter of ${columns[column].label}`);
+    remove.addEventListener("click", () => {
+      opened = opened.filter((other) => other !== column);
+      change({ [`f.${column}`]: "" });
+      byId("add-filter").focus();
+    });
+    if (isNumeric(column)) {
+      const boxes = ["from", "to"].map((end) => {
+        const box = element("input", { type: "number", step: "any" });
+        box.setAttribute("aria-label", `${columns[column].label} ${end}`);
+        return box;
+      });
+      for (const box of boxes) {
+        box.addEventListener("input", () => {
+          const ends = boxes.map(({ value }) => value);
+          change({ [`f.${column}`]: ends.every((end) => end === "") ? "" : ends.join("~") });
+        });
+      }
+      node.append(boxes[0], " to ", boxes[1]);
+    } else {
+      for (const name of categories(column)) {
+        const box = element("input", { type: "checkbox", value: name });
+        box.addEventListener("change", () => {
+          const taken = [...node.querySelectorAll("input")].filter((one) => one.checked).map((one) => encodeURIComponent(one.value));
+          change({ [`f.${column}`]: taken.length === categories(column).length ? "" : `in:${taken.join("|")}` });
+        });
+        node.append(element("label", {}, box, ` ${clip(name, 24)}`));
+      }
+    }
+    node.append(" ", remove);
+    return node;
+  }
+
+  function renderFilters() {
+    const place = byId("filters").querySelector("div");
+    opened = filterable.filter((column) => opened.includes(column) || state[`f.${column}`]);
+    for (const node of [...place.children]) if (!opened.includes(node.dataset.column)) node.remove();
+    for (const column of opened) {
+      const node = filterOf(column) ?? place.appendChild(newFilter(column));
+      const text = state[`f.${column}`];
+      const inputs = [...node.querySelectorAll("input")];
+      if (isNumeric(column)) {
+        const known = [...numbers(column)].filter(Number.isFinite);
+        const range = known.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+        text.split("~").concat("").slice(0, 2).forEach((end, k) => {
+          if (inputs[k].value !== end && document.activeElement !== inputs[k]) inputs[k].value = end;
+          inputs[k].placeholder = number(range[k]);
+        });
+      } else {
+        const taken = text === "" ? null : new Set(text.slice(3).split("|").map(decodeURIComponent));
+        for (const box of inputs) box.checked = taken === null || taken.has(box.value);
+      }
+    }
+    const left = filterable.filter((column) => !opened.includes(column));
+    byId("filters").hidden = filterable.length === 0;
+    const select = byId("add-filter");
+    select.replaceChildren(element("option", { value: "", textContent: "add …" }), ...left.map((value) => element("option", { value, textContent: clip(title(value), 40) })));
+    select.disabled = left.length === 0;
+  }
+
+  const severally = (reason) => reason.replace(/^does /, "do ").replace(/^has seen /, "have seen ");
+
+  function renderFailures(names) {
+    const failed = page.progress && names.includes("progress") ? [] : page.failures; // which lists them by reason
     byId("failures").hidden = failed.length === 0;
     if (!failed.length) return;
     const details = byId("failures").querySelector("details");
@@ -312,21 +503,26 @@
     const empty = page.state !== null;
     const names = page.definition.views;
     byId("state").hidden = !empty;
-    byId("budgets").hidden = empty;
+    byId("budgets").hidden = byId("choice").hidden = empty;
     for (const { name, root, whenEmpty } of views) {
       if (!names.includes(name) || !whenEmpty) root.hidden = empty || !names.includes(name);
       root.style.order = names.indexOf(name);
     }
     const shown = selection(moving);
-    renderHeader(shown);
-    renderFailures();
+    renderHeader();
+    renderFailures(names);
     for (const { name, view, whenEmpty } of views) if (whenEmpty && names.includes(name)) view.render(shown);
     if (empty) {
       byId("state").querySelector("h2").textContent = page.state.title;
       byId("state").querySelector("p").textContent = page.state.text;
       return;
     }
+    byId("undo").disabled = past.length === 0;
     showBudgets(state, shown.budgeted);
+    if (!moving) {
+      renderLeftOut(shown);
+      renderFilters();
+    }
     renderBundle(shown);
     renderControls();
     for (const { name, view, whenEmpty } of views) if (!whenEmpty && names.includes(name)) view.render(shown);
@@ -337,12 +533,24 @@
   const KEYS = [
     ["Tab, Shift+Tab", "through budgets, figures and tables"], ["← → on a slider", "moves the budget, φ or θ by a step; ↑ ↓ on a handle of an axis too"],
     ["Enter on a row", "chooses its design"], ["c", "adds the chosen design to the comparison, or removes it"],
-    ["2, 3", "the front in the plane, in space"], ["Escape", "chooses nothing"], ["?", "these keys"],
+    ["u", "undoes the last change"], ["2, 3", "the front in the plane, in space"], ["Escape", "chooses nothing"], ["?", "these keys"],
   ];
+  const WORDS = [
+    ["point", "a trial at one setting: φ and θ or a read-out time, bits per weight, hardware"],
+    ["front", "points that no other beats in every objective; fronts of tasks and chips are apart"],
+    ["φ", "output spikes that a decision needs at least"], ["θ", "fraction of them that must be for one class"],
+    ["flat out", "energy of computing as fast as the chip can; at the sensor's period it waits for each step"],
+    ["hypervolume", "share of the space of objectives that the front beats; 1 is best in everything"],
+    ["true rate", "spikes per step that training aims at for the right class"],
+    ["t_c", "shortest time by which recordings give the best accuracy"], ["t_p", "mean time of a decision at the most accurate φ and θ"],
+    ["t_h", "mean time of a decision as accurate as people"],
+  ];
+  byId("words").append(...WORDS.flatMap(([word, meaning]) => [element("dt", { textContent: word }), element("dd", { textContent: meaning })]));
   byId("keys").querySelector("dl").append(...KEYS.flatMap(([key, does]) =>
     [element("dt", {}, element("kbd", { textContent: key })), element("dd", { textContent: does })]));
   const does = {
     "?": () => byId("keys").showModal(), Escape: () => change({ chosen: "" }), 2: () => change({ view: "2" }), 3: () => change({ view: "3" }),
+    u: undo,
     c: () => { if (state.chosen) toggleCompared(state.chosen); },
   };
   addEventListener("keydown", (event) => {
@@ -350,13 +558,31 @@
     if (typed || event.ctrlKey || event.altKey || event.metaKey || page.state !== null || !Object.hasOwn(does, event.key)) return;
     does[event.key]();
   });
+  byId("undo").addEventListener("click", undo);
   byId("help").addEventListener("click", does["?"]);
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
-  for (const id of ["x", "y", "z", "task", "family", "hardware"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
+  for (const id of ["x", "y", "z", "task", "family", "hardware", "pace", "colour"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
   for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
   for (const n of ["2", "3", "s"]) byId(`view-${n}`).addEventListener("click", () => change({ view: n }));
+  byId("left-out").addEventListener("change", (e) => change({ left: e.target.checked ? "1" : "0" }));
+  byId("add-filter").addEventListener("change", (e) => {
+    opened.push(e.target.value);
+    const column = e.target.value;
+    renderFilters();
+    filterOf(column).querySelector("input").focus();
+  });
   addEventListener("live", (event) => show(event.detail));
-  addEventListener("hashchange", () => { state = readState(); render(); });
+  addEventListener("hashchange", () => {
+    const pace = paceOf(location.hash.slice(1));
+    if (pace !== state.pace) take(given, pace);
+    state = readState();
+    render();
+  });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => render());
   render();
+  // The first step of a slider would take twice as long as the others: what it needs is made while nothing is done.
+  if (nRows > WARM_ROWS) {
+    const warm = () => { if (!past.length && page.state === null) render(true); };
+    Figure.library().then(() => (window.requestIdleCallback ?? setTimeout)(() => setTimeout(warm, WARM_MS)));
+  }
 })();

@@ -124,9 +124,18 @@ const Compare = (() => {
     // A number and its interval each stay on a line.
     const whole = (text) => text.split(/ (?=[(±])/).flatMap((part, k) => [k ? " " : "", element("span", { className: "whole", textContent: part })]);
 
+    // Whether the first two of some measurements differ by less than their standard errors: then none is best.
+    function isWithinError(column, values) {
+      const interval = shown.page.intervals[column];
+      const known = shown.compared.map(({ row }, k) => ({ value: values[k], se: row >= 0 && interval && interval.low[row] === interval.high[row] ? interval.low[row] : 0 }))
+        .filter(({ value }) => typeof value === "number").sort((a, b) => b.value - a.value);
+      if (known.length < 2 || shown.page.objectives[column] !== "max") return false;
+      return known[0].value - known[1].value <= Math.hypot(known[0].se, known[1].se);
+    }
+
     function measured(column, way) {
       const values = shown.compared.map((at) => at.value(column));
-      const leading = best(values, way);
+      const leading = isWithinError(column, values) ? null : best(values, way);
       return row(app.title(column), shown.compared.map((at, k) => {
         const isBest = leading !== null && values[k] === leading;
         const cell = element("td", { title: String(values[k] ?? "not measured") }, element(isBest ? "strong" : "span", {}, ...whole(words(at, column))));

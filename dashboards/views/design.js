@@ -191,8 +191,8 @@ const Design = (() => {
   };
 
   // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none.
-  function figureOf(part, tab, hardware) {
-    const figure = entryOf(part.figures, tab);
+  function figureOf(part, tab, hardware, pace = "flat") {
+    const figure = (tab === "energy" && pace === "period" ? entryOf(part.figures, "energy_at_period") : undefined) ?? entryOf(part.figures, tab);
     return tab === "energy" || tab === "cores" ? entryOf(figure, hardware) : figure;
   }
 
@@ -215,6 +215,8 @@ const Design = (() => {
     const command = element("code", { tabIndex: 0 });
     const line = element("details", { className: "export" }, element("summary", { textContent: "export" }), command);
     const standing = element("p", { className: "standing" });
+    const misfit = element("div");
+    const win = element("p", { className: "quiet" });
     const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
     const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
     const strip = set(element("div", { className: "tabs" }), { role: "tablist", "aria-label": "What its runs recorded" });
@@ -222,7 +224,7 @@ const Design = (() => {
     const notes = element("div", { className: "quiet" });
     const save = element("span", { className: "save" });
     const hint = element("p", { textContent: "Choose a point of the figure or a row of the table." });
-    const body = element("div", {}, standing, objectives, parameters, everything, strip, pane, notes, save, line);
+    const body = element("div", {}, standing, win, misfit, objectives, parameters, everything, strip, pane, notes, save, line);
     set(command, { "aria-label": "Command that exports this design" });
     root.append(element("div", { className: "head" }, heading, bundle, compare), hint, body);
 
@@ -238,7 +240,7 @@ const Design = (() => {
       node.hidden = columns.length === 0;
       node.replaceChildren(...columns.flatMap((column) => [
         element("dt", { textContent: shown.columns[column].label, title: column }),
-        element("dd", { textContent: withUnit(app, shown, shown.chosen, column), title: String(shown.chosen.value(column)) }),
+        element("dd", { textContent: withUnit(app, shown, shown.chosen, column), title: String(shown.chosen.value(column)) }, ...ofWhich(column)),
       ]));
     }
 
@@ -249,10 +251,43 @@ const Design = (() => {
         return value !== null && (way === "max" ? value >= limit : value <= limit);
       };
       const isWithin = isRow(shown, chosen.row) ? within(chosen.row) : budgeted.limits.every(meets);
+      const reason = isRow(shown, chosen.row) ? shown.leftOut(chosen.row) : chosen.value("fits") === false ? `does not fit ${chosen.value("hardware")}` : "";
+      if (reason) return reason;
       if (!isWithin) return "outside the budgets";
       if (!isRow(shown, chosen.row) || !onFront.has(chosen.row)) return "dominated";
       const share = chosen.value("front_share");
       return `on the front${typeof share === "number" ? `, in ${number(100 * share)} % of the draws of its chip's figures` : ""}`;
+    }
+
+    // How much of a latency is waiting for the decision; the rest is the chip's.
+    function ofWhich(column) {
+      const waiting = column === "latency_ms" ? shown.chosen.value("decision_latency_ms") : null;
+      return waiting === null || !shown.columns.decision_latency_ms ? [] : [element("small", { className: "quiet", textContent: ` of which decision ${number(waiting)} ms` })];
+    }
+
+    // What would put a dominated point on the front, each change alone: no other of its task is as good in all else.
+    function winning({ chosen, budgeted, columns, objectives: aims, page, within, onFront, leftOut }) {
+      if (!isRow(shown, chosen.row) || onFront.has(chosen.row) || leftOut(chosen.row)) return "";
+      const at = Object.fromEntries(aims.map((column) => [column, chosen.value(column)]));
+      if (!Object.values(at).every(Number.isFinite)) return "";
+      const missed = budgeted.limits.filter(({ column, way, limit }) => !(way === "max" ? chosen.value(column) >= limit : chosen.value(column) <= limit));
+      const side = (way) => (way === "max" ? "at least" : "at most");
+      const sized = (column, value) => `${columns[column].label}`.trim() + ` ${value} ${columns[column].unit}`.trimEnd();
+      if (!within(chosen.row)) {
+        return missed.length ? `Within the budgets with ${missed.map(({ column, way, text }) =>
+          `${columns[column].label} ${side(way)} ${text} (now ${number(chosen.value(column))})`).join(" and ")}.` : "";
+      }
+      const task = columns.task?.values[chosen.row];
+      const value = (column, row) => app.numbers(column)[row];
+      const asGood = (row, column) => (page.objectives[column] === "max" ? value(column, row) >= at[column] : value(column, row) <= at[column]);
+      const rivals = budgeted.rivals.filter((row) => within(row) && (!columns.task || columns.task.values[row] === task) && aims.every((column) => Number.isFinite(value(column, row))));
+      const needs = aims.flatMap((column) => {
+        const way = page.objectives[column];
+        const values = rivals.filter((row) => aims.every((other) => other === column || asGood(row, other))).map((row) => value(column, row));
+        if (!values.length) return [];
+        return [sized(column, `${way === "max" ? "above" : "below"} ${number(way === "max" ? Math.max(...values) : Math.min(...values))}`)];
+      });
+      return needs.length ? `On the front with ${needs.join(", or ")}.` : "";
     }
 
     function renderHead() {
@@ -262,6 +297,7 @@ const Design = (() => {
       heading.textContent = clip(trial === null ? `Point ${chosen.key}` : `Trial ${number(trial)}`, 60);
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
+      win.textContent = winning(shown);
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
       const measured = [...new Set([...aims, ...Object.keys(page.budgets.columns)])];
       list(objectives, measured.filter(has));
@@ -314,6 +350,7 @@ const Design = (() => {
       const { page, state, chosen } = shown;
       const { details } = loaded;
       const part = details ? partOf(details, chosen.value("task")) : {};
+      misfit.replaceChildren();
       const names = details ? tabsOf(part, state.hardware, page.definition?.design) : [];
       const open = names.includes(state.tab) ? state.tab : names[0];
       renderTabs(names, open);
@@ -325,7 +362,9 @@ const Design = (() => {
       if (details === null) return showText(absent(page));
       if (!open) return showText(NO_PARTS);
       const surface = surfaceOf(part, named(shown, chosen.key)[1], chosen.value, state.hardware);
-      const key = JSON.stringify([open, chosen.value("task"), state.hardware, surface?.first_point, app.style().dark]);
+      const misfits = entryOf(part.misfits, state.hardware) ?? [];
+      misfit.replaceChildren(...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })));
+      const key = JSON.stringify([open, chosen.value("task"), state.hardware, open === "energy" && state.pace, surface?.first_point, app.style().dark]);
       if (drawn?.key === key && drawn.details === details) {
         drawn.move();
         return;
@@ -400,17 +439,23 @@ const Design = (() => {
     }
 
     function figurePane(part, surface, tab) {
-      const figure = figureOf(part, tab, shown.state.hardware);
+      const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace);
       const node = figureNode(tab, figure.layout.height ?? 320);
       node.setAttribute("aria-label", WORDS[tab](figure, number));
-      const misfits = tab === "energy" ? entryOf(part.misfits, shown.state.hardware) ?? [] : [];
       return {
         nodes: [
-          node, ...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })),
-          ...(OF[tab] ? [element("p", { className: "quiet", textContent: OF[tab] })] : []),
+          node, ...[OF[tab], tab === "energy" ? apart() : ""].filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent })),
         ],
         node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), fitted), move() {},
       };
+    }
+
+    // The point's energy, where it does not answer at the end of the recording as the figure does.
+    function apart() {
+      const { chosen, columns, page, state } = shown;
+      const column = state.pace === "period" ? page.period.instead : page.period?.energy ?? "energy_uj";
+      const isEnd = ["phi", "read_out_ms"].every((name) => chosen.value(name) === null);
+      return isEnd || chosen.value(column) === null || !columns[column] ? "" : `The point above: ${withUnit(app, shown, chosen, column)}.`;
     }
 
     // ---- φ and θ

@@ -2,16 +2,19 @@
 // The front over two or three columns. In the plane, plotly draws axes, the joined front and what is marked, and a
 // canvas behind it every other point: twenty thousand of them follow a slider, which no chart library's do.
 const Front = (() => {
-  const BARS = 40; // intervals on a front: more would hide its points
+  const BARS = 14; // intervals on a front: more would hide its points
   const SPACE_POINTS = 2000; // dominated points drawn in space
   const NEAR_PX = 16; // how far from a point a pointer means it
   const SETTLED_MS = 150; // after a budget's last step: until then the canvas draws what plotly is too slow for
   const FADE_MS = 1200; // of points that a running study adds
   const HOVER_CHARACTERS = 60;
   const CHARACTER_PX = 8; // about the width of one
+  const STOPS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"]; // Cividis
+  const LEVELS = 32; // of colour
+  const DASHES = ["solid", "dot", "dash", "dashdot"]; // of tasks whose colour is taken
   const BOTH = "all";
   const POINTED = "pointed";
-  const [OUTSIDE, DIM, BEST, JOINED] = [0, 1, 2, 3]; // points: beyond a budget, dominated, on the front, on the joined one
+  const [OUTSIDE, DIM, BEST, JOINED, LEFT] = [0, 1, 2, 3, 4]; // points: beyond a budget, dominated, on the front, on the joined one, left out
 
   const hasWebGL = (() => {
     try {
@@ -43,7 +46,15 @@ const Front = (() => {
     // In space the vertical is plotly's z; the column chosen as y points up in both views.
     const letters = () => (flat() ? "xy" : "xzy");
     const namesShown = () => (!shown.columns.task ? [""] : shown.state.task === BOTH ? app.distinct("task") : [shown.state.task]);
-    const drawable = () => shown.rows.filter((row) => axes().every((column) => !Number.isNaN(app.numbers(column)[row])));
+    let drawn = { rows: null, key: "", points: [] }; // one list while budgets move
+    function drawable() {
+      const key = axes().join("|");
+      if (drawn.rows !== shown.rows || drawn.key !== key) {
+        const values = axes().map(app.numbers);
+        drawn = { rows: shown.rows, key, points: shown.rows.filter((row) => values.every((numbers) => !Number.isNaN(numbers[row]))) };
+      }
+      return drawn.points;
+    }
 
     function coordinates(some) {
       return Object.fromEntries(axes().map((column, k) => [letters()[k], some.map((row) => app.numbers(column)[row])]));
@@ -70,11 +81,60 @@ const Front = (() => {
 
     function hoverText(row) {
       const { columns, objectives, page } = shown;
+      const reason = shown.leftOut(row);
       const lines = page.design.filter((column) => columns[column].values[row] !== null)
         .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
       const measured = [...new Set([...objectives, ...axes()])].filter((column) => !page.design.includes(column));
-      return [...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
+      return [...(reason ? [reason] : []), ...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
         .map((line) => clip(line, HOVER_CHARACTERS));
+    }
+
+    // ---- colours
+
+    function blended(stops, share) {
+      const at = share * (stops.length - 1);
+      const k = Math.min(stops.length - 2, Math.floor(at));
+      const parts = [stops[k], stops[k + 1]].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
+      return `rgb(${parts[0].map((low, i) => Math.round(low + (at - k) * (parts[1][i] - low))).join(",")})`;
+    }
+
+    // What a column other than the task paints points with: {of(row), names: [[name, colour]]} or {of(row), scale}.
+    function tintOf(look) {
+      const column = shown.state.colour;
+      if (!column || column === "task") return null;
+      const values = app.numbers(column);
+      const names = app.categories(column);
+      if (names.length) {
+        const counts = names.map((name, k) => [shown.rows.filter((row) => values[row] === k).length, k]).sort((a, b) => b[0] - a[0] || a[1] - b[1]);
+        const own = new Map(counts.slice(0, names.length > look.palette.length ? look.palette.length - 1 : names.length).map(([, k]) => k).sort((a, b) => a - b)
+          .map((k, place) => [k, look.palette[place]]));
+        const listed = [...own].map(([k, colour]) => [names[k], colour]);
+        return { of: (row) => own.get(values[row]) ?? look.quiet, names: own.size < names.length ? [...listed, ["others", look.quiet]] : listed };
+      }
+      const stops = look.dark ? STOPS.slice(2) : STOPS.slice(0, -1); // the ends vanish on dark and on white
+      const known = shown.rows.map((row) => values[row]).filter(Number.isFinite);
+      const [low, high] = ends(known);
+      const log = low > 0 && high / low > 100;
+      const along = (value) => (low === high ? 0.5 : log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
+      const levels = Array.from({ length: LEVELS + 1 }, (_, k) => blended(stops, k / LEVELS));
+      const of = (row) => (Number.isFinite(values[row]) ? levels[Math.round(LEVELS * along(values[row]))] : look.quiet);
+      const scale = levels.filter((_, k) => k % 4 === 0).map((colour, k, all) => [k / (all.length - 1), colour]);
+      return known.length ? { of, names: [], scale: { low, high, log, scale } } : { of, names: [] };
+    }
+
+    // The key of a tint, as traces without points.
+    function keyTraces(tint) {
+      if (!tint) return [];
+      const base = { type: "scatter", mode: "markers", x: [null], y: [null], hoverinfo: "skip" };
+      const named = tint.names.map(([name, color]) => ({ ...base, name: escaped(clip(name, 32)), showlegend: true, marker: { color, size: 9 } }));
+      if (!tint.scale) return named;
+      const { low, high, log, scale } = tint.scale;
+      const at = log ? Math.log10 : (value) => value;
+      const decades = Array.from({ length: 40 }, (_, k) => k - 20).filter((k) => k >= Math.log10(low) && k <= Math.log10(high));
+      const ticks = log ? { tickvals: decades, ticktext: decades.map((k) => number(10 ** k)) } : { nticks: 5 };
+      const title = { text: escaped(clip(app.title(shown.state.colour), 32)), side: "right" };
+      const colorbar = { thickness: 8, outlinewidth: 0, len: 0.9, title, ...ticks };
+      return [{ ...base, showlegend: false, marker: { color: [at(low)], cmin: at(low), cmax: at(high), colorscale: scale, showscale: true, colorbar } }];
     }
 
     const isOnFront = (row) => shown.onFront.has(row);
@@ -87,36 +147,36 @@ const Front = (() => {
       return groups.map((tasks, k) => {
         const ofTasks = tasks.length === names.length ? points : points.filter((row) => tasks.includes(taskOf(row)));
         const line = new Set((front ?? []).filter((row) => !shown.columns.task || tasks.includes(taskOf(row))));
-        const kinds = Uint8Array.from(ofTasks, (row) => (line.has(row) ? JOINED : !shown.within(row) ? OUTSIDE : isOnFront(row) ? BEST : DIM));
+        const kinds = Uint8Array.from(ofTasks, (row) => (shown.leftOut(row) ? LEFT : line.has(row) ? JOINED : !shown.within(row) ? OUTSIDE : isOnFront(row) ? BEST : DIM));
         return { tasks, suffix: k ? String(k + 1) : "", points: ofTasks, kinds, line: [...line] };
       });
     }
 
     // What the canvas draws of a panel, the least first. Dense clouds are thinner: the front stays what is seen first.
     function layers({ kinds }) {
-      const counts = [0, 0, 0, 0];
+      const counts = [0, 0, 0, 0, 0];
       for (const kind of kinds) counts[kind] += 1;
       const thin = (kind, alpha) => Math.max(0.08, alpha * Math.min(1, Math.sqrt(1000 / counts[kind])));
       return [
-        { kind: OUTSIDE, size: 2, alpha: thin(OUTSIDE, 0.2) }, { kind: DIM, size: 2.5, alpha: thin(DIM, 0.35) },
+        { kind: LEFT, size: 3, alpha: thin(LEFT, 0.5) }, { kind: OUTSIDE, size: 2, alpha: thin(OUTSIDE, 0.2) }, { kind: DIM, size: 2.5, alpha: thin(DIM, 0.35) },
         { kind: BEST, size: 3.5, alpha: 0.8 },
       ];
     }
 
     function marked(look) {
       const { budgeted, chosen, compared, columns } = shown;
-      const best = budgeted.pick >= 0 ? budgeted.pick : budgeted.nearest[0]?.row;
+      const best = budgeted.pick >= 0 ? budgeted.picks.map(({ row }) => row) : [budgeted.relaxed[0]?.row ?? budgeted.nearest[0]?.row];
       const symbol = (kind, size, width, colour) => ({ symbol: kind, color: colour, size, line: { color: colour, width } });
       const inTask = (row) => row < 0 || shown.state.task === BOTH || !columns.task || taskOf(row) === shown.state.task;
       const taskAt = ({ row, value }) => String((row < 0 ? value("task") : columns.task?.values[row]) ?? "");
       const marks = [];
-      if (budgeted.limits.length && best >= 0) {
-        const at = { row: best, value: (column) => columns[column].values[best] };
+      for (const row of budgeted.limits.length ? best.filter((one) => one >= 0) : []) {
+        const at = { row, value: (column) => columns[column].values[row] };
         marks.push({ at, task: taskAt(at), marker: symbol("diamond-open", 16, 2, look.text), name: budgeted.pick >= 0 ? "pick" : "nearest" });
       }
       compared.forEach((at, k) => marks.push({ at, task: taskAt(at), marker: symbol("square-open", 16, 1.5, look.text), name: String(k + 1), words: true }));
       if (chosen) marks.push({ at: chosen, task: taskAt(chosen), marker: symbol("circle-open", 18, 2, look.text), name: "chosen" });
-      return marks.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(at.value(column))));
+      return marks.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(app.placed(column, at.value(column)))));
     }
 
     const published = () => (shown.page.marks).filter(({ task, values }) =>
@@ -125,7 +185,8 @@ const Front = (() => {
     // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
     function planeTraces(look, whole) {
       const { state, page } = shown;
-      const traces = [];
+      const tint = tintOf(look);
+      const traces = keyTraces(tint);
       for (const panel of panels) {
         const on = { xaxis: `x${panel.suffix}`, yaxis: `y${panel.suffix}` };
         const add = (trace) => traces.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
@@ -139,7 +200,9 @@ const Front = (() => {
           if (whole) {
             for (const { kind, size, alpha } of layers(panel)) {
               const some = ofTask(panel.points.filter((_, k) => panel.kinds[k] === kind));
-              const marker = { color: kind === OUTSIDE ? look.quiet : colour, size: 2 * size, opacity: alpha, line: { width: 0 } };
+              const marker = { color: kind === OUTSIDE || kind === LEFT ? look.quiet : colour, size: 2 * size, opacity: alpha, line: { width: 0 } };
+              if (kind === LEFT) Object.assign(marker, { symbol: "square-open", line: { width: 1 } });
+              else if (tint && kind !== OUTSIDE) marker.color = some.map(tint.of);
               if (some.length) add({ ...coordinates(some), marker });
             }
           }
@@ -147,10 +210,12 @@ const Front = (() => {
           const line = ofTask(panel.line).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
           if (!line.length) continue;
           // The staircase is what the front attains: nothing lies beyond it.
-          add({ mode: "lines", ...coordinates(line), line: { color: colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh" } });
+          add({ mode: "lines", ...coordinates(line), line: {
+            color: tint ? look.text : colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh", dash: tint ? DASHES[panel.tasks.indexOf(name) % DASHES.length] : "solid",
+          } });
           add({
-            ...coordinates(line), customdata: line, ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: panel.tasks.length > 1,
-            marker: { color: colour, size: 9, opacity: line.map(certainty), line: { color: look.page, width: 1 } },
+            ...coordinates(line), customdata: line, ...bars(line, tint ? look.quiet : colour), name: escaped(clip(name, 40)), showlegend: panel.tasks.length > 1 && !tint,
+            marker: { color: tint ? line.map(tint.of) : colour, size: 9, opacity: line.map(certainty), line: { color: look.page, width: 1 } },
           });
         }
         const here = ({ task }) => panel.tasks.length !== 1 || !task || task === panel.tasks[0];
@@ -165,7 +230,7 @@ const Front = (() => {
         }
         for (const { at, marker, name, words } of marked(look).filter(here)) {
           add({
-            x: [at.value(state.x)], y: [at.value(state.y)], marker,
+            x: [app.placed(state.x, at.value(state.x))], y: [app.placed(state.y, at.value(state.y))], marker,
             ...(words ? { mode: "markers+text", text: [name], textposition: "top right", textfont: { color: look.text } } : {}),
           });
         }
@@ -175,6 +240,8 @@ const Front = (() => {
 
     function spaceTraces(look) {
       const traces = [];
+      const tint = tintOf(look);
+      const painted = (rows, colour) => (tint ? rows.map(tint.of) : colour);
       const front = shown.joined(axes());
       const points = drawable();
       for (const name of namesShown()) {
@@ -188,18 +255,20 @@ const Front = (() => {
           type: "scatter3d", mode: "markers", ...coordinates(rows), customdata: rows, legendgroup: name, showlegend: false,
           text: rows.map((row) => hoverText(row).map(escaped).join("<br>")), hovertemplate: "%{text}<extra></extra>", marker, ...more,
         });
-        const cloud = ofTask.filter((row) => !inLine.has(row));
+        const cloud = ofTask.filter((row) => !inLine.has(row) && !shown.leftOut(row));
+        add(thinned(ofTask.filter(shown.leftOut)), { symbol: "square-open", color: look.quiet, size: 3, opacity: 0.5, line: { width: 1 } });
         add(thinned(cloud.filter((row) => !shown.within(row))), { color: look.quiet, size: 2, opacity: 0.12, line: { width: 0 } });
-        add(thinned(cloud.filter((row) => shown.within(row) && !isOnFront(row))), { color: colour, size: 3, opacity: 0.22, line: { width: 0 } });
+        const dim = thinned(cloud.filter((row) => shown.within(row) && !isOnFront(row)));
+        add(dim, { color: painted(dim, colour), size: 3, opacity: 0.22, line: { width: 0 } });
         const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
-        add(best, { color: colour, size: 4, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
+        add(best, { color: painted(best, colour), size: 4, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
         if (line.length > 3) {
           traces.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
         }
-        add(line, { color: colour, size: 6, line: { color: look.page, width: 1 } },
+        add(line, { color: painted(line, colour), size: 6, line: { color: look.page, width: 1 } },
           { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 });
       }
-      const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => value(column))]));
+      const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => app.placed(column, value(column)))]));
       const cited = published();
       if (cited.length) {
         traces.push({
@@ -226,10 +295,12 @@ const Front = (() => {
     function axis(letter, look) {
       const { state } = shown;
       const log = state[`l${letter}`] === "1";
+      const names = app.categories(state[letter]);
+      const words = names.length ? { tickmode: "array", tickvals: names.map((_, k) => k), ticktext: names.map((name) => escaped(clip(name, 24))), range: [-0.5, names.length - 0.5] } : {};
       return {
         title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
-        gridcolor: look.rule, linecolor: look.rule, zeroline: false, exponentformat: "SI", minexponent: 4, showbackground: false,
-        color: look.text, ...(log && flat() ? { dtick: "D2" } : {}),
+        gridcolor: flat() ? `${look.rule}66` : look.rule, linecolor: look.rule, zeroline: false, exponentformat: "SI", minexponent: 4, showbackground: false,
+        color: look.text, ...(log && flat() ? { dtick: "D2" } : {}), ...words,
       };
     }
 
@@ -283,6 +354,17 @@ const Front = (() => {
       });
     }
 
+    // Where points lie in pixels, as long as the points and the axes stay.
+    const placed = new WeakMap();
+    function placesOf(points, alongX, alongY, toX, toY) {
+      const key = [alongX, alongY].map(({ type, range, _offset, _length }) => [type, range, _offset, _length].join()).join("|") + axes().join("|");
+      if (placed.get(points)?.key !== key) {
+        const [xs, ys] = axes().map(app.numbers);
+        placed.set(points, { key, rows: points, x: Float32Array.from(points, (row) => toX(xs[row])), y: Float32Array.from(points, (row) => toY(ys[row])) });
+      }
+      return placed.get(points);
+    }
+
     function paint() {
       const frame = plot._fullLayout;
       const ratio = devicePixelRatio || 1;
@@ -294,14 +376,14 @@ const Front = (() => {
       places = [];
       if (!shown || !flat() || !frame?.xaxis || plot.dataset.view !== drawnView()) return;
       const look = app.style();
+      const tint = tintOf(look);
       const age = Math.min(1, (performance.now() - born.at) / FADE_MS);
       for (const panel of panels) {
         const [alongX, alongY] = [frame[`xaxis${panel.suffix}`], frame[`yaxis${panel.suffix}`]];
         if (!alongX || !alongY) return;
         const [toX, toY] = projected(panel);
-        const [xs, ys] = axes().map(app.numbers);
         const { points, kinds } = panel;
-        const place = { rows: points, x: Float32Array.from(points, (row) => toX(xs[row])), y: Float32Array.from(points, (row) => toY(ys[row])) };
+        const place = placesOf(points, alongX, alongY, toX, toY);
         places.push(place);
         brush.save();
         brush.beginPath();
@@ -309,25 +391,32 @@ const Front = (() => {
         brush.clip();
         bins(brush, panel, toX, toY, look);
         const fresh = (k) => (age < 1 && born.rows.has(points[k]) ? age : 1);
+        const ofKind = [[], [], [], [], []];
+        for (let k = 0; k < points.length; k += 1) ofKind[kinds[k]].push(k);
         for (const { kind, size, alpha } of layers(panel)) {
-          for (const name of panel.tasks) {
+          for (const name of kind === OUTSIDE || kind === LEFT ? panel.tasks.slice(0, 1) : panel.tasks) {
             brush.fillStyle = kind === OUTSIDE ? look.quiet : colourOf(name, look);
+            brush.strokeStyle = look.quiet;
+            brush.lineWidth = 1;
             brush.globalAlpha = alpha;
-            for (let k = 0; k < points.length; k += 1) {
-              if (kinds[k] !== kind || (panel.tasks.length > 1 && taskOf(points[k]) !== name)) continue;
+            for (const k of ofKind[kind]) {
+              if (kind !== OUTSIDE && kind !== LEFT && panel.tasks.length > 1 && taskOf(points[k]) !== name) continue;
+              if (tint && kind !== OUTSIDE) brush.fillStyle = tint.of(points[k]);
               if (age < 1) brush.globalAlpha = alpha * fresh(k);
               if (kind === BEST) {
                 brush.globalAlpha = alpha * certainty(points[k]) * fresh(k);
                 brush.beginPath();
                 brush.arc(place.x[k], place.y[k], size, 0, 7);
                 brush.fill();
+              } else if (kind === LEFT) {
+                brush.strokeRect(place.x[k] - size, place.y[k] - size, 2 * size, 2 * size);
               } else {
                 brush.fillRect(place.x[k] - size, place.y[k] - size, 2 * size, 2 * size);
               }
             }
           }
         }
-        if (isStale()) sketch(brush, panel, toX, toY, look);
+        if (isStale()) sketch(brush, panel, toX, toY, look, tint);
         brush.restore();
       }
       if (age < 1) requestAnimationFrame(paint);
@@ -335,13 +424,13 @@ const Front = (() => {
 
     // The joined front and the marks, without intervals.
     const isStale = () => plot.classList.contains("stale");
-    function sketch(brush, panel, toX, toY, look) {
+    function sketch(brush, panel, toX, toY, look, tint) {
       const { state, page } = shown;
       const [xs, ys] = axes().map(app.numbers);
       brush.globalAlpha = 1;
       for (const name of panel.tasks) {
         const line = panel.line.filter((row) => taskOf(row) === name).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
-        brush.strokeStyle = brush.fillStyle = colourOf(name, look);
+        brush.strokeStyle = brush.fillStyle = tint ? look.text : colourOf(name, look);
         brush.lineWidth = 1.5;
         brush.beginPath();
         line.forEach((row, k) => {
@@ -353,6 +442,7 @@ const Front = (() => {
         });
         brush.stroke();
         for (const row of line) {
+          if (tint) brush.fillStyle = tint.of(row);
           brush.beginPath();
           brush.arc(toX(xs[row]), toY(ys[row]), 4.5, 0, 7);
           brush.fill();
@@ -362,7 +452,7 @@ const Front = (() => {
       brush.lineWidth = 2;
       for (const { at, task, marker } of marked(look)) {
         if (panel.tasks.length === 1 && task && task !== panel.tasks[0]) continue;
-        const [x, y, r] = [toX(at.value(state.x)), toY(at.value(state.y)), marker.size / 2];
+        const [x, y, r] = [toX(app.placed(state.x, at.value(state.x))), toY(app.placed(state.y, at.value(state.y))), marker.size / 2];
         const corners = { "diamond-open": [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]], "square-open": [[-1, -1], [1, -1], [1, 1], [-1, 1]] }[marker.symbol];
         brush.beginPath();
         if (corners) {
@@ -526,13 +616,13 @@ const Front = (() => {
       const front = shown.joined(axes());
       const labels = axes().map((column) => columns[column].label);
       const every = app.plural(objectives.length, "objective");
-      const words = front
-        ? `${flat() ? "Joined" : "Large"}: the front of ${labels.slice(0, -1).join(", ")} and ${labels.at(-1)} alone. ` +
-          `Solid: the front over all ${every}. Dim: dominated. Bars: one standard error, or the model's interval.`
-        : `Solid: the front over all ${every}. Dim: dominated.`;
-      const limited = budgeted.limits.length ? ` Grey: outside the budgets. Diamond: the ${budgeted.pick >= 0 ? "pick" : "nearest"}.` : "";
-      const cited = published().length ? " Crosses: published figures of other systems, on their own data." : "";
-      part("#caption").textContent = words + limited + cited;
+      const item = (symbol, text) => element("span", {}, element("span", { className: `key ${symbol}` }), ` ${text}`);
+      part("#caption").replaceChildren(...[
+        front && item("joined", `front of ${labels.slice(0, -1).join(", ")} and ${labels.at(-1)}`), item("solid", `front of all ${every}`), item("dim", "dominated"),
+        front && item("whisker", "standard error, or the model's interval"), budgeted.limits.length && item("beyond", "outside the budgets"),
+        budgeted.limits.length && item("diamond", budgeted.pick >= 0 ? "pick" : "nearest"), shown.rows.some(shown.leftOut) && item("left", "left out"),
+        published().length && item("cross", "published, on its own data"),
+      ].filter(Boolean));
       const rows = (front ?? budgeted.front).filter((row) => state.task === BOTH || !columns.task || taskOf(row) === state.task);
       const ranges = !rows.length ? ["nothing is within the budgets"] : axes().map((column) => {
         const [low, high] = ends(rows.map((row) => app.numbers(column)[row]).filter((value) => !Number.isNaN(value)));
@@ -574,7 +664,10 @@ const Front = (() => {
       return Plotly.toImage(figure, { format, width: plot.clientWidth, height: plot.clientHeight, scale: format === "png" ? 2 : 1 });
     }
 
-    return { render, hover, image };
+    // What a CSV of the figure holds: the points within the budgets and filters.
+    const listed = () => shown.rows.filter(shown.within);
+
+    return { render, hover, image, listed };
   }
 
   return { view, hasWebGL };

@@ -137,14 +137,17 @@ const Parallel = (() => {
       const defined = (page.definition?.parallel ?? []).filter((column) => columns[column]);
       if (defined.length) return defined;
       const differs = (column) => new Set(rows.map((row) => columns[column].values[row])).size > 1;
-      const parameters = page.design.filter((column) => column !== "trial" && differs(column));
+      // An axis that whole families lack says little of the others: such a column is an axis where one family is shown.
+      const families = [...new Set(rows.map((row) => columns.family?.values[row]))];
+      const isGeneral = (column) => families.length < 2 || families.every((family) => rows.some((row) => columns.family.values[row] === family && isKnown(columns[column].values[row])));
+      const parameters = page.design.filter((column) => column !== "trial" && differs(column) && isGeneral(column));
       return [...new Set([...Object.keys(page.budgets.columns), ...objectives, ...parameters])];
     }
 
     // Axes and the heights of lines on them last as long as the points and the filters do.
     function prepare() {
       const { page, state, columns, rows, budgeted } = shown;
-      const key = JSON.stringify([state.task, state.family, state.hardware]);
+      const key = JSON.stringify([state.task, state.family, state.hardware, state.left, budgeted.conditions]);
       if (made?.page === page && made.key === key) return false;
       const candidates = columnsShown();
       const limited = page.budgets.columns;
@@ -168,7 +171,7 @@ const Parallel = (() => {
 
     function sample(most) {
       const places = { front: [], dominated: [], outside: [] };
-      const kindOf = (row) => (!shown.within(row) ? "outside" : shown.onFront.has(row) ? "front" : "dominated");
+      const kindOf = (row) => (shown.leftOut(row) || !shown.within(row) ? "outside" : shown.onFront.has(row) ? "front" : "dominated");
       made.order.forEach((row, i) => places[kindOf(row)].push(i));
       const others = places.dominated.length + places.outside.length;
       const share = Math.min(1, most / others);
@@ -200,10 +203,10 @@ const Parallel = (() => {
 
     function marked(colours) {
       const { budgeted, chosen, compared } = shown;
-      const best = budgeted.pick >= 0 ? budgeted.pick : budgeted.nearest[0]?.row ?? -1;
+      const best = budgeted.pick >= 0 ? budgeted.picks.map(({ row }) => row) : [budgeted.relaxed[0]?.row ?? budgeted.nearest[0]?.row ?? -1];
       const marks = compared.map((at, k) => ({ at, width: 1.5, dash: [], name: String(k + 1) }));
       const name = budgeted.pick >= 0 ? "pick" : "nearest";
-      if (budgeted.limits.length && best >= 0) marks.push({ at: pointAt(best), width: 2, dash: [6, 4], name });
+      for (const row of budgeted.limits.length ? best.filter((one) => one >= 0) : []) marks.push({ at: pointAt(row), width: 2, dash: [6, 4], name });
       if (chosen) marks.push({ at: chosen, width: 2.5, dash: [], name: "chosen" });
       return marks.map((one) => ({ ...one, colour: colours.text, heights: heightsOf(one.at) }))
         .filter(({ heights }) => heights.some((y) => y !== null));

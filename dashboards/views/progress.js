@@ -21,7 +21,7 @@ const Progress = (() => {
     return [
       `${share(trials.done, trials.total)} done`,
       repeated ? `${share(runs.done, runs.total)} runs` : "",
-      trials.running ? `${grouped(trials.running)} ${isLive ? "running" : "begun"}` : "",
+      trials.running ? `${grouped(trials.running)} ${isLive ? "running or waiting" : "begun"}` : "",
       trials.failed ? `${grouped(trials.failed)} failed` : "",
       trials.stopped ? `${grouped(trials.stopped)} stopped early` : "",
       hours ? `${duration(3600 * hours)} spent` : "",

@@ -2,6 +2,7 @@
 // The front as a table: sorted by any column, chosen from by keyboard, marked where another view points.
 const Table = (() => {
   const ROWS = 50; // before all are asked for
+  const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
 
   function view(root, app) {
     const { element, clip, title, withInterval } = app;
@@ -16,7 +17,7 @@ const Table = (() => {
       const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && app.varies(column)));
       const several = columns.task && app.distinct("task").length > 1 ? ["task"] : [];
       const first = parameters.filter((column) => column === "trial");
-      return [...new Set([...first, ...several, ...(defined.length ? defined : [...objectives, ...parameters])])];
+      return [...new Set([...first, ...several, ...(defined.length ? defined : [...objectives, ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
     }
 
     function order(column, way) {
@@ -57,8 +58,8 @@ const Table = (() => {
       shown = next;
       const { state, columns, budgeted, objectives } = shown;
       const named = columnsShown();
-      const front = [...budgeted.front];
-      if (columns[state.sort]) front.sort(order(state.sort, state.order));
+      const all = listed();
+      const front = state.once === "1" ? firstOfTrials(all) : all;
       const visible = state.rows === "all" ? front : front.slice(0, ROWS);
       const chosen = shown.chosen?.row;
       const columnsKey = JSON.stringify(named);
@@ -77,9 +78,21 @@ const Table = (() => {
       const again = key !== undefined ? lineOf(key) : column === undefined ? null
         : [...table.tHead.querySelectorAll("button")].find((button) => button.title === column);
       again?.focus({ preventScroll: true });
-      part("#front-count").textContent = `${app.plural(front.length, "design")} that nothing beats over ${objectives.map((c) => columns[c].label).join(", ")}`;
+      part("#once").checked = state.once === "1";
+      part("label").hidden = !columns.trial || firstOfTrials(all).length === all.length;
+      part("#front-count").textContent = `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
       part("#more").hidden = visible.length === front.length;
       part("#more").textContent = `Show all ${app.many(front.length)}`;
+    }
+
+    // The first row of each trial and task, in the order of the table.
+    function firstOfTrials(some) {
+      const { columns } = shown;
+      const seen = new Set();
+      return some.filter((row) => {
+        const name = `${columns.trial.values[row]} ${app.taskOf(row)}`;
+        return !seen.has(name) && seen.add(name);
+      });
     }
 
     const lineOf = (key) => [...table.tBodies[0].rows].find((line) => line.dataset.key === key);
@@ -96,9 +109,16 @@ const Table = (() => {
     });
     table.addEventListener("pointerover", (event) => app.hover(keyAt(event) ?? null));
     table.addEventListener("pointerleave", () => app.hover(null));
+    part("#once").addEventListener("change", (event) => app.change({ once: event.target.checked ? "1" : "0" }));
     part("#more").addEventListener("click", () => app.change({ rows: "all" }));
 
-    return { render, hover };
+    // What a CSV of the table holds: every row of the front, in the table's order.
+    function listed() {
+      const front = [...shown.budgeted.front];
+      return shown.columns[shown.state.sort] ? front.sort(order(shown.state.sort, shown.state.order)) : front;
+    }
+
+    return { render, hover, listed };
   }
 
   return { view };

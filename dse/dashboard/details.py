@@ -21,6 +21,7 @@ import numpy as np
 from dse import store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
+from dse.dashboard.gather import ENERGY, INSTEAD
 from dse.dashboard.verdicts import sentences
 from dse.dashboard.write import packed, plain_figure
 from dse.figures import full_read_outs, mean_of
@@ -109,6 +110,7 @@ class _OnHardware:
     """A design on one hardware: figures of its energy and its cores, and what does not fit."""
 
     energy: dict[str, Any] | None = None
+    energy_at_period: dict[str, Any] | None = None
     cores: dict[str, Any] | None = None
     misfits: Sequence[str] = ()
 
@@ -199,6 +201,8 @@ def shown_first(page: Mapping[str, Any]) -> list[int]:
 def _source(study: Study, points: pandas.DataFrame, hardware: Sequence[str]) -> _Source:
     objectives = {name: way for name, way in study.objectives if name in points}
     limited = list(dict.fromkeys([*objectives, *budget_columns(points, objectives)]))
+    if ENERGY in limited:
+        limited.append(INSTEAD)
     named = {chip.name: chip for chip in pricing.profiles(study.folder, hardware)}
 
     @functools.cache  # reading a profile takes longer than pricing on it
@@ -299,6 +303,8 @@ def _of_task(
             if (on := attempted(f"Energy on {name}", _on, source.chip, name, loads))
         }
         figures["energy"] = {name: on.energy for name, on in priced.items() if on.energy}
+        paced = {name: on.energy_at_period for name, on in priced.items() if on.energy_at_period}
+        figures["energy_at_period"] = paced
         figures["cores"] = {name: on.cores for name, on in priced.items() if on.cores}
         misfits = {name: on.misfits for name, on in priced.items() if on.misfits}
         examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces)) or []
@@ -499,7 +505,9 @@ def _on(profiles: Callable[[str], Profile], name: str, loads: Sequence[Workload 
         with contextlib.suppress(NotApplicable):  # the chip is not divided into cores
             cores = plain_figure(draw_core_map(gather_core_map(chip, loads[0])))
     energy = plain_figure(draw_breakdown(gather_breakdown(costs)))
-    return _OnHardware(energy, cores, [str(misfit) for misfit in costs[0].misfits])
+    paced = gather_breakdown(costs, at_period=True)
+    energy_at_period = plain_figure(draw_breakdown(paced)) if np.isfinite(paced.energy_uj) else None
+    return _OnHardware(energy, energy_at_period, cores, [str(misfit) for misfit in costs[0].misfits])
 
 
 def _examples(

@@ -11,6 +11,7 @@ import numpy as np
 from dse.dashboard.bins import gather_bins
 from dse.dashboard.budgets import contenders, gather_budgets
 from dse.dashboard.definition import Definition, definition_for, load
+from dse.dashboard.importance import gather_importance
 from dse.figures.front import design_columns, interval, numbers
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
@@ -27,6 +28,9 @@ MAX_POINTS = 12_000
 sample of the others, and the counts of all points in bins.
 
 With sixty columns the file then has some 7 MB, 5 of them the drawing library."""
+
+ENERGY, INSTEAD = "energy_uj", "energy_throttled_uj"
+"""Energy of an inference computed flat out, and that at the sensor's period, idle time included."""
 
 _BOOKKEEPING = ("status", "reason")
 
@@ -54,7 +58,10 @@ def gather_page(
         intervals: {column: {low, high}}, distances from the value;
         fronts: {columns joined by '|': numbers of the rows that no row of the same task and hardware
         dominates in these columns}, for all objectives (key 'all') and each two or three of them;
+        period: the same page with energies at the sensor's period: `energy` names the column that `instead`
+        replaces, `fronts` and `budgets` are over that; None if the table has not both;
         bins: counts of all points, if `columns` holds a sample of them (`bins.gather_bins`);
+        importance: of each parameter for each objective (`importance.gather_importance`);
         failures: trial, reason and design of each failed trial;
         definition: parts and initial settings of the page (`definition_for`);
         marks: the argument.
@@ -81,8 +88,17 @@ def gather_page(
     fronts = _fronts(points, present)
     budgets = gather_budgets(points, present, results, hardware)
     whole = {**fronts, "contenders": contenders(points, present, budgets["maximise"])}
+    at_period = _at_period(points, present)
+    if at_period:
+        of_period = {
+            k: v for k, v in _fronts(points, at_period).items() if k == "all" or INSTEAD in k.split("|")
+        }
+        budgets_of_period = gather_budgets(points, at_period, results, hardware)
+        of_period["contenders"] = contenders(points, at_period, budgets["maximise"])
+        whole |= {f"{key} at period": rows for key, rows in of_period.items()}
     keep = _kept(len(points), whole)
-    n_whole = len(np.unique(np.concatenate(list(whole.values()))))
+    of_fronts = np.unique(np.concatenate(list(whole.values())))
+    n_whole = len(of_fronts)
     shown = points.iloc[keep]
     place = np.full(len(points), -1)
     place[keep] = np.arange(len(keep))
@@ -91,8 +107,10 @@ def gather_page(
         for column in map(str, points.columns)
         if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
     ]
-    exact = {*present, *budgets["columns"], *budgets["ties"], budgets["maximise"]}
+    exact = {*present, *budgets["columns"], *budgets["ties"], budgets["maximise"], *at_period}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
+    if at_period and ENERGY in present:
+        columns[INSTEAD]["label"] = "energy at the sensor's period"
     defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
     return {
         "name": name,
@@ -107,11 +125,24 @@ def gather_page(
         "budgets": budgets
         | {
             "contenders": place[whole["contenders"]].tolist(),
-            "stands_for": (len(points) - n_whole) / max(len(keep) - n_whole, 1),
+            "whole": place[of_fronts].tolist() if len(keep) < len(points) else [],
+            "stands_for": (len(points) - n_whole) / (len(keep) - n_whole) if len(keep) < len(points) else 1,
         },
-        "bins": gather_bins(points, list(budgets["columns"])) if len(keep) < len(points) else [],
+        "period": {
+            "energy": ENERGY,
+            "instead": INSTEAD,
+            "fronts": {k: place[rows].tolist() for k, rows in of_period.items() if k != "contenders"},
+            "budgets": {key: budgets_of_period[key] for key in ("columns", "ranges")}
+            | {"contenders": place[of_period["contenders"]].tolist()},
+        }
+        if at_period
+        else None,
+        "bins": gather_bins(points, list(dict.fromkeys([*budgets["columns"], *at_period])))
+        if len(keep) < len(points)
+        else [],
         "failures": _failures(frame[failed]),
         "definition": defined,
+        "importance": gather_importance(points, present | at_period),
         "marks": [dict(mark) for mark in marks],
         "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
     }
@@ -137,6 +168,13 @@ def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str
         return {"all": np.zeros(0, np.int64)}
     subsets = [*itertools.combinations(objectives, 2), *itertools.combinations(objectives, 3)]
     return {"all": rows(list(objectives))} | {"|".join(sorted(columns)): rows(columns) for columns in subsets}
+
+
+def _at_period(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, str]:
+    """Return the objectives with the energy at the sensor's period; none if the table lacks either."""
+    if ENERGY not in objectives or INSTEAD in objectives or not np.isfinite(numbers(points, INSTEAD)).any():
+        return {}
+    return {INSTEAD if name == ENERGY else name: way for name, way in objectives.items()}
 
 
 def _kept(n: int, fronts: Mapping[str, Array]) -> Array:

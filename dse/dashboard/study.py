@@ -12,6 +12,8 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     import pandas
 
@@ -76,7 +78,7 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
 
     request = request or PageRequest()
     _check(study, request)
-    points = study.points(request.hardware)
+    points = _with_recordings(study, study.points(request.hardware))
     page = _gathered(study, _with_failures(study, points), request) | _progress(study.folder)
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
@@ -117,9 +119,9 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
         stamps = [stamp(path) for path in tables]
         if stamps != last_stamps:
             study = results.open(folder)
-            points = study.points(request.hardware)
-            page = _gathered(study, _with_failures(study, points), request)
-            designs.points = points
+            designs.points = study.points(request.hardware)
+            designs.shown = _with_recordings(study, designs.points)
+            page = _gathered(study, _with_failures(study, designs.shown), request)
             last_stamps, last_page = stamps, page
         return {**last_page, **_progress(folder)}
 
@@ -136,6 +138,7 @@ class _Designs:
         self._study = study
         self._hardware = hardware
         self.points: pandas.DataFrame | None = None
+        self.shown: pandas.DataFrame | None = None
 
     def details(self, trial: int) -> Mapping[str, Any]:
         """Return the details of a trial.
@@ -147,10 +150,10 @@ class _Designs:
         from dse.dashboard.serve import Refused
         from dse.store import StoreError
 
-        if self.points is None or "trial" not in self.points:
+        if self.shown is None or "trial" not in self.shown:
             raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL)
         try:
-            return gather_details(self._study, self.points, trial, self._hardware)
+            return gather_details(self._study, self.shown, trial, self._hardware)
         except StoreError as error:
             raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL) from error
 
@@ -237,7 +240,44 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         definition=request.definition,
         marks=marks,
     )
-    return page | {"audit": [] if audit is None else [plain_cell(row.columns) for row in audit.rows]}
+    rows = [] if audit is None else [plain_cell(row.columns) for row in audit.rows]
+    return page | {"audit": rows, "points_at": _written_at(study.folder / "points.parquet")}
+
+
+def _written_at(path: Path) -> str | None:
+    """Return when a file was written, ISO 8601 in UTC; None if there is no file."""
+    from datetime import UTC, datetime
+
+    try:
+        return datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
+    except OSError:
+        return None
+
+
+def _with_recordings(study: Study, points: pandas.DataFrame) -> pandas.DataFrame:
+    """Return points whose `accuracy_se` is at least that of the number of validation recordings.
+
+    The spread over seeds leaves out that there are few recordings: that of a deterministic design is 0.
+    """
+    from dse import store
+    from dse.figures.front import numbers
+    from dse.measure.objectives.accuracy import wilson_se
+
+    if not {"trial", "repeats", "accuracy", "accuracy_se"} <= set(points):
+        return points
+    repeated = (numbers(points, "repeats") > 1) & np.isfinite(numbers(points, "accuracy"))
+    if not repeated.any():
+        return points
+    of_folds = study.space.get("split", {}).get("k_fold") is not None  # whose recordings are not the same
+    n = np.ones(len(points))
+    for trial, places in points.groupby("trial", sort=False).indices.items():
+        record = store.read_json(store.run_folder(study.folder, int(str(trial)), 0) / "record.json")
+        n[places] = max(record["samples"].get("validation", 0), 1)
+    n *= np.where(of_folds, np.nan_to_num(numbers(points, "repeats"), nan=1.0), 1.0)
+    accuracy = np.where(repeated, numbers(points, "accuracy"), 0.0)
+    least = wilson_se(np.rint(accuracy * n), n)
+    error = numbers(points, "accuracy_se")
+    return points.assign(accuracy_se=np.where(repeated, np.fmax(error, least), error))
 
 
 def _check(study: Study, request: PageRequest) -> None:

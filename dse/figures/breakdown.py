@@ -26,7 +26,7 @@ _BARS = 0.58  # share of the width that the longest bar takes; the rest is for i
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Energy per inference, computing flat out; means over the repeats of a design.
+    """Energy per inference, flat out or at the sensor's period; means over the repeats of a design.
 
     causes, dynamic_uj: what happens, dearest first, and what it costs, (cause,); causes that cost nothing
         are left out.
@@ -62,11 +62,12 @@ class EnergyFigure:
         return draw_breakdown(record)
 
 
-def gather_breakdown(costs: Sequence[Cost]) -> Breakdown:
+def gather_breakdown(costs: Sequence[Cost], at_period: bool = False) -> Breakdown:
     """Gather where the energy goes.
 
     Args:
         costs: of one inference each, by the runs of a design on one hardware.
+        at_period: with the static energy of the sensor's step period, not of computing flat out.
 
     Raises:
         ValueError: there are no costs, or they are of several inferences.
@@ -78,14 +79,16 @@ def gather_breakdown(costs: Sequence[Cost]) -> Breakdown:
         return float(np.mean([np.asarray(value).item() for value in values]))
 
     by_cause = {cause: mean(cost.breakdown[cause] for cost in costs) for cause in costs[0].breakdown}
+    total = [cost.energy_throttled_uj if at_period else cost.energy_uj for cost in costs]
+    static = [cost.static_throttled_uj if at_period else cost.static_uj for cost in costs]
     paid = sorted(((cause, uj) for cause, uj in by_cause.items() if uj > 0), key=lambda pair: -pair[1])
     return Breakdown(
         causes=tuple(cause for cause, _ in paid),
         dynamic_uj=np.array([uj for _, uj in paid]),
-        static_uj=mean(cost.static_uj.value for cost in costs),
-        energy_uj=mean(cost.energy_uj.value for cost in costs),
-        energy_uj_low=mean(cost.energy_uj.low for cost in costs),
-        energy_uj_high=mean(cost.energy_uj.high for cost in costs),
+        static_uj=mean(one.value for one in static),
+        energy_uj=mean(one.value for one in total),
+        energy_uj_low=mean(one.low for one in total),
+        energy_uj_high=mean(one.high for one in total),
     )
 
 

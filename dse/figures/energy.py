@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip
-from dse.figures.front import interval, numbers
+from dse.figures.front import axis_type, interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.records import Array
 from dse.registry import param, register
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 
-_SPANS_DECADES = 100.0
+_APART = 0.06  # of an axis: labels nearer than this in both would overlap
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def gather_energy(
 
 
 def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
-    """Draw the points; those on the front are strong, joined, and have labels and bars.
+    """Draw the points; those on the front are strong, joined by a staircase, and have labels and bars.
 
     The labels of the others show on hovering: dozens of designs would hide the front behind theirs.
     """
@@ -122,6 +122,7 @@ def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
 
     figure = go.Figure()
     colour = OKABE_ITO_LIGHT[0]
+    scale = axis_type(trade.values[:, 0])
     for best in (False, True):
         rows = np.flatnonzero(trade.on_front == best)
         rows = rows[np.argsort(trade.values[rows, 0], kind="stable")]
@@ -132,18 +133,31 @@ def draw_energy(trade: Trade) -> plotly.graph_objects.Figure:
             error_x={**bars, "array": trade.high[rows, 0], "arrayminus": trade.low[rows, 0]},
             error_y={**bars, "array": trade.high[rows, 1], "arrayminus": trade.low[rows, 1]},
             cliponaxis=False,
-            text=[html.escape(trade.labels[row], quote=False) for row in rows],
+            customdata=[html.escape(trade.labels[row], quote=False) for row in rows],
+            text=_written([html.escape(trade.labels[row], quote=False) for row in rows], trade, rows, scale),
             textposition="bottom right",
             mode="lines+markers+text" if best else "markers",
             marker={"color": colour, "size": 9 if best else 6, "opacity": 1.0 if best else 0.4},
-            line={"color": colour, "width": 1.5},
+            line={"color": colour, "width": 1.5, "shape": "hv"},
             name="front" if best else "dominated",
-            hovertemplate=f"{axis_title(trade.parameter)} %{{text}}<extra></extra>",
+            hovertemplate=f"{axis_title(trade.parameter)} %{{customdata}}<extra></extra>",
         )
-    x = trade.values[:, 0]
-    wide = bool(len(x)) and x.min() > 0 and x.max() / x.min() > _SPANS_DECADES
     figure.update_layout(
-        xaxis={"title": {"text": axis_title(trade.x)}, "type": "log" if wide else "linear"},
+        xaxis={"title": {"text": axis_title(trade.x)}, "type": scale},
         yaxis={"title": {"text": axis_title(trade.y)}},
     )
     return figure
+
+
+def _written(labels: list[str], trade: Trade, rows: Array, scale: str) -> list[str]:
+    """Return the labels, '' for one that would overlap an earlier one."""
+    values = np.column_stack(
+        [np.log(trade.values[:, 0]) if scale == "log" else trade.values[:, 0], trade.values[:, 1]]
+    )
+    span = np.ptp(values, axis=0) if len(values) else np.ones(2)
+    places = values[rows] / np.where(span > 0, span, 1.0)
+    taken: list[int] = []
+    for k in range(len(rows)):
+        if all(np.abs(places[k] - places[other]).max() >= _APART for other in taken):
+            taken.append(k)
+    return [label if k in taken else "" for k, label in enumerate(labels)]

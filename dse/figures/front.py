@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 HOVER_CHARACTERS = 60
+_CROWD = 200  # points: more are drawn at half the size
+_BARS = 20  # intervals on a front: more would hide its points
 _SIZES = {2: (5, 9), 3: (2, 4)}  # dominated, on the front; in space points are drawn larger than their size
 _CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.15}}
 
@@ -30,7 +32,7 @@ _CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.85}, "center": {"x": 0, "y": 0, "z
 class Front:
     """Design points in the plane or space of two or three columns.
 
-    columns: the columns shown, x first.
+    columns: the columns shown, x first. directions: 'max' or 'min' of each.
     values: (point, column) float64.
     low, high: (point, column) distance from the value to the ends of its interval, 0 where none is known.
     on_front: (point,) whether no other point of the same group is better, over the columns shown.
@@ -40,6 +42,7 @@ class Front:
     """
 
     columns: tuple[str, ...]
+    directions: tuple[str, ...]
     values: Array
     low: Array
     high: Array
@@ -72,6 +75,11 @@ def interval(frame: pandas.DataFrame, column: str) -> tuple[Array, Array]:
     return np.nan_to_num(np.maximum(below, 0.0)), np.nan_to_num(np.maximum(above, 0.0))
 
 
+def axis_type(values: Array) -> str:
+    """Return 'log' for positive numbers over more than two decades, as on a page, else 'linear'."""
+    return "log" if len(values) and values.min() > 0 and values.max() / values.min() > 100 else "linear"
+
+
 def design_columns(frame: pandas.DataFrame) -> list[str]:
     """Return the columns that say what a design is: trial, parameters, settings, hardware."""
     about = ("trial", "hardware", "phi", "theta", "weight_bits", "pruned_after")
@@ -85,7 +93,9 @@ class FrontFigure:
     """Design points over two or three columns, with the front of each task."""
 
     columns: tuple[str, ...] = param(
-        (), doc="two or three columns, x first (default: the first objectives of the study)", axis=False
+        (),
+        doc="two or three columns, x first (default: energy, else the second objective, and the first one)",
+        axis=False,
     )
     hardware: str = hardware_key()
     task: str = param("", doc="what is predicted (default: every task, each with its own front)", axis=False)
@@ -97,7 +107,8 @@ class FrontFigure:
             **dict(results.objectives),
         }
         first = [name for name, _ in results.objectives]
-        columns = self.columns or (*first[1:2], *first[:1], *first[2:3])
+        costs = ["energy_uj"] if "energy_uj" in first[1:] else first[1:2]
+        columns = self.columns or (*costs, *first[:1])
         frame = with_value(on_one_chip(results.points(), self.hardware), "task", self.task)
         if self.full:
             frame = full_read_outs(frame)
@@ -141,6 +152,7 @@ def gather_front(
     ends = [interval(points, column) for column in columns]
     return Front(
         columns=tuple(columns),
+        directions=tuple(objectives[column] for column in columns),
         values=values[shown],
         low=np.column_stack([low for low, _ in ends]),
         high=np.column_stack([high for _, high in ends]),
@@ -153,7 +165,10 @@ def gather_front(
 
 
 def draw_front(front: Front) -> plotly.graph_objects.Figure:
-    """Draw a front: dominated points dim, the front joined (in the plane) with its intervals as bars."""
+    """Draw a front: dominated points dim; in the plane the front is a staircase, with its intervals as bars.
+
+    The staircase is what the front attains: a slanted line would claim designs that do not exist.
+    """
     import plotly.graph_objects as go
 
     flat = len(front.columns) == 2
@@ -167,12 +182,16 @@ def draw_front(front: Front) -> plotly.graph_objects.Figure:
                 axis: front.values[rows, k] for k, axis in enumerate("xyz"[: len(front.columns)])
             }
             trace |= {
+                "showlegend": best or len(front.groups) == 1,
                 "name": html.escape(f"{name} {'front' if best else 'dominated'}".strip(), quote=False),
                 "mode": "lines+markers" if best and flat else "markers",
                 "marker": {
                     "color": colour,
-                    "size": _SIZES[len(front.columns)][best],
-                    "opacity": 1.0 if best else 0.25 if flat else 0.4,
+                    "size": _SIZES[len(front.columns)][best]
+                    / (2 if flat and len(front.values) > _CROWD else 1),
+                    "opacity": 1.0
+                    if best
+                    else min(0.4, (0.25 if flat else 0.4) * float(np.sqrt(1000 / max(len(rows), 1)))),
                 },
                 "text": [front.hover[row] for row in rows],
                 "hovertemplate": "%{text}<extra></extra>",
@@ -180,11 +199,12 @@ def draw_front(front: Front) -> plotly.graph_objects.Figure:
             if best:
                 trace |= {f"error_{axis}": bars for axis, bars in _bars(front, rows, colour).items()}
             if flat:
-                trace["line"] = {"color": colour, "width": 1.5}
+                shape = "hv" if front.directions[0] == "min" else "vh"
+                trace["line"] = {"color": colour, "width": 1.5, "shape": shape}
             figure.add_trace(go.Scatter(trace) if flat else go.Scatter3d(trace))
     titles = {
-        f"{axis}axis": {"title": {"text": axis_title(column)}}
-        for axis, column in zip("xyz", front.columns, strict=False)
+        f"{axis}axis": {"title": {"text": axis_title(column)}, "type": axis_type(front.values[:, k])}
+        for k, (axis, column) in enumerate(zip("xyz", front.columns, strict=False))
     }
     space = {
         "scene": {**titles, "camera": _CAMERA},
@@ -197,14 +217,17 @@ def draw_front(front: Front) -> plotly.graph_objects.Figure:
 
 
 def _bars(front: Front, rows: Array, colour: str) -> dict[str, dict[str, Any]]:
+    """Return the intervals of every n-th point of a front."""
+    shown = np.arange(len(rows)) % -(-len(rows) // _BARS) == 0 if len(rows) else np.zeros(0, bool)
     return {
         axis: {
             "type": "data",
-            "array": front.high[rows, k],
-            "arrayminus": front.low[rows, k],
+            "array": np.where(shown, front.high[rows, k], np.nan),
+            "arrayminus": np.where(shown, front.low[rows, k], np.nan),
             "symmetric": False,
             "color": colour,
-            "thickness": 1,
+            "thickness": 0.75,
+            "width": 2,
         }
         for k, axis in enumerate("xyz"[: len(front.columns)])
         if front.high[rows, k].any() or front.low[rows, k].any()

@@ -10,6 +10,7 @@ import os
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.native.extras import MissingExtra
 
 if TYPE_CHECKING:
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 FORMATS = ("pdf", "svg", "png")
 SIZE_PX = (700, 450)
 """Width and height of a figure that has none of its own."""
+
+PX_PER_MM = 96 / 25.4
+FONT_PX = 8 * 96 / 72
+"""8 pt, the text of a figure in most journals."""
 
 _PNG_SCALE = 3  # dots per pixel: 288 dpi
 _INK, _RULE = "#1B1E22", "#DFE3E8"
@@ -30,21 +35,22 @@ _AXIS: dict[str, Any] = {
     "gridcolor": _RULE,
     "zeroline": False,
     "automargin": True,
-    "title": {"standoff": 8},
+    "title": {"standoff": 8, "font": {"size": FONT_PX}},
 }
 _SCENE_AXIS: dict[str, Any] = {
     "backgroundcolor": "white",
     "gridcolor": _RULE,
     "linecolor": _INK,
-    "tickfont": {"size": 10},
     "nticks": 6,
+    "title": {"font": {"size": FONT_PX}},
 }
 _LAYOUT: dict[str, Any] = {
     "paper_bgcolor": "white",
     "plot_bgcolor": "white",
-    "font": {"family": "Helvetica, Arial, sans-serif", "size": 12, "color": _INK},
-    "margin": {"l": 64, "r": 24, "t": 32, "b": 56},
-    "legend": {"font": {"size": 11}, "tracegroupgap": 2},
+    "font": {"family": "Helvetica, Arial, sans-serif", "size": FONT_PX, "color": _INK},
+    "colorway": OKABE_ITO_LIGHT,
+    "margin": {"l": 56, "r": 16, "t": 24, "b": 48},
+    "legend": {"tracegroupgap": 2, "orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
     "xaxis": _AXIS,
     "yaxis": _AXIS,
     "scene": {f"{axis}axis": _SCENE_AXIS for axis in "xyz"},

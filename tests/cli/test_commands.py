@@ -216,6 +216,9 @@ def test_skyline_of_a_table(table: Path, capsys: Captured) -> None:
     assert {row["trial"] for row in document(capsys.readouterr().out)["rows"]} == {0, 1, 2, 3}
     assert main([*arguments, "--json", "--where", "n_weights <= 100 and model.hidden > 4"]) == 0
     assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
+    twice = ["--where", "n_weights <= 100 or model.hidden > 4", "--where", "model.hidden > 4"]
+    assert main([*arguments, "--json", *twice, "--where", "n_weights <= 100"]) == 0
+    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
 
 
 def test_skyline_formats(table: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:

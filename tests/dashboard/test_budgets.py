@@ -201,7 +201,7 @@ def test_every_slider_moves_by_keyboard_and_moves_its_box(opened):
 
 
 def test_every_box_takes_a_limit_and_moves_its_slider(opened):
-    page = opened(many())
+    page = opened(many(), fragment="task=texture")
     for k, (name, way) in enumerate(DIRECTIONS.items()):
         where = page.tab.input_value(f"#slider-{k}")
         middle = many()[name].replace(np.inf, np.nan).median()
@@ -215,7 +215,7 @@ def test_every_box_takes_a_limit_and_moves_its_slider(opened):
 
 def test_small_table_by_hand(opened):
     page = opened(points(), fragment="b.energy_uj=30")
-    assert tally(page)[:2] == ["4 of 5 feasible", "3 on the front"]
+    assert tally(page)[:2] == ["4 of 5 points feasible", "3 on the front"]
     assert page.tab.inner_text("#cost-1") == "costs 1"
     assert page.tab.inner_text("#pick button >> nth=0") == "Trial 1"
     assert page.tab.inner_text("#pick button >> nth=1") == "Trial 4"
@@ -246,13 +246,14 @@ def test_a_link_restores_budgets_and_filters(opened):
 
 def test_nothing_feasible_names_the_nearest_and_what_is_missed(opened):
     page = opened(points(), fragment="b.energy_uj=4&b.accuracy=0.6")
-    assert page.tab.inner_text("#pick h2") == "Nothing is feasible; nearest"
+    assert page.tab.inner_text("#pick h2") == "Nothing is feasible; relax one budget"
+    assert [page.tab.inner_text(f"#cost-{k}") for k in (0, 1)] == ["not alone", "from 5"]
     assert page.tab.inner_text("#pick button >> nth=0") == "Trial 3"
     assert page.tab.inner_text("#pick .missed >> nth=0") == "misses energy by 1\u00a0µJ"
     assert not page.tab.is_visible("#export")
     assert page.marked("diamond-open") == [(5, 0.6)]
     assert "nothing is within the budgets" in page.tab.get_attribute("#plot", "aria-label")
-    assert tally(page)[:2] == ["0 of 5 feasible", "0 on the front"]
+    assert tally(page)[:2] == ["0 of 5 points feasible", "0 on the front"]
     assert page.tab.is_visible("#plot .plot-container")
 
 
@@ -296,7 +297,7 @@ def test_hostile_names_are_words_in_the_panel_and_one_argument_in_the_shell(open
 @pytest.mark.parametrize("fragment", ["b.energy_uj=%3Cimg%3E&b.accuracy=NaN", "b.__proto__=1&family=%22"])
 def test_a_broken_link_sets_no_budget(opened, fragment):
     page = opened(points(), fragment=fragment)
-    assert tally(page)[0] == "5 of 5 feasible"
+    assert tally(page)[0] == "5 of 5 points feasible"
 
 
 def test_limited_columns_are_objectives_latency_and_spikes():

@@ -206,7 +206,7 @@ def test_only_what_was_recorded_is_there(found):
     document, task = details(found, "knn")
     assert document["notes"] == []
     assert set(task) == {"figures", "surfaces"}
-    assert set(task["figures"]) == {"confusion", "energy", "power"}
+    assert set(task["figures"]) == {"confusion", "energy", "energy_at_period", "power"}
     assert task["surfaces"] == []
     _, spiking = details(found)
     assert list(spiking["figures"]["cores"]) == ["loihi1_silicon"]
@@ -262,7 +262,10 @@ def copied(folder, tmp_path):
         ("history.npz", {"The learning curve": ["learning"]}),
         (
             "read_out.npz",
-            {"Accuracy over time": ["recognition"], "Energy by cause": ["energy", "cores", "misfits"]},
+            {
+                "Accuracy over time": ["recognition"],
+                "Energy by cause": ["energy", "energy_at_period", "cores", "misfits"],
+            },
         ),
         ("response.npz", {"The first output spike": ["first_spike"], "An example": ["examples"]}),
     ],

@@ -155,7 +155,7 @@ def test_a_page_without_progress_hides_it_and_words_of_counts_and_times(opened):
     many["trials"] = {"total": None, "done": 12_000, "running": 3, "failed": 0, "pruned": 0}
     assert (
         tab.evaluate("(p) => Progress.summary(p, true)", many)
-        == f"12{far}000 done · 12{far}345/24{far}000 runs · 3 running · 12{far}min left"
+        == f"12{far}000 done · 12{far}345/24{far}000 runs · 3 running or waiting · 12{far}min left"
     )
 
 

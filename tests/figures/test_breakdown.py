@@ -26,6 +26,14 @@ def test_parts_add_up_to_the_total():
     assert (found.dynamic_uj > 0).all()
 
 
+def test_at_the_sensor_s_period_the_static_energy_is_that_of_waiting_too():
+    priced = cost(load("loihi1_silicon"), workload())
+    flat, paced = (gather_breakdown([priced], at_period) for at_period in (False, True))
+    assert paced.energy_uj == pytest.approx(float(priced.energy_throttled_uj.value))
+    assert paced.dynamic_uj.sum() + paced.static_uj == pytest.approx(paced.energy_uj)
+    assert paced.static_uj > flat.static_uj and paced.dynamic_uj.tolist() == flat.dynamic_uj.tolist()
+
+
 def test_repeats_are_averaged():
     chip = load("loihi1_silicon")
     once, thrice = (cost(chip, workload(scale)) for scale in (1.0, 3.0))

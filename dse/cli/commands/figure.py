@@ -38,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--size",
         metavar="WIDTHxHEIGHT",
-        help="size of a .pdf, .svg or .png in pixels of 1/96 inch (default: the figure's own, else 700x450)",
+        help="size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is in pixels of "
+        "1/96 inch (default: the figure's own, else 700x450); text has 8 pt",
     )
     add_set(parser, "x=model.hidden; `dse describe figures NAME` lists the keys")
     parser.add_argument(
@@ -87,7 +88,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
 
 def _write(drawn: plotly.graph_objects.Figure, out: Path, size_px: tuple[int, int] | None, name: str) -> None:
-    from dse.figures.image import static_image
+    from dse.figures.image import on_white, static_image
     from dse.native.extras import MissingExtra
     from dse.store import published, write_text
 
@@ -95,7 +96,7 @@ def _write(drawn: plotly.graph_objects.Figure, out: Path, size_px: tuple[int, in
         write_text(out, drawn.to_json())
     elif out.suffix == ".html":
         saves_svg = {"toImageButtonOptions": {"format": "svg", "filename": name}}
-        write_text(out, drawn.to_html(config=saves_svg, include_plotlyjs=True))
+        write_text(out, on_white(drawn).to_html(config=saves_svg, include_plotlyjs=True))
     else:
         try:
             content = static_image(drawn, out.suffix[1:], size_px)
@@ -106,11 +107,14 @@ def _write(drawn: plotly.graph_objects.Figure, out: Path, size_px: tuple[int, in
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Return width and height of `--size`."""
-    width, _, height = text.partition("x")
+    """Return width and height of `--size` in pixels."""
+    from dse.figures.image import PX_PER_MM
+
+    width, _, height = text.removesuffix("mm").partition("x")
     if not (width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
-        raise _fault(f"--size must be WIDTHxHEIGHT, such as 700x450, got '{text}'")
-    size_px = int(width), int(height)
+        raise _fault(f"--size must be WIDTHxHEIGHT, such as 85x60mm or 700x450, got '{text}'")
+    per_unit = PX_PER_MM if text.endswith("mm") else 1.0
+    size_px = round(int(width) * per_unit), round(int(height) * per_unit)
     if not all(_SIZES_PX[0] <= side <= _SIZES_PX[1] for side in size_px):
         raise _fault(f"--size must have sides of {_SIZES_PX[0]} to {_SIZES_PX[1]} pixels, got '{text}'")
     return size_px

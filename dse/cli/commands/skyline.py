@@ -36,8 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--where",
+        action="append",
+        default=[],
         metavar="EXPR",
-        help='keep the points that meet this condition, e.g. "n_weights <= 100000 and phi > 2"',
+        help='keep the points that meet this condition, e.g. "n_weights <= 100000 and phi > 2"; repeatable: '
+        "all must be met",
     )
     parser.add_argument(
         "--by",
@@ -63,16 +66,18 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.door.front import front_of
     from dse.skyline import blocks
 
+    conditions = arguments.where
+    where = conditions[0] if len(conditions) == 1 else " and ".join(f"({one})" for one in conditions) or None
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     if (large := _large(arguments)) is not None:
         objectives = objectives_of(arguments.objectives, arguments.results[0])
-        skyline = blocks.parquet_skyline(large, objectives, arguments.where, by)
+        skyline = blocks.parquet_skyline(large, objectives, where, by)
         return front_answer(skyline.rows, objectives, skyline.notes)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
     skyline, beside = front_of(
         arguments.results,
         objectives,
-        arguments.where,
+        where,
         by,
         hardware=arguments.hardware,
         contacts_per_hour=arguments.contacts_per_hour,
