@@ -619,6 +619,7 @@ const Front = (() => {
       const item = (symbol, text) => element("span", {}, element("span", { className: `key ${symbol}` }), ` ${text}`);
       part("#caption").replaceChildren(...[
         front && item("joined", `front of ${labels.slice(0, -1).join(", ")} and ${labels.at(-1)}`), item("solid", `front of all ${every}`), item("dim", "dominated"),
+        shown.columns.front_share && item("faint", "paler: on the front in few samples of the chip's numbers"),
         front && item("whisker", "standard error, or the model's interval"), budgeted.limits.length && item("beyond", "outside the budgets"),
         budgeted.limits.length && item("diamond", budgeted.pick >= 0 ? "pick" : "nearest"), shown.rows.some(shown.leftOut) && item("left", "left out"),
         published().length && item("cross", "published, on its own data"),

@@ -211,7 +211,16 @@ def test_only_what_was_recorded_is_there(found):
     _, spiking = details(found)
     assert list(spiking["figures"]["cores"]) == ["loihi1_silicon"]
     assert set(spiking["figures"]) == {
-        *("confusion", "recognition", "first_spike", "learning", "energy", "power", "cores")
+        *(
+            "confusion",
+            "recognition",
+            "first_spike",
+            "learning",
+            "energy",
+            "energy_at_period",
+            "power",
+            "cores",
+        )
     }
 
 

@@ -158,8 +158,8 @@ def test_no_button_covers_a_figure_or_sends_it_away(opened):
 def test_failed_trials_are_listed_after_the_views(opened):
     page = opened(pd.concat([points(), failed()], ignore_index=True), fragment="chosen=1")
     places = "ids => ids.map((id) => document.getElementById(id).getBoundingClientRect())"
-    budgets, design, views, failures = page.tab.evaluate(places, ["budgets", "design", "views", "failures"])
-    assert design["top"] == budgets["top"]
+    budgets, side, views, failures = page.tab.evaluate(places, ["budgets", "side", "views", "failures"])
+    assert side["top"] == budgets["top"]
     assert failures["top"] > views["bottom"]
     page.tab.set_viewport_size({"width": 390, "height": 844})
     last, failures = page.tab.evaluate(places, ["front", "failures"])
