@@ -20,17 +20,17 @@ INK = "(ink) => getComputedStyle(document.querySelector('#progress .plot .ytitle
 
 
 def told(frame, **more):
-    """Return how a study of these points goes, with two failed and one pruned trial of twelve."""
+    """Return how a study of these points goes, with two failed and one trial stopped early of twelve."""
     growth = gather_progress(frame, OBJECTIVES, range(5), [0.1, 0.2, 0.3, 0.4, 0.5])
     return {
-        "trials": {"total": 12, "done": 8, "running": 3, "failed": 2, "pruned": 1},
+        "trials": {"total": 12, "done": 8, "running": 3, "failed": 2, "stopped": 1},
         "runs": {"total": 12, "done": 8},
         "running": [{"trial": 9, "design": {"model.hidden": [8, 8], "model.true_rate": 0.25}}],
         "failed": [
             {"reason": "loss is not finite", "count": 1, "trials": [5]},
             {"reason": EVIL + "x" * 500, "count": 1, "trials": [6]},
         ],
-        "pruned": [{"reason": "behind the median", "count": 1, "trials": [7]}],
+        "stopped": [{"reason": "behind the median", "count": 1, "trials": [7]}],
         "hours": 0.5,
         "time_left_s": 734.0,
         "last": "2026-01-02T03:04:05+00:00",
@@ -79,7 +79,7 @@ def unfold(tab):
 def test_a_line_says_how_it_goes_and_unfolds(opened):
     frame = points(hardware="a")
     tab = opened(frame, told(frame))
-    line = "8/12 done · 3 begun · 2 failed · 1 pruned · 30\u202fmin spent"
+    line = "8/12 done · 3 begun · 2 failed · 1 stopped early · 30\u202fmin spent"
     assert tab.inner_text("#progress > details > summary") == line
     assert not tab.is_visible("#progress .plot")
     unfold(tab)
@@ -116,7 +116,7 @@ def test_reasons_unfold_to_trials_and_nothing_in_them_runs(opened):
     lists = "#progress .lists"
     assert tab.locator(f"{lists} h2").all_inner_texts() == [
         "2 failed",
-        "1 pruned",
+        "1 stopped early",
         "3 begun and not finished",
     ]
     assert not tab.get_by_text("trial 5", exact=True).nth(1).is_visible()
@@ -152,7 +152,7 @@ def test_a_page_without_progress_hides_it_and_words_of_counts_and_times(opened):
     for seconds, text in spans.items():
         assert tab.evaluate("(s) => Progress.duration(s)", seconds) == text
     many = told(points(), runs={"total": 24_000, "done": 12_345}, hours=0)
-    many["trials"] = {"total": None, "done": 12_000, "running": 3, "failed": 0, "pruned": 0}
+    many["trials"] = {"total": None, "done": 12_000, "running": 3, "failed": 0, "stopped": 0}
     assert (
         tab.evaluate("(p) => Progress.summary(p, true)", many)
         == f"12{far}000 done · 12{far}345/24{far}000 runs · 3 running or waiting · 12{far}min left"
