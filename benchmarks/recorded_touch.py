@@ -174,6 +174,7 @@ _DROPPED = {"event_dropout": 0.2}
 _SMALL_SPEED = {"hidden": 150, "input_delays": [0, 2, 5, 10, 20, 40]}
 _TINY_SPEED = {**_SMALL_SPEED, **_RESONATOR, "hidden": 40}
 _TINY_BRAILLE = {**_CROSS_ENTROPY, "hidden": 40, "input_delays": [0]}
+_PRUNED_BRAILLE = {**_CROSS_ENTROPY, "pruned": 0.78, "prune_epoch": 0.35}
 
 
 def _taught(recordings: str, **keys: Any) -> dict[str, Any]:
@@ -258,6 +259,19 @@ CASES = (
         "7 Braille letters",
         "small, half resonators",
         {**_RESONATOR, "share": 0.5, "hidden": 40, "input_delays": [0, 8, 32]},
+    ),
+    Case("7 Braille letters", "pruned, event dropout", _PRUNED_BRAILLE, training=_DROPPED),
+    Case(
+        "7 Braille letters",
+        "pruned, event dropout, taught",
+        _PRUNED_BRAILLE,
+        training={**_DROPPED, **_taught("7 Braille letters", **_CROSS_ENTROPY)},
+    ),
+    Case(
+        "7 Braille letters",
+        "pruned, 40 hidden, event dropout, taught",
+        {**_PRUNED_BRAILLE, "hidden": 40, "pruned": 0.57},
+        training={**_DROPPED, **_taught("7 Braille letters", **_CROSS_ENTROPY)},
     ),
     Case("7 Braille letters", "tiny, cross-entropy", _TINY_BRAILLE),
     Case(
