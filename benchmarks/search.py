@@ -121,7 +121,7 @@ def replayed(grid: Grid, name: str, seed: int, batch: int, limit: str) -> Trace:
         sampler = limited(sampler, check)
     n_epochs = grid.curves.shape[1]
     trace: Trace = []
-    most = 0.6 if name == "gp" else 1.0  # a Gaussian process takes seconds per design
+    most = 0.25 if name == "gp" else 1.0  # a Gaussian process takes seconds per design
     while len(trace) < most * len(grid.designs) and (designs := sampler.ask(batch)):
         rows = [grid.place[seeds.design_key(design)] for design in designs]
         trace += [(n_epochs, row) for row in rows]
@@ -194,9 +194,13 @@ def row_of(grid: Grid, traces: Sequence[Trace]) -> list[str]:
     for trace in traces:
         steps, volumes = growth(grid, trace)
         reached = np.concatenate([[0.0], volumes])
-        after.append([reached[np.searchsorted(steps, share + 1e-9)] for share in SHARES])
+        places = [np.searchsorted(steps, share + 1e-9) for share in SHARES]
+        ended = steps[-1] + 0.02  # a search that was cut off says nothing of what follows
+        after.append(
+            [reached[i] if share <= ended else np.nan for i, share in zip(places, SHARES, strict=True)]
+        )
         until.append([steps[np.argmax(volumes >= x)] if (volumes >= x).any() else np.inf for x in TARGETS])
-    cells = [f"{x:.3f}" for x in np.median(after, axis=0)]
+    cells = [f"{x:.3f}" if np.isfinite(x) else "-" for x in np.median(after, axis=0)]
     return cells + [f"{x:.0%}" if np.isfinite(x) else "never" for x in np.median(until, axis=0)]
 
 

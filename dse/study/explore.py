@@ -22,7 +22,7 @@ from dse.search.proposals import Sampler, limited
 from dse.search.space import design_at
 from dse.search.stop import Spent, reached
 from dse.seeds import design_key
-from dse.study import decisions, points, precision, pricing, warm
+from dse.study import decisions, points, precision, pricing, queue, warm
 from dse.study import trials as tables
 from dse.study.claim import claim
 from dse.study.fronts import fronts
@@ -181,7 +181,11 @@ class _Tables:
         pricing.keep(self._profiles, self._folder)
         runs = self._runs.trials()
         with store.published(self._folder / "trials.parquet") as path:
-            excluded = [entry for entry in self._ledger.entries if entry.excluded]
+            entries = self._ledger.entries
+            excluded = [entry for entry in entries if entry.excluded]
+            if excluded:  # under other limits, some may have been trained since
+                trained = {design_key(entry.design) for entry in entries if not entry.excluded}
+                excluded = [entry for entry in excluded if design_key(entry.design) not in trained]
             store.write_table(path, tables.trials_table(self._space, runs, excluded))
         with store.published(self._folder / "points.parquet") as path:
             points.write_points(path, self._space, self._folder, runs, self._profiles)
@@ -219,7 +223,12 @@ def _search(
         if excluding is not None:
             excluding.begin(number)
         entries = _of_batch(ledger, number)
-        if not entries or not any(e.is_reported for e in entries):
+        if not ledger.batch(number):
+            took.enqueued(number, report, None if excluding is None else before)
+            entries = _of_batch(ledger, number)
+        if any(e.enqueued for e in entries):
+            pass  # the sampler has no part in this batch
+        elif not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
             n_missing = min(settings.batch, _n_trials(space) - n_before) - len(entries)
             if n_missing > 0 and not entries and (why := took.stop(number)):
@@ -238,7 +247,7 @@ def _search(
                         f"{n_before + len(entries) + len(new)}"
                     )
                 entries = _of_batch(ledger, number)
-        if not entries:
+        if not entries and not any(e.enqueued for e in ledger.batch(number)):
             return ""
         if n := sum(took.over(entry) for entry in entries if not entry.is_reported):
             report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
@@ -274,6 +283,7 @@ class _Took:
     ) -> None:
         self.earlier = earlier
         self._space = space
+        self._folder = folder
         self._ledger = ledger
         self._runs = runs
         self._takeover = warm.Takeover(space, folder, earlier)
@@ -283,6 +293,30 @@ class _Took:
         stop = space.search.stop
         if stop is not None and stop.wall_hours is not None:
             self._hours_before = session_hours(folder, ledger.entries)
+
+    def enqueued(self, number: int, report: Progress, before: KnownBefore | None) -> None:
+        """Make a batch of the designs that the user asked for and that are not in the study yet."""
+        waiting = queue.waiting(self._space, self._folder)
+        if not waiting:
+            return
+        known = {
+            design_key(entry.design): entry.trial for entry in self._ledger.entries if not entry.excluded
+        }
+        with self._ledger.together():
+            for path, design in waiting:
+                key = None if design is None else design_key(design)
+                why = None if before is None or design is None else before.exclusion(design)
+                if design is None or key is None:
+                    report.note(f"{path}: holds no design of this search space; it is left out")
+                elif key in known:
+                    report.note(f"an enqueued design is trial {known[key]} already")
+                elif why is not None:
+                    report.note(f"an enqueued design is not trained: {why.reason}")
+                else:
+                    self._ledger.ask(number, [design], enqueued=True)
+                    known[key] = len(self._ledger.entries) - 1
+        for path, _ in waiting:  # after the journal is written: a design is never lost between both
+            store.remove(path)
 
     def over(self, entry: Entry) -> int:
         """Take over the runs of a design that an earlier study has trained; return how many."""

@@ -19,6 +19,8 @@ from dse.study.lines import CREATE_TRIAL, SET_TRIAL_STATE
 SET_INTERMEDIATE_VALUE, SET_USER_ATTRIBUTE, SET_SYSTEM_ATTRIBUTE, RUNNING = 7, 8, 9, 0
 EXCLUDED = "excluded"
 """User attribute of a trial that is not trained: why."""
+ENQUEUED = "enqueued"
+"""User attribute of a trial that the user asked for."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Entry:
     reported_s: when the sampler received its result, in seconds since 1970; None: not yet.
     values: its objectives; None before the report, and for a failed trial.
     excluded: why it is not trained; '' if it is.
+    enqueued: whether the user asked for it (`dse enqueue`), not the sampler.
     """
 
     trial: int
@@ -39,6 +42,7 @@ class Entry:
     reported_s: float | None = None
     values: tuple[float, ...] | None = None
     excluded: str = ""
+    enqueued: bool = False
 
     @property
     def is_reported(self) -> bool:
@@ -59,6 +63,7 @@ def read_journal(path: Path) -> list[Entry]:
     logs = lines.counted(content.logs) if content.faults else content.logs
     created: list[tuple[int, Mapping[str, object], float]] = []
     excluded: dict[int, str] = {}
+    enqueued: set[int] = set()
     reports: dict[int, tuple[float, tuple[float, ...] | None]] = {}
     for entry in logs:
         try:
@@ -67,6 +72,8 @@ def read_journal(path: Path) -> list[Entry]:
                 attributes = entry["user_attrs"]
                 proposed_s = seconds(entry["datetime_start"])
                 created.append((int(attributes["batch"]), dict(attributes["design"]), proposed_s))
+                if attributes.get(ENQUEUED):
+                    enqueued.add(len(created) - 1)
                 if entry["state"] != RUNNING:
                     reports[len(created) - 1] = proposed_s, None
                     excluded[len(created) - 1] = str(attributes[EXCLUDED])
@@ -83,7 +90,10 @@ def read_journal(path: Path) -> list[Entry]:
     entries = (
         Entry(trial, *proposal, *reports.get(trial, (None, None))) for trial, proposal in enumerate(created)
     )
-    return [replace(entry, excluded=excluded.get(entry.trial, "")) for entry in entries]
+    return [
+        replace(entry, excluded=excluded.get(entry.trial, ""), enqueued=entry.trial in enqueued)
+        for entry in entries
+    ]
 
 
 def seconds(text: str) -> float:

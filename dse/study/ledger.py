@@ -25,6 +25,7 @@ from dse.search.limits import Exclusion
 from dse.search.proposals import distribution
 from dse.store import StoreError, damaged, explained, read_record, run_folder
 from dse.study.journal import (
+    ENQUEUED,
     EXCLUDED,
     SET_INTERMEDIATE_VALUE,
     SET_SYSTEM_ATTRIBUTE,
@@ -151,11 +152,11 @@ class Ledger:
                     self._lines.append(self._unwritten)
                 self._unwritten.clear()
 
-    def ask(self, batch: int, designs: Sequence[Mapping[str, object]]) -> None:
-        """Append designs that are about to be trained."""
+    def ask(self, batch: int, designs: Sequence[Mapping[str, object]], *, enqueued: bool = False) -> None:
+        """Append designs that are about to be trained; `enqueued`: the user asked for them."""
         with self.together():
             for design in designs:
-                self._append(batch, design)
+                self._append(batch, design, enqueued=enqueued)
 
     def exclude(self, batch: int, design: Mapping[str, object], why: Exclusion) -> None:
         """Append a design that is not trained."""
@@ -172,12 +173,22 @@ class Ledger:
         entry = self._entries[trial]
         self._entries[trial] = replace(entry, reported_s=time.time(), values=None, excluded=why.reason)
 
-    def _append(self, batch: int, design: Mapping[str, object], why: Exclusion | None = None) -> None:
+    def _append(
+        self,
+        batch: int,
+        design: Mapping[str, object],
+        why: Exclusion | None = None,
+        *,
+        enqueued: bool = False,
+    ) -> None:
         with self.together():
-            self._unwritten.append(self._created(batch, design, why))
+            line = self._created(batch, design, why)
+            if enqueued:
+                line["user_attrs"][ENQUEUED] = True
+            self._unwritten.append(line)
         written = json.loads(json.dumps(dict(design)))  # as it is read after a restart
         now = time.time()
-        entry = Entry(len(self._entries), batch, written, now)
+        entry = Entry(len(self._entries), batch, written, now, enqueued=enqueued)
         if why is not None:
             entry = replace(entry, reported_s=now, excluded=why.reason)
         self._of_batch.setdefault(batch, []).append(entry.trial)

@@ -11,6 +11,7 @@ from typing import Any
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.axes import Axis
 from dse.config.resolved import Sections
 from dse.config.values import as_tuple
 from dse.config.yaml_lines import Raw
@@ -80,21 +81,29 @@ def on_axes(space: SearchSpace, design: Mapping[str, object]) -> dict[str, Raw] 
     """Return a design with the values of a space's axes; None if it is none of the space."""
     known: dict[str, Raw] = {}
     for name, written in design.items():
-        value = as_tuple(written)
         axis = space.axes.get(name)
-        if axis is None:
+        value = None if axis is None else axis_value(axis, written)
+        if value is None:
             return None
-        if axis.values is not None:
-            same = [x for x in axis.values if x == value and isinstance(x, bool) == isinstance(value, bool)]
-            if not same:
-                return None
-            value = same[0]
-        elif not axis.is_int and type(value) is int:
-            value = float(value)
-        if not axis.contains(value):
-            return None
-        known[name] = value
+        known[name] = value[0]
     return known if set(known) == set(space.active(known)) else None
+
+
+def axis_value(axis: Axis, written: object) -> tuple[Raw] | None:
+    """Return the value of an axis that equals a written one, a whole number also on an axis of reals.
+
+    Returns:
+        The value, alone in a tuple; None if it is not on the axis.
+    """
+    value = as_tuple(written)
+    if axis.values is not None:
+        if axis.is_list and isinstance(value, tuple) and len(value) == 1 and value not in axis.values:
+            value = value[0]  # a list of one may stand as its element
+        same = [x for x in axis.values if x == value and isinstance(x, bool) == isinstance(value, bool)]
+        return (same[0],) if same else None
+    if not axis.is_int and type(value) is int:
+        value = float(value)
+    return (value,) if axis.contains(value) else None
 
 
 def _finished(folder: Path, trial: int) -> list[RunRecord]:
