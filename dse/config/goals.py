@@ -24,6 +24,9 @@ from dse.config.values import Report, blamed, echo, keys_of, read_fields
 from dse.config.yaml_lines import Raw
 
 _BATCH = 8
+AUTO = "auto"
+"""The sampler that is chosen by the number of designs."""
+_FEW = 20
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
 
 
@@ -294,6 +297,9 @@ def search(
     keys = raw if isinstance(raw, dict) else {}
     stepless = [axis for axis in axes.values() if axis.values is None]
     name = keys.get("sampler") or ("tpe" if stepless else "grid")
+    if name == AUTO:
+        name = automatic(n_combinations(axes.values()), keys.get("n_trials"))
+        raw = {**keys, "sampler": name}
     cls = known.get(name) if isinstance(name, str) else None
     own_keys = list(keys_of(cls)) if cls else []
     values, good = read_fields(Search, raw, ("search",), report, read_fixed, also=own_keys)
@@ -338,6 +344,22 @@ def search(
     size = n_combinations(axes.values()) or 1 if whole else _BATCH
     settings = values | {"sampler": name, "batch": values["batch"] or size}
     return SearchSettings(**settings, options=options, warm=warm)
+
+
+def automatic(n_designs: int | None, n_trials: Raw) -> str:
+    """Return the sampler that `auto` stands for.
+
+    A grid that is trained whole needs no sampler. Of the others, Sobol points lead while designs are few, and
+    TPE from then on (benchmarks/search.py).
+
+    Args:
+        n_designs: of the grid; None: there is none.
+        n_trials: as written; None: all.
+    """
+    n = n_trials if type(n_trials) is int else None
+    if n_designs is not None and (n is None or n >= n_designs):
+        return "grid"
+    return "sobol" if n is not None and n < _FEW else "tpe"
 
 
 def _earlier(raw: Raw, report: Report, base: Path | None) -> tuple[str, ...] | None:

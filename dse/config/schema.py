@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, Union, get_args, get_origin
 
 from dse import registry
+from dse.config.goals import AUTO
 from dse.config.load import REQUIRED
 from dse.config.locate import hardware_names
 from dse.config.sections import (
@@ -112,7 +113,7 @@ def _search() -> Schema:
         "folders of earlier studies, whose trials inform the search; equal designs are not trained again"
     )
     schema["properties"]["from"] = {**_listed({"type": "string"}), "description": folders}
-    schema["properties"]["sampler"] = {"enum": list(registry.known("search.samplers"))}
+    schema["properties"]["sampler"] = {"enum": [AUTO, *registry.known("search.samplers")]}
     return schema
 
 

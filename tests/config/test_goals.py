@@ -96,3 +96,29 @@ def test_phi_may_reach_as_far_as_the_outputs() -> None:
 def test_what_is_no_decision_grid(raw: Any, fault: str) -> None:
     grid, [found] = decision(raw)
     assert grid is None and found.startswith(fault)
+
+
+@pytest.mark.parametrize(
+    ("n_designs", "n_trials", "sampler"),
+    [
+        (96, None, "grid"),
+        (96, 96, "grid"),
+        (96, 95, "tpe"),
+        (96, 19, "sobol"),
+        (96, 20, "tpe"),
+        (None, 19, "sobol"),
+        (None, None, "tpe"),  # which then requires n_trials
+    ],
+)
+def test_auto_chooses_by_the_number_of_designs(
+    n_designs: int | None, n_trials: int | None, sampler: str
+) -> None:
+    assert goals.automatic(n_designs, n_trials) == sampler
+
+
+def test_a_study_states_the_sampler_that_auto_chose(tmp_path: Path) -> None:
+    path = write_space(tmp_path, ("sampler: grid, batch: 2", "sampler: auto, n_trials: 3"))
+    space = load_space(path)
+    assert (space.search.sampler, space.to_plain()["search"]["sampler"]) == ("sobol", "sobol")
+    whole = load_space(path, {"search.n_trials": "6"})
+    assert (whole.search.sampler, whole.search.batch) == ("grid", 6)
