@@ -388,6 +388,14 @@ def execution(raw: Raw, report: Report, *, check_device: bool) -> ExecutionSetti
     if good and check_device and (lack := missing(values["device"])):
         report(("execution", "device"), f"execution.device {values['device']} {lack}")
         good = False
+    if good:
+        named = [key for key in ("address", "scheduler_file") if values[key] is not None]
+        if named and values["backend"] != "dask":
+            report(("execution", named[0]), f"execution.{named[0]} needs execution.backend dask")
+            good = False
+        elif len(named) == 2:
+            report(("execution", named[1]), "execution must have address or scheduler_file, not both")
+            good = False
     return ExecutionSettings(**values) if good else None
 
 

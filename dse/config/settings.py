@@ -651,7 +651,23 @@ class Search:
 class ExecutionSettings:
     """How the work is distributed; results are bit-identical for any number of processes and threads."""
 
-    jobs: int = param(1, doc="number of worker processes", low=1, axis=False)
+    backend: str = param(
+        "loky",
+        choices=("loky", "dask"),
+        doc="workers on this machine (loky), or of a Dask cluster (dask, extra dask)",
+        axis=False,
+    )
+    address: str | None = param(
+        None,
+        doc="with dask: scheduler, e.g. tcp://node1:8786 (default: a cluster on this machine)",
+        axis=False,
+    )
+    scheduler_file: str | None = param(
+        None, doc="with dask: file that a scheduler wrote, instead of address", axis=False
+    )
+    jobs: int = param(
+        1, doc="number of worker processes; a Dask scheduler that runs has its own", low=1, axis=False
+    )
     threads: int = param(
         1, doc="CPU threads of each process; they share the samples of a batch", low=1, axis=False
     )

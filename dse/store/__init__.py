@@ -30,6 +30,7 @@ from dse.store.arrays import (
     work_of,
 )
 from dse.store.files import (
+    TEMPORARY,
     WARNINGS,
     atomic,
     checksum,
@@ -56,6 +57,7 @@ __all__ = [
     "RECORD",
     "REMEDY",
     "SCHEMA",
+    "TEMPORARY",
     "WARNINGS",
     "Damaged",
     "StoreError",

@@ -18,7 +18,8 @@ from dse.store.plain import plain
 from dse.store.sealed import BLANK, StoreError, damaged, is_sealed, read_bytes, seal
 
 WARNINGS = "warnings.json"
-_TEMPORARY = ".writing-"
+TEMPORARY = ".writing-"
+"""Begins the names of files and folders that are being written."""
 _SEAL = "seal"
 _COMMENT = "# "
 _ROWS = "rows"
@@ -117,17 +118,17 @@ def remove(path: Path) -> None:
 
 def is_temporary(path: Path) -> bool:
     """Return whether a path is the temporary one of a writer, living or dead."""
-    return path.name.startswith(_TEMPORARY)
+    return path.name.startswith(TEMPORARY)
 
 
 def sweep(folder: Path) -> None:
     """Remove the temporary files and folders of dead writers under a folder that no process writes to."""
-    for temporary in folder.rglob(f"{_TEMPORARY}*"):
+    for temporary in folder.rglob(f"{TEMPORARY}*"):
         remove(temporary)
 
 
 def _beside(path: Path) -> Path:
-    return path.with_name(f"{_TEMPORARY}{path.name}-{os.getpid()}-{secrets.token_hex(4)}")
+    return path.with_name(f"{TEMPORARY}{path.name}-{os.getpid()}-{secrets.token_hex(4)}")
 
 
 def _sync(path: Path) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import math
+import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from dse import registry, store
 from dse.audit import record
@@ -16,7 +17,8 @@ from dse.config.bounds import MOST_TRIALS
 from dse.config.device import missing
 from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
-from dse.recordings import RecordingError
+from dse.recordings import PLACES, RecordingError
+from dse.recordings.files import locate
 from dse.search.limits import Exclusion
 from dse.search.proposals import Sampler, limited
 from dse.search.space import design_at
@@ -81,7 +83,11 @@ def run(
     folder = Path(results) / space.study
     earlier = warm.earlier_trials(space)
     n_workers = jobs or space.execution.jobs
-    with store.exclusive(folder), shown(progress, n_workers) as report:
+    with (
+        store.exclusive(folder),
+        shown(progress, n_workers) as report,
+        contextlib.ExitStack() as at_the_end,
+    ):
         store.sweep(folder)
         for note in [*pricing.check(profiles, folder), *claim(space, folder)]:
             report.note(note)
@@ -89,7 +95,7 @@ def run(
         ledger = Ledger(folder / "journal.log", space)
         for note in ledger.notes:
             report.note(note)
-        workers = Workers(n_workers)
+        workers = at_the_end.enter_context(_workers(space, n_workers, folder))
         runs = Runs(space, folder, profiles, workers, report)
         results_tables = _Tables(space, folder, runs, profiles, ledger, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
@@ -117,6 +123,43 @@ def run(
         runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
+
+
+def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
+    """Return the workers that a search space names.
+
+    Raises:
+        ConfigError: there are none as they must be.
+    """
+    execution = space.execution
+    if execution.backend == "loky":
+        return Workers(n)
+    from dse.study.executors.dask import Dask, Unusable
+
+    source = folder.absolute() / f"{store.TEMPORARY}{secrets.token_hex(4)}"  # swept if we die now
+    with store.explained(folder):
+        source.touch()
+    try:
+        shared = [source, *_places(space)]
+        return Workers(n, Dask(n, execution.address, execution.scheduler_file, shared))
+    except Unusable as error:
+        raise ConfigError([Fault(str(space.source), 0, f"execution: {error}")]) from None
+    finally:
+        source.unlink(missing_ok=True)
+
+
+def _places(space: SearchSpace) -> list[Path]:
+    """Return the files and folders of recordings that a search space names."""
+    sections: dict[str, Any] = space.to_plain()
+    entries = [sections.get(name) or {} for name in ("data", "test")]
+    places = []
+    for one in (one for entry in entries for one in entry.get("choice", [entry])):
+        for key in PLACES:
+            with contextlib.suppress(RecordingError):  # shipped, or missed where it is read
+                if isinstance(name := one.get(key), str):
+                    kind: Literal["file", "folder"] = "folder" if key == "folder" else "file"
+                    places.append(locate(name, space.source.parent, kind))
+    return places
 
 
 def _keep_audit(space: SearchSpace, folder: Path) -> None:

@@ -295,7 +295,10 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
             else:
                 unseen[left[place]].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
     yield from failed.items()
-    left = [number for number in range(len(job.runs)) if number not in failed]
+    # A cluster may run a job again by itself.
+    published = [number for number, run in enumerate(job.runs) if run.folder.is_dir()]
+    yield from ((number, None) for number in published if number not in failed)
+    left = [number for number in range(len(job.runs)) if number not in failed and number not in published]
     if not left:
         return
     loaded = load(job.runs[0], job.threads)

@@ -103,7 +103,8 @@ class Workers:
                     if (sender := running.get(message.task)) is not None:  # else it has ended
                         yield from ((sender.job, part) for part in sender.parts(message))
                     continue
-                task = running.pop(arrived)
+                if (task := running.pop(arrived, None)) is None:
+                    continue
                 messages = self._executor.result(task.handle)
                 if isinstance(messages, Failure):
                     if task.n_received or task.n_starts == _STARTS:

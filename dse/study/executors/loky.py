@@ -45,7 +45,7 @@ class Loky:
 
     def memory_bytes(self, device: str) -> int:
         """Return a worker's equal part of three quarters of the memory."""
-        return 3 * _memory(device) // (4 * self._n)
+        return 3 * memory_bytes(device) // (4 * self._n)
 
     def submit(
         self, task: bytes, post: Callable[[bytes], None], ended: Callable[[], None]
@@ -113,7 +113,7 @@ class _Slot:
                 self._reader.join()
             ended()
 
-        with _without_ctrl_c():
+        with without_ctrl_c():
             future: Future[list[bytes]] = self._executor.submit(_run, task)
         future.add_done_callback(end)
         return future
@@ -137,7 +137,7 @@ def _ignore(message: bytes) -> None:
 
 
 @contextlib.contextmanager
-def _without_ctrl_c() -> Iterator[None]:
+def without_ctrl_c() -> Iterator[None]:
     """Start processes that never see SIGINT: they inherit that it is blocked."""
     resource_tracker.ensure_running()  # else it starts with the worker, and unblocks SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -174,7 +174,7 @@ def _run(task: bytes) -> list[bytes]:
     return perform(task, _to_parent[0].send_bytes)
 
 
-def _memory(device: str) -> int:
+def memory_bytes(device: str) -> int:
     """Return a device's memory in bytes; in a container, at most the container's limit."""
     if device == "cuda":
         import torch
