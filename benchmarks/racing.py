@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import itertools
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,11 +30,14 @@ from rich.table import Table
 from dse.config import SearchSpace, load_space
 from dse.config.settings import Racing
 from dse.hardware.profile import load_all
+from dse.skyline.front import comparable
 from dse.skyline.goals import checked_goals, costs_of
 from dse.skyline.pareto import hypervolume
 from dse.study import checkpoints, explore
 from dse.study.fronts import GROUPS
 from dse.study.journal import Entry, read_journal
+from dse.study.points import points_table
+from dse.study.precision import as_trained
 from dse.study.progress import Silent
 from dse.study.racing import Race
 from dse.study.record import RunRecord, load_records
@@ -85,7 +89,7 @@ class Replay:
 
     def paused(self, trial: int, _: int, epochs: int) -> list[RunRecord] | None:
         """Return a design at a rung."""
-        record = checkpoints.at_rung(self._folder, trial, 0, epochs)
+        record = at_rung(self._folder, trial, 0, epochs)
         return None if record is None or trial in self.ended else [record]
 
     def stop(self, trial: int, records: Sequence[RunRecord], epochs: int, reason: str) -> None:
@@ -97,8 +101,18 @@ class Replay:
         """Note what is trained."""
         for trial in (entry.trial for entry in entries):
             self.trained[trial] = max(self.trained.get(trial, 0), until or self._epochs)
-            if until is None or checkpoints.at_rung(self._folder, trial, 0, until) is None:
+            if until is None or at_rung(self._folder, trial, 0, until) is None:
                 self.ended.setdefault(trial, [self._all[trial]])
+
+
+class Replayed(Race):
+    """A race whose design points are looked up: those of each rung and of the ends, of all designs."""
+
+    tables: Mapping[Path, pd.DataFrame]
+
+    def _comparable(self, trials: Mapping[int, Sequence[RunRecord]], folder: Path) -> pd.DataFrame:
+        table = self.tables[folder]
+        return table[table["trial"].isin(trials.keys())].reset_index(drop=True)
 
 
 def kept(space: SearchSpace, results: Path) -> Path:
@@ -126,23 +140,55 @@ def shares(points: pd.DataFrame, trials: set[int], space: SearchSpace) -> float:
     return least
 
 
-def replayed(
-    space: SearchSpace, folder: Path, points: pd.DataFrame, racing: Racing, seed: int
-) -> list[float]:
-    """Return stopped designs, share of epochs, and shares of hypervolume of full read-outs and of points."""
-    space = dataclasses.replace(space, seed=seed, search=dataclasses.replace(space.search, racing=racing))
+@dataclasses.dataclass(frozen=True)
+class Records:
+    """What a study's designs were: at their ends, and the comparable points of each folder."""
+
+    folder: Path
+    entries: Sequence[Entry]
+    finished: Mapping[int, RunRecord]
+    points: pd.DataFrame
+    tables: Mapping[Path, pd.DataFrame]
+
+
+def read(space: SearchSpace, folder: Path, rungs: Sequence[int]) -> Records:
+    """Return the records of a study whose designs are kept at some rungs."""
     entries = read_journal(folder / "journal.log")
     finished = {entry.trial: load_records(folder, entry.trial)[0] for entry in entries}
-    epochs = int(space.parts["training"].values["epochs"])
-    shutil.rmtree(folder / KEPT / "racing", ignore_errors=True)
-    runs: Any = Replay(folder / KEPT, finished, epochs)
-    race = Race(space, folder / KEPT, load_all(space.hardware, space.source.parent), runs, Silent())
-    for number in sorted({entry.batch for entry in entries}):
-        race.complete(number, [entry for entry in entries if entry.batch == number], lambda: None)
-    ended = {trial for trial, records in runs.ended.items() if records[0].finished}
+    profiles = load_all(space.hardware, space.source.parent)
+
+    def table(place: Path, records: Mapping[int, RunRecord | None]) -> pd.DataFrame:
+        trials = {trial: [record] for trial, record in records.items() if record is not None}
+        every = points_table(space, place, trials, profiles)
+        return comparable(as_trained(every), space.objectives).rows
+
+    at = {rung: checkpoints.rung_folder(folder / KEPT, rung) for rung in rungs}
+    tables = {
+        place: table(place, {trial: at_rung(folder / KEPT, trial, 0, rung) for trial in finished})
+        for rung, place in at.items()
+    }
+    points = pd.read_parquet(folder / "points.parquet")
+    return Records(folder, entries, finished, points, {**tables, folder / KEPT: table(folder, finished)})
+
+
+at_rung = functools.cache(checkpoints.at_rung)
+
+
+def replayed(space: SearchSpace, records: Records, racing: Racing, seed: int) -> list[float]:
+    """Return stopped designs, share of epochs, and shares of hypervolume of full read-outs and of points."""
+    space = dataclasses.replace(space, seed=seed, search=dataclasses.replace(space.search, racing=racing))
+    epochs, folder = int(space.parts["training"].values["epochs"]), records.folder / KEPT
+    shutil.rmtree(folder / "racing", ignore_errors=True)
+    runs: Any = Replay(folder, records.finished, epochs)
+    race = Replayed(space, folder, load_all(space.hardware, space.source.parent), runs, Silent())
+    race.tables = records.tables
+    for number in sorted({entry.batch for entry in records.entries}):
+        race.complete(number, [e for e in records.entries if e.batch == number], lambda: None)
+    ended = {trial for trial, of in runs.ended.items() if of[0].finished}
+    points = records.points
     full = points[points["phi"].isna() & points["read_out_ms"].isna()]
-    stopped = sum(records[0].stopped_at_epoch is not None for records in runs.ended.values())
-    trained = sum(runs.trained.values()) / (epochs * len(entries))
+    stopped = sum(of[0].stopped_at_epoch is not None for of in runs.ended.values())
+    trained = sum(runs.trained.values()) / (epochs * len(records.entries))
     return [stopped, trained, shares(full, ended, space), shares(points, ended, space)]
 
 
@@ -159,8 +205,8 @@ def main() -> None:
     space = load_space(arguments.space)
     search = dataclasses.replace(space.search, racing=Racing(rungs=tuple(arguments.rungs)))
     folder = kept(dataclasses.replace(space, search=search), arguments.results)
-    points = pd.read_parquet(folder / "points.parquet")
-    n = points["trial"].nunique()
+    records = read(space, folder, arguments.rungs)
+    n = len(records.entries)
     names = ("stopped", "epochs", "hypervolume", "of all points")
     table = Table("rungs", "confidence", "least gain", *names, box=None, title=f"{n} designs")
     choices = [
@@ -170,7 +216,7 @@ def main() -> None:
     ]
     for rungs, confidence, least in itertools.product(choices, CONFIDENCES, LEAST_GAINS):
         racing = Racing(rungs=rungs, confidence=confidence, least_gain=least)
-        results = [replayed(space, folder, points, racing, seed) for seed in range(arguments.seeds)]
+        results = [replayed(space, records, racing, seed) for seed in range(arguments.seeds)]
         stopped, trained, full, every = np.median(results, axis=0)
         cells = [f"{stopped:.0f}", f"{trained:.1%}", f"{full:.2%}", f"{every:.2%}"]
         table.add_row(str(list(rungs)), str(confidence), str(least), *cells)

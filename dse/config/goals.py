@@ -331,6 +331,18 @@ def search(
     if values["repeats"] is None:
         values["repeats"] = folds or 1
     on_front = values["repeats_on_front"] > values["repeats"]
+    undecided = values["front_undecided"]
+    if undecided is not None and not on_front:
+        text = f"needs search.repeats_on_front above search.repeats, {values['repeats']}"
+        report(("search", "front_undecided"), f"search.front_undecided {text}")
+        return None
+    if undecided is not None and undecided[0] >= undecided[1]:
+        text = f"must be two probabilities, rising, got [{undecided[0]:g}, {undecided[1]:g}]"
+        report(("search", "front_undecided"), f"search.front_undecided {text}")
+        return None
+    if values["front_trainings"] is not None and undecided is None:
+        report(("search", "front_trainings"), "search.front_trainings needs search.front_undecided")
+        return None
     for key in ("repeats", *(["repeats_on_front"] if on_front else [])):
         if folds and values[key] % folds:
             text = f"must be a multiple of split.k_fold.k = {folds}, one run per fold, got {values[key]}"

@@ -634,6 +634,17 @@ class Search:
     repeats_on_front: int = param(
         1, doc="trainings of each design on the front of its task and family", low=1, axis=False
     )
+    front_undecided: tuple[float, float] | None = param(
+        None,
+        doc="repeat, up to repeats_on_front times, only designs whose probability of being on the front lies "
+        "between these two, the most undecided first (default: all designs on the front)",
+        low=0,
+        high=1,
+        axis=False,
+    )
+    front_trainings: int | None = param(
+        None, doc="further trainings for front_undecided in all (default: no limit)", low=1, axis=False
+    )
     racing: Racing | None = param(  # noqa: RUF009
         None,
         doc="stop designs early: keys rungs, confidence, audit (default: all designs train to the end)",

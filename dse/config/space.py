@@ -56,6 +56,8 @@ class SearchSettings:
     n_trials: designs to train; None: the whole grid.
     batch: designs proposed at a time.
     repeats, repeats_on_front: trainings of every design, and of those on the front at the end.
+    front_undecided: probabilities of being on the front between which a design is repeated; None: on it.
+    front_trainings: most trainings for that.
     racing: when designs stop early; None: never.
     stop: what ends the search early; None: nothing.
     warm: folders of earlier studies (`from`), relative to the search space, whose trials inform the search.
@@ -67,6 +69,8 @@ class SearchSettings:
     repeats: int
     repeats_on_front: int
     racing: Racing | None = None
+    front_undecided: tuple[float, float] | None = None
+    front_trainings: int | None = None
     options: Mapping[str, Raw] = field(default_factory=dict)
     stop: Stop | None = None
     warm: tuple[str, ...] = ()
@@ -75,8 +79,8 @@ class SearchSettings:
         """Return the settings as they are written in YAML; what is not set is left out."""
         names = ("sampler", "n_trials", "batch", "repeats", "repeats_on_front")
         always: dict[str, Raw] = {name: getattr(self, name) for name in names}
-        given = {"racing": self.racing, "stop": self.stop}
-        optional = {name: plain(value) for name, value in given.items() if value is not None}
+        given = ("front_undecided", "front_trainings", "racing", "stop")
+        optional = {x: plain(value) for x in given if (value := getattr(self, x)) is not None}
         return always | optional | ({"from": list(self.warm)} if self.warm else {}) | dict(self.options)
 
 

@@ -9,6 +9,8 @@
         artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
             and precision_*.npz, what it measured at other precisions
         checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
+        racing/             which designs stopped early, and the audit of that (dse.study.racing)
+        front_repeats.json  which designs were repeated because their place on the front was undecided
 
 Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
 byte is an error when it is read. The journal has a checksum per line (`dse.study.journal`).

@@ -17,7 +17,7 @@ from dse.study.results import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
-_UNFINISHED = ("checkpoints", "racing")  # of trainings that have begun
+_UNFINISHED = ("checkpoints", "racing", "front_repeats.json")  # of trainings that have begun
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 

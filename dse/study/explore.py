@@ -34,6 +34,7 @@ from dse.study.ledger import Ledger
 from dse.study.progress import Progress, shown
 from dse.study.racing import Race
 from dse.study.record import RunRecord
+from dse.study.resampling import front_probabilities
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
 from dse.study.status import session_hours
@@ -112,7 +113,10 @@ def run(
                     for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
                         report.note(text)
                     runs.forget_checkpoints(of_stopped=True)
-                _repeat_front(space, ledger, runs, results_tables, report)
+                if space.search.front_undecided is None:
+                    _repeat_front(space, ledger, runs, results_tables, report)
+                else:
+                    _repeat_undecided(space, folder, ledger, runs, results_tables, report)
                 _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
@@ -477,6 +481,53 @@ def _repeat_front(
             return
         report.expect(sum(repeats - len(runs.of(e.trial)) for e in short))
         runs.complete(short, repeats, results_tables.refresh)
+
+
+def _repeat_undecided(
+    space: SearchSpace,
+    folder: Path,
+    ledger: Ledger,
+    runs: Runs,
+    results_tables: _Tables,
+    report: Progress,
+) -> None:
+    """Train designs once more whose place on the front is undecided, until none is or the bounds are reached.
+
+    Each round is on the disk before it is trained, so that an interruption changes no later one.
+    """
+    search, path = space.search, folder / "front_repeats.json"
+    assert search.front_undecided is not None
+    low, high = search.front_undecided
+    step = space.split.k_fold.k if space.split.k_fold is not None else 1
+    rounds: list[dict[str, Any]] = list(store.read_json(path)["rounds"]) if path.exists() else []
+    while True:
+        repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
+        for n in sorted(set(repeats.values())):
+            again = [
+                e for e in ledger.entries if repeats.get(e.trial) == n and not runs.is_untrained(e.trial)
+            ]
+            report.expect(sum(n - len(runs.of(e.trial)) for e in again))
+            runs.complete(again, n, results_tables.refresh)
+        spent = sum(n - search.repeats for n in repeats.values())
+        results_tables.write()
+        probability = front_probabilities(folder, results_tables.points(), space.objectives)
+        undecided = sorted(
+            (abs(p - (low + high) / 2), trial) for trial, p in probability.items() if low <= p <= high
+        )
+        short = [
+            (trial, n)
+            for _, trial in undecided
+            for n in [repeats.get(trial, search.repeats) + step]
+            if n <= search.repeats_on_front and not runs.is_untrained(trial)
+        ]
+        if search.front_trainings is not None:
+            short = short[: max(0, search.front_trainings - spent) // step]
+        if not short:
+            return
+        chosen = short[: (len(short) + 1) // 2]  # what these show may decide the others
+        shown = {str(trial): round(probability[trial], 4) for trial, _ in chosen}
+        rounds.append({"repeats": {str(trial): n for trial, n in chosen}, "probability": shown})
+        store.write_json(path, {"rounds": rounds})
 
 
 def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:

@@ -21,11 +21,13 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
 from dse.records import Array, Bools, Floats, Ints
 from dse.seeds import generator
-from dse.skyline.front import Draws
+from dse.skyline.front import Draws, comparable, front_draws
 from dse.skyline.pick import optimism
 from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers
 from dse.study import pricing
+from dse.study.fronts import GROUPS
+from dse.study.precision import as_trained
 from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ ACCURACIES = ("accuracy", "accuracy_strict", "accuracy_shifted", "accuracy_shift
 """Columns that are resampled, if the table has them."""
 
 _SEED = 20261122
+_DRAWS = 400
 _WITHIN_SE = 5.0  # standard errors within which every sample is
 _ANSWERS = ("index", "target", "output", "shape", "step_ms", "label", "time_ms")
 
@@ -76,6 +79,34 @@ def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
             unit = generator(_SEED, {}, "seed of a trial", int(trial)).standard_normal(n_draws)
             sampled[:, places] += (unit * scale / np.sqrt(n_runs))[:, None]
     return sampled
+
+
+def front_probabilities(
+    folder: Path, points: pandas.DataFrame, goals: Sequence[tuple[str, str]]
+) -> dict[int, float]:
+    """Return trial -> the probability that one of its design points is on the front of its group.
+
+    Over recordings, seeds and the chip's uncertain numbers jointly, as `draws`; the largest over the fronts
+    of tasks, families and chips that a trial is in.
+
+    Args:
+        folder: of the study, whose artefacts and hardware are written.
+        points: its table of design points.
+        goals: of the front.
+    """
+    table = as_trained(points)
+    rows = comparable(table, goals).rows if len(table) else table
+    if rows.empty:
+        return {}
+    by = [name for name in GROUPS if name in rows.columns]
+    drawn = front_draws(rows, goals, draws([folder], [points], (), goals, _DRAWS), by)
+    trials = rows["trial"].to_numpy(np.int64)[drawn.rows]
+    group = group_numbers(rows, by)[drawn.rows]
+    probability = dict.fromkeys(map(int, np.unique(rows["trial"])), 0.0)
+    for trial, number in sorted(set(zip(trials.tolist(), group.tolist(), strict=True))):
+        here = (trials == trial) & (group == number)
+        probability[trial] = max(probability[trial], float(drawn.on_front[:, here].any(axis=1).mean()))
+    return probability
 
 
 def draws(
