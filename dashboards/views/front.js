@@ -292,6 +292,13 @@ const Front = (() => {
 
     // ---- its frame
 
+    // Over many decades, ticks between them would run into each other.
+    function decadesOf(column) {
+      const values = app.numbers(column);
+      const [low, high] = ends(shown.rows.map((row) => values[row]).filter((value) => value > 0));
+      return high / low > 1e4 ? { dtick: high / low > 1e7 ? 2 : 1, exponentformat: "power", minexponent: 3 } : { dtick: "D2" };
+    }
+
     function axis(letter, look) {
       const { state } = shown;
       const log = state[`l${letter}`] === "1";
@@ -300,7 +307,7 @@ const Front = (() => {
       return {
         title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
         gridcolor: flat() ? `${look.rule}66` : look.rule, linecolor: look.rule, zeroline: false, exponentformat: "SI", minexponent: 4, showbackground: false,
-        color: look.text, ...(log && flat() ? { dtick: "D2" } : {}), ...words,
+        color: look.text, ...(log && flat() ? decadesOf(state[letter]) : {}), ...words,
       };
     }
 

@@ -2,6 +2,7 @@
 // Which parameter matters for which objective: bars of a random forest's permutation importance, with how far to
 // trust it, and the mean of the objective at each value of the parameter that is chosen.
 const Importance = (() => {
+  const MOST = 10; // parameters with a bar
   const LITTLE = 0.3; // explained variance below which a ranking says nothing
 
   function view(root, app) {
@@ -31,7 +32,7 @@ const Importance = (() => {
       const fill = element("span", { className: "fill" });
       fill.style.width = `${(100 * one.importance) / most}%`;
       return element("div", { className: "bar" }, button, element("span", { className: "track" }, fill),
-        element("span", { className: "number", textContent: `${number(one.importance, true)} ± ${Number(one.se.toPrecision(1))}` }));
+        element("span", { className: "number", textContent: `${one.importance.toFixed(2)} ± ${one.se.toFixed(2)}` }));
     }
 
     function meanTable({ column, slices: found }, objective) {
@@ -47,8 +48,7 @@ const Importance = (() => {
     function render(next) {
       shown = next;
       const { page } = shown;
-      const all = (page.importance ?? []).filter((one) => shown.columns[one.objective]);
-      const offered = all.filter((one) => isOf(one, shown));
+      const offered = (page.importance ?? []).filter((one) => shown.page.objectives[one.objective] && isOf(one, shown));
       root.hidden = offered.length === 0;
       if (root.hidden || shown.moving) return;
       const several = new Set(offered.map(({ task }) => task)).size > 1;
@@ -58,7 +58,8 @@ const Importance = (() => {
         select.replaceChildren(...names.map((name, k) => element("option", { value: k, textContent: clip(name, 60) })));
         if (names.includes(before)) select.value = names.indexOf(before);
       }
-      const { objective, n, r2, parameters } = offered[Number(select.value)] ?? offered[0];
+      const { objective, n, r2, parameters: all } = offered[Number(select.value)] ?? offered[0];
+      const parameters = all.slice(0, MOST);
       if (!parameters.some(({ column }) => column === parameter)) parameter = parameters[0].column;
       const share = `${Math.round(100 * Math.max(0, r2))}\u202f%`;
       words.textContent = r2 < LITTLE ? `The parameters explain ${share} of designs left out (${app.many(n)} designs): too little for a ranking. Read the means.`

@@ -141,7 +141,8 @@ const Parallel = (() => {
       const families = [...new Set(rows.map((row) => columns.family?.values[row]))];
       const isGeneral = (column) => families.length < 2 || families.every((family) => rows.some((row) => columns.family.values[row] === family && isKnown(columns[column].values[row])));
       const parameters = page.design.filter((column) => column !== "trial" && differs(column) && isGeneral(column));
-      return [...new Set([...Object.keys(page.budgets.columns), ...objectives, ...parameters])];
+      const isMeasured = (column) => rows.some((row) => isKnown(columns[column].values[row]));
+      return [...new Set([...Object.keys(page.budgets.columns).filter(isMeasured), ...objectives, ...parameters])];
     }
 
     // Axes and the heights of lines on them last as long as the points and the filters do.

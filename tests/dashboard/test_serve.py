@@ -673,7 +673,7 @@ def test_budgets_stay_and_count_what_comes(tab, folder):
         folder.write(pd.concat([points(), more], ignore_index=True))
         hears(tab, f"document.querySelector('#tally span').textContent !== {json.dumps(feasible)}")
         assert box.input_value() == "15"
-        assert "Trial 9" in tab.inner_text("#budgets"), "the new trial is the pick"
+        assert "Trial 9" in tab.inner_text("#pick"), "the new trial is the pick"
         assert "n_weights <= 15" in tab.inner_text("#command")
 
 
