@@ -16,6 +16,11 @@ from dse.cli.answer import Answer, show
 from dse.config import ConfigError
 
 GROUPS = ("begin", "search", "choose", "deploy", "look up")  # the order of `dse --help`
+EXIT_CODES = (
+    "exit codes: 0 success; 1 nothing could be trained; 2 bad input, every fault on stderr; 3 no "
+    "design point "
+    "meets the budgets; 4 a target that was faithful is so no longer; 130 stopped by Ctrl-C"
+)
 _BAD_INPUT = 2
 _STOPPED = 130
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
@@ -85,12 +90,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="dse",
         description="Design space exploration of spiking classifiers for touch.",
+        epilog=EXIT_CODES,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"dse {dse.__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, module in commands_by_name().items():
-        subparser = subparsers.add_parser(name, help=module.HELP, description=module.HELP, allow_abbrev=False)
+        subparser = subparsers.add_parser(
+            name, help=module.HELP, description=module.HELP, epilog=EXIT_CODES, allow_abbrev=False
+        )
         module.add_arguments(subparser)
         subparser.set_defaults(answer=module.answer)
     return parser

@@ -9,7 +9,7 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle, read
 from dse.deploy.decide import decided
-from dse.deploy.reference import answered, prepared
+from dse.deploy.reference import answered, prepared, source_at
 from dse.hardware.counter import MeasuredPower, measured_power
 from dse.measure.confusion import confusion
 from dse.measure.objectives.accuracy import wilson_se
@@ -23,7 +23,8 @@ class Evaluation:
     label: (n,) answered class; time_ms: (n,) time of the answer; decided: (n,) whether theta was reached.
     target: (n,) true class, -1 without a label in the file.
     accuracy, accuracy_se, confusion: over the labelled recordings; None if there are none.
-    notes: the plugins that the bundle loaded, and the repairs of the recordings.
+    notes: the plugins that the bundle loaded, whether it was trained on these recordings, and the repairs
+        of the recordings.
     power: of this machine's processor at rest and while it classifies; None unless requested.
     """
 
@@ -121,7 +122,7 @@ def evaluate(
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
         confusion=_confusion(label[known], target[known], len(classes)) if total else None,
-        notes=(*_on_plugins(classifier), *notes),
+        notes=(*_on_plugins(classifier), *_known(classifier, Path(data_file).absolute()), *notes),
         power=power,
     )
 
@@ -129,6 +130,15 @@ def evaluate(
 def _on_plugins(bundle: Bundle) -> list[str]:
     names = ", ".join(Path(source).name for source in bundle.plugins)
     return [f"the bundle ran code of its plugins: {names}"] if names else []
+
+
+def _known(bundle: Bundle, path: Path) -> list[str]:
+    """Return a sentence if the design was trained and selected on these recordings."""
+    trained = bundle.evidence.get("recordings")
+    if not trained or source_at(path, bundle.sections.data).content(path.parent) != trained:
+        return []
+    text = "the design was trained and selected on these recordings"
+    return [f"{text}: this accuracy does not say how it does on new ones"]
 
 
 def _confusion(label: Ints, target: Ints, n_classes: int) -> Ints:

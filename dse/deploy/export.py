@@ -11,8 +11,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from dse import registry, store
-from dse.config import ConfigError, Sections
+from dse import dataset, registry, store
+from dse.config import ConfigError, Sections, load_space
 from dse.config.contracts import Source
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.verify import publish
@@ -107,6 +107,7 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         "repeat": chosen.repeat,
         "accuracy_of_repeats": accuracies.tolist(),
         "data": chosen.data,
+        "recordings": _recordings(study, chosen),
         "warnings": study.warnings,
         "environment": store.read_json(study.folder / "environment.json"),
     }
@@ -132,6 +133,19 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         plugins=_plugins(sections, fitted),
         input=_input(sections, fitted, study.folder, artefacts),
     )
+
+
+def _recordings(study: Study, record: RunRecord) -> str | None:
+    """Return the hash of the recordings that a run was trained on; None where they are no longer found."""
+    for base in (Path.cwd(), study.folder, study.folder.parent.parent):
+        with contextlib.suppress(ConfigError, RecordingError, ValueError, OSError):
+            space = load_space(study.folder / "search_space.yaml")
+            sections = space.resolve(record.design)
+            if space.split.k_fold is not None:
+                sections = sections.on_fold(record.repeat % space.split.k_fold.k)
+            if dataset.dataset_key(sections, base) == record.data:
+                return sections.data.content(base)
+    return None
 
 
 def _sections_of(study: Study, record: RunRecord) -> Sections:

@@ -97,7 +97,7 @@ def prepared(bundle: Classifier, data_file: str | Path, *, repair: bool = False)
         RecordingError: they do not fit.
     """
     path = Path(data_file).absolute()
-    source = _source_at(path, bundle.sections.data)
+    source = source_at(path, bundle.sections.data)
     kind = registry.name_of("recordings", source)
     if repair:
         if not isinstance(source, EventFiles):
@@ -149,7 +149,7 @@ def spikes_of_windows(data: Dataset) -> Ints:
     return np.concatenate(parts)
 
 
-def _source_at(path: Path, data: Source) -> Source:
+def source_at(path: Path, data: Source) -> Source:
     """Return section `data` for new recordings at a path; a network of a scene may get those of a sensor.
 
     Raises:

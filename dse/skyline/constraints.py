@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from dse import registry
 from dse.config.expressions import ExpressionError, column_name, conjuncts, constant, named_columns, parse
 from dse.config.faults import known_names
 from dse.records import Array, Bools, Floats
@@ -101,6 +102,11 @@ def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
         ExpressionError: there is none of that name.
     """
     if name not in frame.columns:
+        if name in registry.columns("hardware"):
+            raise ExpressionError(
+                f"column '{name}' needs costs, which these points do not have: add --hardware NAME "
+                "(`dse describe hardware`), in Python hardware='NAME'"
+            )
         raise ExpressionError(f"unknown column '{name}'; {known_names(name, map(str, frame.columns))}")
     return frame[name]
 

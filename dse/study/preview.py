@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from dse import dataset
 from dse.config import SearchSpace
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 # Larger files are not read just to count their channels and classes.
 _MOST_BYTES = 200_000_000
 _MOST_COMBINATIONS = 10_000
+_PLACES: tuple[Literal["file", "folder"], ...] = ("file", "folder")
 _SIZING = ("task", "preprocessing", "encoder", "model")
 
 
@@ -52,17 +54,27 @@ def preview(space: SearchSpace) -> dict[str, object]:
         **_unpriced(space),
         "data": getattr(space.data, "scene", None),
     }
-    size = 0
-    for kind in ("file", "folder"):
-        if place := getattr(space.data, kind, None):
-            path = locate(place, space.source.parent, kind)
-            row["data"] = str(path)
-            size = path.stat().st_size if path.is_file() else 0  # a folder of event files is not read
-    if size > _MOST_BYTES:
+    if (path := _path_of(space)) is not None:
+        row["data"] = str(path)
+    if is_large(space):
         return row | _excluded(space, lambda _: None)
     # The name of an audit follows from what the recordings hold, and a folder is not read.
     is_folder = getattr(space.data, "folder", None) is not None
     return row | _from_data(space) | ({} if is_folder else _audited(space))
+
+
+def is_large(space: SearchSpace) -> bool:
+    """Return whether the file of the recordings is too large to be read before a run."""
+    path = _path_of(space)
+    return path is not None and path.is_file() and path.stat().st_size > _MOST_BYTES
+
+
+def _path_of(space: SearchSpace) -> Path | None:
+    """Return the file or folder of the recordings; None for a scene."""
+    for kind in _PLACES:
+        if place := getattr(space.data, kind, None):
+            return locate(place, space.source.parent, kind)
+    return None
 
 
 def _unpriced(space: SearchSpace) -> dict[str, object]:

@@ -60,8 +60,14 @@ def test_from_a_csv_to_a_bundle(
     assert picked["n_weights"] == 4 * 12 + 12 * 2  # ON and OFF spikes of two channels
     (verdict,) = rows("export", "bundle", "--target", "c99", "--verify", "touch.csv")
     assert verdict["verdict"] == "faithful"
-    (measured,) = rows("evaluate", "bundle", "--data", "touch.csv")
-    assert measured["recordings"] == 20 and measured["accuracy"] >= 0.8
+    assert main(["evaluate", "bundle", "--data", "touch.csv", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["rows"][0]["recordings"] == 20 and document["rows"][0]["accuracy"] >= 0.8
+    known = "warning: the design was trained and selected on these recordings"
+    assert any(note.startswith(known) for note in document["notes"])
+    recordings().query("session > 2").to_csv("new.csv", index=False)
+    assert main(["evaluate", "bundle", "--data", "new.csv", "--json"]) == 0
+    assert known not in capsys.readouterr().out
 
 
 def formats(folder: Path) -> dict[str, tuple[str, ...]]:

@@ -6,11 +6,13 @@ import dataclasses
 import json
 from pathlib import Path
 
+import pandas
 import pytest
 import yaml
 
+import dse
 import dse.hardware
-from dse.cli import main, reference
+from dse.cli import glossary, main, reference
 from dse.dashboard.definition import Definition, FrontView
 from dse.hardware import profile
 from dse.scene import presets
@@ -183,3 +185,22 @@ def test_no_such_profile(tmp_path: Path, capsys: Captured) -> None:
     shown = capsys.readouterr().err
     assert shown.startswith("dse describe: unknown hardware 'loihi1_silicn'; known: ")
     assert shown.endswith("Did you mean 'loihi1_silicon'?\n")
+
+
+def test_every_column_of_a_study_is_explained(capsys: Captured) -> None:
+    assert main(["describe", "columns", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert len({row["name"] for row in rows}) == len(rows) and all(row["doc"] for row in rows)
+    assert {"accuracy", "phi", "energy_uj", "status", "battery_h"} <= {row["name"] for row in rows}
+    shown = Path(dse.__file__).parent.parent / "results" / "quickstart" / "points.parquet"
+    names = pandas.read_parquet(shown).columns if shown.is_file() else ["trial", "n_weights", "energy_uj_low"]
+    assert [name for name in names if not glossary.is_explained(name)] == []
+    assert main(["describe", "columns", "accurcy"]) == 2
+    assert "unknown column 'accurcy'" in capsys.readouterr().err
+
+
+def test_help_lists_the_exit_codes(capsys: Captured) -> None:
+    for arguments in (["--help"], ["pick", "--help"]):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        assert "exit codes: 0 success;" in " ".join(capsys.readouterr().out.split())

@@ -152,3 +152,9 @@ def test_a_condition_names_columns_not_words(expression, columns):
 def test_what_is_no_condition_names_no_columns():
     with pytest.raises(ExpressionError, match="must read like"):
         named_columns(["fits ="])
+
+
+def test_a_column_of_costs_says_how_to_get_them() -> None:
+    frame = pd.DataFrame({"accuracy": [0.5]})
+    with pytest.raises(ExpressionError, match=r"'energy_uj' needs costs, .*: add --hardware NAME"):
+        matches("energy_uj <= 3", frame)

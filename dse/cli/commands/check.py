@@ -6,9 +6,11 @@ import argparse
 import sys
 
 from dse.cli.answer import Answer, add_format, listing
-from dse.cli.options import add_space, load
-from dse.config import ConfigError
-from dse.study.preview import preview
+from dse.cli.options import add_space, load, overrides_of
+from dse.config import ConfigError, SearchSpace
+from dse.config.yaml_lines import in_file_order, read_document
+from dse.study.preview import is_large, preview
+from dse.study.refusals import refusals
 
 GROUP = "search"
 HELP = "check a search space without training: list every fault, or what a run would do"
@@ -28,13 +30,25 @@ def answer(arguments: argparse.Namespace) -> Answer:
         ConfigError: the faults, without `--json`.
     """
     try:
-        row = preview(load(arguments))
+        space = load(arguments)
+        _refuse(space, arguments)
+        row = preview(space)
     except ConfigError as error:
         if arguments.format != "json":
             raise
         print(error, file=sys.stderr)
         return Answer([vars(fault) for fault in error.faults], code=_BAD_INPUT)
     return Answer([row], text=listing([(name, _text(value)) for name, value in row.items()]))
+
+
+def _refuse(space: SearchSpace, arguments: argparse.Namespace) -> None:
+    """Raise a ConfigError of all that a run would refuse, each with the line of its key."""
+    if is_large(space):
+        return
+    document = read_document(space.source, overrides_of(arguments))
+    faults = [document.fault(path, message) for path, message in refusals(space)]
+    if faults:
+        raise in_file_order(faults)
 
 
 def _text(value: object) -> str:

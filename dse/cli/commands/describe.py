@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dse.cli.answer import Answer, add_format, listing
+from dse.cli.glossary import columns
 from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
 from dse.config.bounds import BOUNDS
@@ -12,6 +13,7 @@ from dse.config.locate import is_hardware_file
 
 GROUP = "look up"
 _BOUNDS = "bounds"
+_COLUMNS = "columns"
 HELP = "document the sections, components and keys of search spaces, pages and scenes, with units and ranges"
 
 
@@ -41,11 +43,18 @@ def answer(arguments: argparse.Namespace) -> Answer:
 
         return Answer([], text=schema_text())
     if arguments.section is None:
-        rows = [*sections(), {"section": _BOUNDS, "doc": "How much work and memory a file may ask for."}]
+        rows = [
+            *sections(),
+            {"section": _BOUNDS, "doc": "How much work and memory a file may ask for."},
+            {"section": _COLUMNS, "doc": "The columns of a study's tables: meaning, unit, better direction."},
+        ]
         return Answer(rows, text=listing([(str(row["section"]), str(row["doc"])) for row in rows]))
     if arguments.section == _BOUNDS:
         return Answer([{"name": name, "most": most, "of": of} for name, (most, of) in BOUNDS.items()])
-    _expect("section", arguments.section, [*(row["section"] for row in sections()), _BOUNDS])
+    if arguments.section == _COLUMNS:
+        return _of_columns(arguments.name)
+    others = (_BOUNDS, _COLUMNS)
+    _expect("section", arguments.section, [*(row["section"] for row in sections()), *others])
     known = names(arguments.section)
     if arguments.name is None and known:
         return Answer(known, text=listing([(row["name"], row["doc"]) for row in known]))
@@ -54,6 +63,17 @@ def answer(arguments: argparse.Namespace) -> Answer:
         _expect(arguments.section, arguments.name, [row["name"] for row in known])
     remarks_of_section = remarks(arguments.section, arguments.name)
     return Answer(keys(arguments.section, arguments.name), remarks_of_section, all_rows=True)
+
+
+def _of_columns(name: str | None) -> Answer:
+    """Return all columns, or one."""
+    rows: list[dict[str, str]] = columns()
+    if name is not None:
+        _expect("column", name, [row["name"] for row in rows])
+        return Answer([row for row in rows if row["name"] == name])
+    units = [f" [{row['unit']}]" if row["unit"] else "" for row in rows]
+    texts = [(row["name"], row["doc"] + unit) for row, unit in zip(rows, units, strict=True)]
+    return Answer(rows, text=listing(texts))
 
 
 def _expect(what: str, name: str, known: list[str]) -> None:
