@@ -324,7 +324,9 @@ def test_pick_exports_what_evaluate_runs(
     (row,) = found["rows"]
     assert row["recordings"] == row["labelled"] == 24
     assert 0 <= row["accuracy"] <= 1
-    assert all(" of 12 correct" in note for note in found["notes"]) and len(found["notes"]) == 2
+    *correct, known = found["notes"]
+    assert all(" of 12 correct" in note for note in correct) and len(correct) == 2
+    assert known.startswith("warning: the design was trained and selected on these recordings")
     assert main(["evaluate", str(bundle), "--data", str(data), "--each", "--json"]) == 0
     each = document(capsys.readouterr().out)["rows"]
     assert [r["recording"] for r in each] == list(range(24))
@@ -355,6 +357,7 @@ def test_describe_covers_every_section(capsys: Captured) -> None:
         *("page", "page.front"),
         *("scene", "scene.sensor", "scene.textures", "scene.motions"),
         *("scene.camera", "scene.variation", "scene.method"),
+        *("bounds", "columns"),
     ]
     for section in (*SECTIONS, "search.samplers", "recordings.formats", "neurons", "losses", "figures"):
         assert main(["describe", section, "--json"]) == 0

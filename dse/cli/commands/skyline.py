@@ -116,10 +116,13 @@ def objectives_of(text: str | None, results: str) -> list[Goal]:
     """
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.goals import parse_goals
+    from dse.skyline.table import TableError
     from dse.study.results import open as open_study
 
     if text is not None:
         return parse_goals(text)
+    if not Path(results).exists():
+        raise TableError(f"{results}: no such file")
     if not Path(results).is_dir():
         raise ExpressionError(
             f"{results}: a table has no objectives of its own; state them: --objectives accuracy:max,..."
