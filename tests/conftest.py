@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -87,8 +88,16 @@ def chromium_path() -> Path:
 @pytest.fixture(scope="session")
 def chromium(chromium_path: Path) -> Iterator[Any]:
     """A headless Chromium driven by playwright."""
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import Page, sync_playwright
 
+    def wait_for_function(tab: Any, expression: str, *, arg: Any = None) -> None:
+        """Do as playwright's function, which polls by `eval` in the page, where its policy forbids that."""
+        deadline = time.monotonic() + PATIENCE_MS / 1000
+        while not tab.evaluate(expression, arg):
+            assert time.monotonic() < deadline, expression
+            tab.wait_for_timeout(20)
+
+    Page.wait_for_function = wait_for_function  # type: ignore[method-assign, assignment]
     with sync_playwright() as driver:
         browser = driver.chromium.launch(
             executable_path=chromium_path, args=list(BROWSER_FLAGS), timeout=PATIENCE_MS

@@ -103,8 +103,8 @@ def _texts(folder: Path) -> Iterator[Damage]:
         yield Damage(_SPACE, fault, "nothing: runs hold their settings", remedy, None)
     removed = f"it is removed; {_AGAIN} writes it again"
     for name, read, cost in (
-        (_ENVIRONMENT, store.read_json, "when and where earlier sessions ran"),
-        (store.WARNINGS, store.read_json, "warnings, until they are found again"),
+        (_ENVIRONMENT, _list, "when and where earlier sessions ran"),
+        (store.WARNINGS, _list, "warnings, until they are found again"),
         (record.FILE, record.read, "the audit, until `dse audit` is run again"),
     ):
         path = folder / name
@@ -115,6 +115,16 @@ def _texts(folder: Path) -> Iterator[Damage]:
             yield Damage(
                 str(path.relative_to(folder)), fault, "the copy, not the original", removed, _removal(path)
             )
+
+
+def _list(path: Path) -> None:
+    """Read a list.
+
+    Raises:
+        Damaged: it is not what was written.
+    """
+    if not isinstance(store.read_json(path), list):
+        raise store.damaged(path, "holds no list")
 
 
 def _journal(folder: Path) -> Iterator[Damage]:

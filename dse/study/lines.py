@@ -66,13 +66,14 @@ def read(path: Path) -> Lines:
         raise store.unreadable(path, error) from None
     logs: list[Log] = []
     faults: list[str] = []
-    n, fault, is_sealed = 0, "", False
+    n, n_bad, fault, is_sealed = 0, 0, "", False
     *lines, torn = content.split(b"\n")
     for number, line in enumerate(lines, start=1):
         if fault:
             faults.append(fault)
         log, fault = _log(line), ""
         if isinstance(log, str):
+            n_bad += 1
             fault = f"line {number} {log}"
         elif "sum" in log and log["n"] <= n:
             fault = f"line {number} is a copy of an earlier line, or was moved"
@@ -82,9 +83,9 @@ def read(path: Path) -> Lines:
             fault = f"line {number} cannot be counted"
         else:
             if "sum" in log:
-                if log["n"] != n + 1:
+                if log["n"] != n + 1 + n_bad:
                     faults.append(f"lines are missing before line {number}")
-                n, is_sealed = log["n"], True
+                n, n_bad, is_sealed = log["n"], 0, True
             elif not is_sealed:
                 n += 1
             logs.append(log)

@@ -109,7 +109,7 @@ def test_only_its_own_scripts_may_run_and_nobody_may_frame_it(server):
     assert "base-uri 'none'; form-action 'none'" in stated
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "connect-src 'self'" in policy
-    assert "script-src 'unsafe-inline'" not in policy
+    assert "script-src 'unsafe-inline'" not in policy and "unsafe-eval" not in policy
     for path in ("/", "/data.json", "/progress.json", "/nothing"):
         _, headers, _ = ask(server, path)
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]

@@ -1,6 +1,10 @@
+import gzip
 import re
 
-from dse.dashboard.write import write_page
+from plotly.offline import get_plotlyjs_version
+
+from dse.dashboard.sources import sources
+from dse.dashboard.write import PLOTLY, write_page
 from tests.page_data import OBJECTIVES, held, points
 
 
@@ -30,3 +34,8 @@ def test_same_input_same_bytes(tmp_path):
     first = write_page(points(), tmp_path / "a.html", name="fabric", objectives=OBJECTIVES)
     second = write_page(points(), tmp_path / "b.html", name="fabric", objectives=OBJECTIVES)
     assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_page_draws_with_the_plotly_that_makes_the_figures():
+    script = gzip.decompress((sources() / PLOTLY).read_bytes()).decode()
+    assert f"plotly.js (strict - minified) v{get_plotlyjs_version()}\n" in script[:200]
