@@ -88,14 +88,20 @@ def chromium_path() -> Path:
 @pytest.fixture(scope="session")
 def chromium(chromium_path: Path) -> Iterator[Any]:
     """A headless Chromium driven by playwright."""
-    from playwright.sync_api import Page, sync_playwright
+    from playwright.sync_api import Error, Page, sync_playwright
 
     def wait_for_function(tab: Any, expression: str, *, arg: Any = None) -> None:
         """Do as playwright's function, which polls by `eval` in the page, where its policy forbids that."""
         deadline = time.monotonic() + PATIENCE_MS / 1000
-        while not tab.evaluate(expression, arg):
-            assert time.monotonic() < deadline, expression
+        while time.monotonic() < deadline:
+            try:
+                if tab.evaluate(expression, arg):
+                    return
+            except Error as error:  # the tab is on its way to another page
+                if "context was destroyed" not in str(error):
+                    raise
             tab.wait_for_timeout(20)
+        raise AssertionError(f"waited in vain: {expression}")
 
     Page.wait_for_function = wait_for_function  # type: ignore[method-assign, assignment]
     with sync_playwright() as driver:
