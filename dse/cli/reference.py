@@ -20,7 +20,7 @@ Row = Mapping[str, object]
 Texts = dict[str, str]
 _LISTS = {
     "targets": "Forms of an exported classifier; `dse pick` has their memory, exact, and predicted cycles "
-    "(columns ram_bytes, table_bytes, cycles), and --export writes them.",
+    "(columns ram_bytes, table_bytes, flash_bytes, cycles), and --export writes them.",
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
     "limits": "Conditions that each design must be able to meet, such as n_weights <= 20000 or fits; one "

@@ -106,7 +106,7 @@ def _shown(row: dict[str, Any], goals: list[Goal]) -> list[str]:
         name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
     ]
     design = [name for name in row if name in identity or name in axes]
-    on_target = ("target", "ram_bytes", "table_bytes", "cycles")
+    on_target = ("target", "ram_bytes", "table_bytes", "flash_bytes", "cycles")
     optional = ("power_mw", "battery_h", "front_share", "confidence", *on_target)
     measured = [name for goal, _ in goals for name in (goal, f"{goal}_corrected")]
     return [name for name in dict.fromkeys([*design, *measured, *optional]) if name in row]

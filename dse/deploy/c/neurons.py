@@ -26,7 +26,7 @@ def rows(plan: Plan) -> Iterator[str]:
         matrices.append((f"reach_{k}", f"weights_{k}", layer.feed_forward, k, layer))
         if layer.recurrent is not None:
             matrices.append((f"return_{k}", f"recurrent_{k}", layer.recurrent, k, layer))
-    shared = (_adder(matrix, layer) for _, _, matrix, _, layer in matrices if not _is_short(matrix))
+    shared = (_adder(matrix, layer) for _, _, matrix, _, layer in matrices if not is_short(matrix))
     yield from dict.fromkeys(shared)
     for name, table, matrix, k, layer in matrices:
         what = "an input of layer" if name.startswith("reach") else "a neuron of recurrent layer"
@@ -39,7 +39,7 @@ def _adder(matrix: Matrix, layer: LayerPlan) -> str:
     """Return the function that adds a row of a form: all rows of a form run the same instructions."""
     return filled(
         f"add_{_form(matrix)}.c",
-        name=_adder_name(matrix, layer),
+        name=adder_name(matrix, layer),
         type=f"int{layer.state_bits}_t",
         column_type=index(int(matrix.weights.shape[1])),
         per_word=matrix.per_word,
@@ -50,7 +50,7 @@ def _adder(matrix: Matrix, layer: LayerPlan) -> str:
     )
 
 
-def _is_short(matrix: Matrix) -> bool:
+def is_short(matrix: Matrix) -> bool:
     """Return whether a row is added in a straight line, which a loop would hardly be shorter than."""
     return matrix.form == "bytes" and matrix.delays is None and matrix.row_length <= _SHORT_ROW
 
@@ -59,7 +59,8 @@ def _form(matrix: Matrix) -> str:
     return matrix.form if matrix.delays is None else f"{matrix.form}_later"
 
 
-def _adder_name(matrix: Matrix, layer: LayerPlan) -> str:
+def adder_name(matrix: Matrix, layer: LayerPlan) -> str:
+    """Return the name of the function that adds the rows of a matrix."""
     kind = {"bytes": "", "words": f"_of_{matrix.bits}", "sparse": f"_{8 * matrix.column_bytes}"}[matrix.form]
     wide = "_wide" if layer.state_bits == 64 else ""
     return f"dse_add_{_form(matrix)}{kind}{wide}_{UNITS_PER_STEP << matrix.exponent}"
@@ -69,7 +70,7 @@ def _added(table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
     """Return the statements that add the row of `source` of a matrix."""
     n = int(matrix.weights.shape[1])
     state, busy = f"net.{states(layer)[0]}_{k}", ""
-    if _is_short(matrix):
+    if is_short(matrix):
         unit = UNITS_PER_STEP << matrix.exponent
         pointers = f"int{layer.state_bits}_t *restrict u = {state};\n"
         pointers += f"const int8_t *restrict w = {table} + source * {n}u;\n"
@@ -86,7 +87,7 @@ def _added(table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
         row = f"{table} + source * {n}u, {table}_delay + source * {n}u"
     else:
         row = f"{table} + source * {n}u, {n // 4}u, {n % 4}u"
-    return f"{_adder_name(matrix, layer)}({state}, {row});\n{busy}"
+    return f"{adder_name(matrix, layer)}({state}, {row});\n{busy}"
 
 
 _LEAK = """\

@@ -44,6 +44,7 @@ def source(plan: Plan) -> str:
         decision=_decision(plan),
         step=_step(plan),
         front_end=front_end(plan),
+        clearing=_clearing(plan),
         clear=_clear(plan),
         init=_init(plan),
         n_outputs=plan.layers[-1].n_neurons,
@@ -198,34 +199,47 @@ def _step(plan: Plan) -> str:
     return "void dse_step(void)\n{\n" + indented("\n".join(lines) + "\n") + "}\n\n"
 
 
-def _clear(plan: Plan) -> str:
-    """Return the statements of dse_reset that set the network to rest."""
-    lines = []
+def _cleared(plan: Plan) -> list[tuple[str, str, str]]:
+    """Return what is 0 at rest: the type, its place, and how many numbers."""
+    arrays = []
     for k, layer in enumerate(plan.layers, 1):
         a, b = states(layer)
-        lines += [
-            f"for (i = 0; i < {layer.n_places}u; i++) {{",
-            f"    net.{a}_{k}[i] = 0;",
-            "}",
-            f"for (i = 0; i < {layer.n_neurons}u; i++) {{",
-            f"    net.{b}_{k}[i] = 0;",
-            "}",
-            f"net.awake_{k} = 0;",
+        kind = f"int{layer.state_bits}_t"
+        arrays += [
+            (kind, f"net.{a}_{k}", f"{layer.n_places}u"),
+            (kind, f"net.{b}_{k}", f"{layer.n_neurons}u"),
         ]
         if n := layer.n_later * layer.n_neurons:
-            lines += [f"for (i = 0; i < {n}u; i++) {{", f"    net.later_{k}[i] = 0;", "}"]
-            lines += [f"net.now_{k} = 0;", f"net.busy_{k} = 0;"]
-    lines += [f"for (i = 0; i < {plan.layers[-1].n_neurons}u; i++) {{", "    net.counts[i] = 0;", "}"]
-    if plan.n_slots > 1:
-        lines += [
-            f"for (i = 0; i < {plan.n_slots * plan.channel_words}u; i++) {{",
-            f"    net.spikes[i / {plan.channel_words}u][i % {plan.channel_words}u] = 0;",
-            "}",
-        ]
-    else:
-        lines += [f"for (i = 0; i < {plan.channel_words}u; i++) {{", "    net.spikes[0][i] = 0;", "}"]
+            arrays.append((kind, f"net.later_{k}", f"{n}u"))
+    counts = "uint16_t" if plan.counts_bytes == 2 else "uint32_t"
+    arrays.append((counts, "net.counts", f"{plan.layers[-1].n_neurons}u"))
+    arrays.append(("uint32_t", f"net.spikes[{'i' if plan.n_slots > 1 else 0}]", f"{plan.channel_words}u"))
     if plan.pooling is not None and plan.pooling.counts_needed:
-        lines += [f"for (i = 0; i < {plan.n_channels}u; i++) {{", "    net.events[i] = 0;", "}"]
+        arrays.append(("uint8_t", "net.events", f"{plan.n_channels}u"))
+    return arrays
+
+
+def _clearing(plan: Plan) -> str:
+    """Return the functions that clear numbers, one per type."""
+    kinds = dict.fromkeys(kind for kind, _, _ in _cleared(plan))
+    return "".join(filled("clear.c", type=kind, name=_clear_name(kind)) for kind in kinds)
+
+
+def _clear_name(kind: str) -> str:
+    return f"dse_clear_{kind.removesuffix('_t')}"
+
+
+def _clear(plan: Plan) -> str:
+    """Return the statements that set the network to rest."""
+    lines = ["uint32_t i;"] if plan.n_slots > 1 else []
+    for kind, place, n in _cleared(plan):
+        call = f"{_clear_name(kind)}({place}, {n});"
+        many = place.endswith("[i]")
+        lines += [f"for (i = 0; i < {plan.n_slots}u; i++) {{", f"    {call}", "}"] if many else [call]
+    for k, layer in enumerate(plan.layers, 1):
+        lines.append(f"net.awake_{k} = 0;")
+        if layer.n_later:
+            lines += [f"net.now_{k} = 0;", f"net.busy_{k} = 0;"]
     if is_delayed(plan):
         lines += ["net.sample = 0;", "net.slot = 0;"]
     lines.append("net.pushed = 0;")

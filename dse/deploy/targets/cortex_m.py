@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import host, replay
+from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.host import Played
 from dse.deploy.c.matrix import Matrix
 from dse.deploy.c.plan import Plan, Unsupported, plan_of
@@ -31,10 +31,12 @@ class CortexM(Target):
 
     core: which.
     profile: hardware profile that predicts its cycles; '' for none.
+    code_bytes: of the parts of the code (dse.deploy.c.code_size).
     """
 
     core: ClassVar[Core]
     profile: ClassVar[str] = ""
+    code_bytes: ClassVar[Mapping[str, float]] = code_size.CORTEX_M
     extra: ClassVar[str] = "targets"
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
 
@@ -47,8 +49,9 @@ class CortexM(Target):
         return ""
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
-        """Return its memory before it is written (dse.deploy.c.footprint)."""
-        return C99().footprint(bundle)
+        """Return its memory before it is written: in flash constants exactly, code from measured parts."""
+        flash = code_size.flash_bytes(plan_of(bundle), self.code_bytes)
+        return C99().footprint(bundle) | {"flash_bytes": flash}
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
@@ -106,6 +109,7 @@ class CortexM0Plus(CortexM):
 
     label: ClassVar[str] = "Cortex-M0+"
     core: ClassVar[Core] = CORES["cortex_m0plus"]
+    code_bytes: ClassVar[Mapping[str, float]] = code_size.CORTEX_M0_PLUS
 
 
 @register("targets", "cortex_m4")

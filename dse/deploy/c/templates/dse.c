@@ -30,9 +30,9 @@ static struct {
 $members} net;
 
 $leaks$rows$input$layers$decision$step$front_end
-void dse_reset(void)
+${clearing}/* All states 0. */
+static APART void rest(void)
 {
-    uint32_t i;
 $clear    net.step = 0;
     net.total = 0;
     net.label = DSE_UNDECIDED;
@@ -40,9 +40,14 @@ $clear    net.step = 0;
     net.changed = 0;
 }
 
+void dse_reset(void)
+{
+    rest();
+}
+
 void dse_init(void)
 {
-$init    dse_reset();
+$init    rest();
 }
 
 int16_t dse_decision(void)
