@@ -93,10 +93,12 @@ duration_ms: 120
 SOURCES: dict[str, dict[str, Any]] = {
     "event_files": {"folder": "cloths", "label_from": "folder", "columns": {"fabric": "folder"}},
     "events": {"file": "x.npz", "width": 4, "taxel": "taxel", "columns": {"fabric": "label"}},
+    "long_table": {"file": "long.csv", "step_ms": 5.0, "channels": ("left",), "recording": "recording"},
     "raster": {"file": "x.npz", "step_ms": 5.0, "columns": {"fabric": "label"}},
     "scene": {"scene": "tiny.yaml"},
     "table": {"file": "x.csv", "step_ms": 5.0, "channels": ("left",)},
     "time_series": {"file": "x.npz", "step_ms": 5.0, "columns": {"fabric": "label"}},
+    "wide_table": {"file": "wide.csv", "step_ms": 5.0, "samples": ("left_",), "columns": {"fabric": "label"}},
 }
 
 
@@ -116,6 +118,10 @@ def test_family(name: str) -> None:
 def test_source(name: str, tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", **ARRAYS)
     (tmp_path / "x.csv").write_text("recording,left\n0,1.5\n0,2.5\n1,3.5\n")
+    (tmp_path / "wide.csv").write_text("label,left_0,left_1\nsilk,1.5,2.5\nwool,3.5,\n")
+    (tmp_path / "long.csv").write_text(
+        "recording,time,channel,value\n0,0,left,1.5\n0,5,left,2.5\n1,0,left,3.5\n"
+    )
     (tmp_path / "tiny.yaml").write_text(SCENE)
     for fabric in ("silk", "wool"):
         (tmp_path / "cloths" / fabric).mkdir(parents=True)
