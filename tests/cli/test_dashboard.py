@@ -111,7 +111,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(
             tab.goto(url)
             assert "No design yet" in tab.inner_text("main")
             gate.touch()
-            tab.wait_for_function("document.querySelector('#counts').textContent.startsWith('3 finished')")
+            tab.wait_for_function("window.seen.some((counts) => counts.finished === 3)")
             assert run.wait(PATIENCE_S) == 0
             # It grew from an empty page by what the server sent meanwhile.
             counts = tab.evaluate("window.seen.map((counts) => counts.finished ?? 0)")

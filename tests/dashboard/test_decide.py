@@ -292,6 +292,18 @@ def test_what_would_put_a_design_on_the_front(opened):
     assert "Within the budgets with energy at most 25 (now 30)." in page.tab.inner_text("#design")
 
 
+def test_the_table_has_one_row_per_trial_on_demand(opened):
+    frame = designs()
+    page = opened(frame, "task=texture&hardware=large+chip")
+    chosen = frame.query("task == 'texture' and hardware == 'large chip'")
+    front = skyline(chosen, list(OBJECTIVES.items()), None, "task").rows
+    assert sorted(map(int, page.cells(1))) == sorted(front["trial"])
+    page.tab.check("#once")
+    ordered = front.sort_values("accuracy", ascending=False, kind="stable")
+    assert list(map(int, page.cells(1))) == ordered["trial"].drop_duplicates().tolist()
+    assert page.tab.inner_text("#front-count").startswith(f"{len(front)} points")
+
+
 def test_what_is_shown_as_csv(opened):
     page = opened(points(**{"model.kind": 'a "b", c'}), "b.energy_uj=30")
     with page.tab.expect_download() as waiting:

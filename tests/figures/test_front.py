@@ -95,6 +95,24 @@ def test_drawing_shows_every_point_once_and_joins_the_front():
     assert figure.layout.xaxis.title.text == "energy (µJ)"
 
 
+def test_the_front_is_a_staircase_on_logarithmic_axes_where_it_spans_decades():
+    figure = draw_front(gather_front(points(), ["energy_uj", "accuracy"], OBJECTIVES))
+    assert figure.data[1].line.shape == "hv", "less energy is better: nothing lies left of a step"
+    assert figure.layout.xaxis.type == figure.layout.yaxis.type == "linear"
+    wide = points(energy_uj=[5000.0, 20.0, 21.0, 5.0, 30.0])
+    turned = draw_front(gather_front(wide, ["accuracy", "energy_uj"], OBJECTIVES))
+    assert turned.data[1].line.shape == "vh"
+    assert turned.layout.yaxis.type == "log" and turned.layout.xaxis.type == "linear"
+
+
+def test_intervals_of_a_crowded_front_are_thinned():
+    n = 100
+    many = pd.DataFrame({"accuracy": np.arange(n) / n, "accuracy_se": 0.01, "energy_uj": np.arange(n) + 1.0})
+    figure = draw_front(gather_front(many, ["energy_uj", "accuracy"], OBJECTIVES))
+    bars = np.isfinite(np.array(figure.data[1].error_y.array, float))
+    assert bars.sum() == 20 and len(bars) == n
+
+
 def test_drawing_in_space():
     figure = draw_front(gather_front(points(), ["energy_uj", "accuracy", "n_weights"], OBJECTIVES))
     assert {trace.type for trace in figure.data} == {"scatter3d"}
