@@ -57,7 +57,7 @@ def workers_of(coordinator: subprocess.Popen[bytes]) -> list[psutil.Process]:
             command = " ".join(process.cmdline())
         except psutil.Error:
             continue
-        if ("popen_loky" in command or "spawn_main" in command) and "tracker" not in command:
+        if ("popen_loky" in command or "spawn_main" in command) and "resource_tracker" not in command:
             found.append(process)
     return found
 
