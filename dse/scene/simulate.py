@@ -13,6 +13,7 @@ Cost follows moving pins and events. While nothing slides nothing is computed bu
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -224,7 +225,7 @@ def _simulate(scene: Scene, k: int, drawn: Trial, sink: Sink, noise: Block, rast
 def _rests(scene: Scene, drawn: Trial, s: Floats, x: Floats) -> bool:
     """Return whether no pin moves by more than the camera's skip distance."""
     # The force's drift spreads the pins by at most its share of r exp(-(r / a)^2): 0.43 a.
-    spread_mm = SPREAD * abs(drawn.drift) * drawn.contact.radius_mm / np.sqrt(2 * np.e)
+    spread_mm = SPREAD * abs(drawn.drift) * drawn.contact.radius_mm / math.sqrt(2 * math.e)
     spread_px = spread_mm * scene.sensor.image_scale_px_mm
     return not (s.any() or x.any()) and bool(spread_px <= scene.method.skip_px)
 
