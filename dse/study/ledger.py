@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 from dse.config import SearchSpace
 from dse.search.limits import Exclusion
 from dse.search.proposals import distribution
+from dse.seeds import design_key
 from dse.store import StoreError, damaged, explained, read_record, run_folder
 from dse.study.journal import (
     ENQUEUED,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 _NAME = "dse"
 _NAMED = 3
+_COMPARED = 5
 # Where Optuna keeps the names of objectives (`Study.metric_names`).
 _METRIC_NAMES = "study:metric_names"
 
@@ -64,6 +66,8 @@ class Ledger:
         self._writer = f"{uuid.uuid4()}-0"  # as Optuna names who wrote a line
         with self._explained(), _quiet():
             self._lines = JournalLines(path)
+            if self._is_of_another(self._lines.logs):
+                self._lines.faults, self._lines.logs = ["it is the journal of another study"], []
             if self._lines.faults:
                 self._mend(self._lines)
             storage = JournalStorage(self._lines)  # type: ignore[arg-type]
@@ -77,6 +81,17 @@ class Ledger:
             self._of_batch.setdefault(entry.batch, []).append(entry.trial)
         self._unwritten: list[Log] = []
         self._is_open = False
+
+    def _is_of_another(self, logs: Sequence[Log]) -> bool:
+        """Return whether the first trials whose runs have records have other designs there."""
+        created = [log["user_attrs"]["design"] for log in logs if log["op_code"] == CREATE_TRIAL]
+        pairs = (
+            (design_key(design), recorded)
+            for trial, design in enumerate(created[:_COMPARED])
+            if (recorded := _recorded_design(self._path.parent, trial)) is not None
+        )
+        same = [key == design_key(recorded) for key, recorded in pairs]
+        return bool(same) and not any(same)
 
     def _create_study(self, storage: JournalStorage) -> int:
         from optuna.study import StudyDirection
