@@ -39,10 +39,9 @@ class Inference:
         """Time on the sensor's clock until the input is complete."""
         return self.n_steps * self.step_ms
 
-    @property
-    def counts(self) -> Floats:
-        """What happens in the whole inference, (F,)."""
-        counts = self.load.counts
+    def counts_on(self, profile: Profile) -> Floats:
+        """Return what happens in the whole inference on this hardware, (F,)."""
+        counts = profile.counts(self.load)
         return np.asarray(counts.sum(axis=0)) if self.per_step else counts
 
     def on(self, profile: Profile) -> Workload | Operations:

@@ -153,7 +153,7 @@ def cost_row(
         return replace(row, not_applicable=str(error))
     load = inference.on(profile)
     plan = profile.plan(load, profile.ends)
-    row = _with_energies(row, plan, inference, priced)
+    row = _with_energies(row, plan, inference.counts_on(profile), priced)
     if priced.timed:
         row = _with_times(row, inference, priced, getattr(load, "pipeline_steps", 0))
         n_cores: Interval[int | None] = priced.n_cores
@@ -192,9 +192,8 @@ def _blank(profile: Profile, inference: Inference, duty: Duty | None, n_draws: i
     )
 
 
-def _with_energies(row: CostRow, plan: Plan, inference: Inference, priced: Cost) -> CostRow:
+def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> CostRow:
     """Add the terms of the dynamic energy, the static energies and the totals."""
-    counts = inference.counts
 
     def term(per_count: Floats, value: Floats) -> Interval[Known]:
         _, low, high = (counts @ one for one in per_count * 1e-6)

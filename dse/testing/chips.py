@@ -36,7 +36,7 @@ def check_chip_kind(profile: Profile) -> None:
         except NotApplicable:
             continue
         n_run += 1
-        n_counts = load.counts.shape[-1]
+        n_counts = profile.counts(load).shape[-1]
         for cause, per_count in plan.energy_pj.items():
             expect(
                 per_count.shape == (3, n_counts),

@@ -192,7 +192,7 @@ def test_the_gaussian_process_says_which_samplers_can(tmp_path: Path) -> None:
     assert fault == (
         "27: search.sampler 'gp' cannot search "
         "encoder.send_on_delta.thresholds, an axis that only some designs have; "
-        "these can: grid, nsga2, random, tpe"
+        "these can: grid, nsga2, nsga3, random, sobol, tpe"
     )
 
 

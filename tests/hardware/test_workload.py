@@ -92,7 +92,7 @@ def test_counts_of_each_step():
     assert net.updates is not None
     assert net.updates.tolist() == [[2, 1], [1, 1]]
     assert net.n_steps.tolist() == [1, 1]
-    assert found.counts.tolist() == [2, 3, 3, 1, 3, 2]
+    assert found.counts_on(PROFILE).tolist() == [2, 3, 3, 1, 3, 2]
     assert found.cost_on(PROFILE).hardware_latency_ms == cost_of_steps(PROFILE, net).hardware_latency_ms
 
 

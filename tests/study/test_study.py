@@ -560,8 +560,8 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pyt
     counts: list[int] = []
     plain = runs.Runs._planned
 
-    def counted(self: runs.Runs, wanted: Any) -> list[study_jobs.TrainingJob]:
-        planned = plain(self, wanted)
+    def counted(self: runs.Runs, *arguments: Any) -> list[study_jobs.TrainingJob]:
+        planned = plain(self, *arguments)
         counts.extend(len(cohort.runs) for cohort in planned)
         return planned
 

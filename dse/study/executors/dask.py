@@ -87,6 +87,7 @@ class Dask:
                     memory_limit=memory_bytes("cpu") // n,
                     dashboard_address=None,
                     worker_dashboard_address=None,
+                    scheduler_kwargs={"dashboard_address": ":0"},  # where its HTTP server listens
                     silence_logs=logging.CRITICAL,
                     env=THREADS,
                 )
