@@ -101,7 +101,8 @@ def chromium(chromium_path: Path) -> Iterator[Any]:
         deadline = time.monotonic() + PATIENCE_MS / 1000
         while time.monotonic() < deadline:
             try:
-                if tab.evaluate(expression, arg):
+                value = tab.evaluate(expression, arg)
+                if value or isinstance(value, list | dict):  # true in the page, also when empty
                     return
             except Error as error:  # the tab is on its way to another page
                 if "context was destroyed" not in str(error):
