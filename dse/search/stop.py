@@ -19,7 +19,7 @@ class Spent:
     """What a search has spent, and what it has reached.
 
     cpu_hours: of all trainings. wall_hours: of all sessions.
-    session_s: seconds since this session began.
+    session_s: seconds since `dse run` began.
     ages_s: (n,) seconds since the result of each design, in their order.
     costs: (n, objective) objectives of each, all minimised, the first one first.
     """
