@@ -94,7 +94,7 @@ const Decide = (() => {
       price.hidden = lines.length === 0;
       if (price.hidden) return;
       const label = columns[gain].label;
-      price.replaceChildren(element("h2", {}, `What a point of ${label} costs `, element("small", { textContent: `mean over the last ${100 * WINDOW} up to the pick` })),
+      price.replaceChildren(element("h2", {}, `What a point of ${label} costs `, element("small", { textContent: `mean from ${WINDOW} below the pick up to it` })),
         table(["of", "a point costs", "90 % interval", "in all"], lines));
     }
 
