@@ -46,7 +46,7 @@ def examine(folder: Path) -> list[Damage]:
     """
     if not any((folder / name).exists() for name in (_SPACE, _JOURNAL, "artefacts")):
         raise StoreError(f"{folder}: is not the folder of a study: there is no {_SPACE}")
-    return [*_runs(folder), *_texts(folder), *_journal(folder), *_tables(folder)]
+    return [*_runs(folder), *_texts(folder), *_journal(folder), *_tables(folder), *_profiles(folder)]
 
 
 def repair(folder: Path, damages: list[Damage]) -> list[str]:
@@ -114,6 +114,18 @@ def _texts(folder: Path) -> Iterator[Damage]:
         if fault := _fault(path, store.read_sealed_text):
             yield Damage(
                 str(path.relative_to(folder)), fault, "the copy, not the original", removed, _removal(path)
+            )
+
+
+def _profiles(folder: Path) -> Iterator[Damage]:
+    for path in sorted(folder.glob("hardware/*.yaml")):
+        if not _fault(path, store.read_sealed_text) and (fault := pricing.outdated(path)):
+            yield Damage(
+                str(path.relative_to(folder)),
+                fault,
+                "no run: points are priced anew, trials keep the costs that the sampler received",
+                "it is replaced with the profile as it is now, and all points are priced with that",
+                lambda: _write_tables(folder),
             )
 
 

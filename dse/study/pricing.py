@@ -73,12 +73,28 @@ def profile(folder: Path, name: str) -> Profile:
     """Return a hardware profile: the study's copy, or a shipped one, or a file.
 
     Raises:
-        ConfigError: there is none, or it is wrong.
+        ConfigError: there is none, or it is wrong; of the study's copy in one line.
     """
     stored = folder / _FOLDER / f"{name}.yaml"
-    if stored.is_file():
-        return read(store.read_sealed_text(stored), str(stored))
-    return load(name)
+    if not stored.is_file():
+        return load(name)
+    if fault := outdated(stored):
+        remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
+        raise ConfigError([Fault(str(stored), 0, f"{fault}; {remedy}")])
+    return read(store.read_sealed_text(stored), str(stored))
+
+
+def outdated(stored: Path) -> str:
+    """Return why a study's copy of a profile is none to this version of dse; '' if it is one.
+
+    Raises:
+        Damaged: it is not what was written.
+    """
+    try:
+        read(store.read_sealed_text(stored), stored.name)
+    except ConfigError as error:
+        return f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
+    return ""
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:

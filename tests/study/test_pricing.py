@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dse import store
 from dse.cli import main
 from dse.hardware.profile import load
 from dse.study import resampling
@@ -66,6 +67,22 @@ def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Ca
     assert max(row["front_share"] for row in drawn) == 1.0
     [sure] = answered(capsys, "pick", str(results), *chip, "--confidence", "0.9")["rows"]
     assert sure["hardware"] == "mine" and sure["front_share"] >= 0.9
+
+
+def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(
+    results: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    folder = shutil.copytree(results, tmp_path / "old")
+    own = answered(capsys, "skyline", str(folder))["rows"]
+    stored = folder / "hardware" / "loihi1_silicon.yaml"
+    lines = load("loihi1_silicon").text.replace("static_mw:", "rest_mw:").replace("value: 104.0", "value: 9")
+    store.write_sealed_text(stored, lines)
+    assert main(["skyline", str(folder)]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{stored}: another version of dse wrote this profile (static_mw is required")
+    assert "dse doctor" in line and main(["doctor", str(folder), "--repair"]) == 0
+    assert main(["doctor", str(folder)]) == 0
+    assert answered(capsys, "skyline", str(folder))["rows"] == own
 
 
 def test_a_page_has_the_shares_of_the_skyline_and_refuses_draws_of_nothing(
