@@ -48,6 +48,11 @@ _OTHERS = {
     "target": ("", "target whose memory and cycles stand beside it"),
     "ram_bytes": ("bytes", "memory of the exported classifier on a target"),
     "table_bytes": ("bytes", "constants of the exported classifier on a target"),
+    "flash_bytes": (
+        "bytes",
+        "code and constants of the exported classifier on a target; of c99 as this machine's compiler has it",
+    ),
+    "compiler": ("", "compiler of the code that was run, with its version and options"),
     "cycles": ("cycles", "predicted processor cycles per inference on a target"),
 }
 """Name -> unit and meaning."""

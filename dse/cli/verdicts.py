@@ -43,5 +43,6 @@ def row(name: str, verdict: Verdict) -> Row:
         "spikes_differ": verdict.spikes_differ if ran else None,
         "largest_difference": verdict.largest_difference if ran else None,
         **verdict.figures,
+        **({"compiler": verdict.compiler} if verdict.compiler else {}),
         "reason": verdict.reason,
     }

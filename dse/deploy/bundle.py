@@ -316,6 +316,7 @@ def _verdict(document: checks.Document) -> Verdict:
         largest_difference=int(document.number("largest_difference")),
         figures={name: figures.number(name, -math.inf) for name in figures.keys()},
         recordings=document.text("recordings"),
+        compiler=document.text("compiler") if "compiler" in document.keys() else "",
     )
 
 
@@ -448,6 +449,7 @@ def _in_words(verdict: Verdict) -> str:
         words.append(f"all decisions and spikes of {verdict.n_recordings} recordings ({verdict.recordings})")
     words += [verdict.reason] * bool(verdict.reason)
     words += [f"{name} {value:g}" for name, value in verdict.figures.items()]
+    words += [f"compiled by {verdict.compiler}"] * bool(verdict.compiler)
     return "; ".join(words).replace("|", "\\|")
 
 

@@ -153,7 +153,7 @@ def source_at(path: Path, data: Source) -> Source:
     """Return section `data` for new recordings at a path; a network of a scene may get those of a sensor.
 
     Raises:
-        RecordingError: the file cannot be read.
+        RecordingError: the file is missing or cannot be read.
     """
     if isinstance(data, SceneTrials):
         if path.suffix in (".yaml", ".yml"):
@@ -174,5 +174,7 @@ def source_at(path: Path, data: Source) -> Source:
     if isinstance(data, EventFiles):
         if path.is_dir():
             return dataclasses.replace(data, folder=str(path))
+        if not path.exists():
+            raise RecordingError(f"{path}: no such file or folder")
         return dataclasses.replace(data, folder=str(path.parent), pattern=glob.escape(path.name))
     return dataclasses.replace(data, file=str(path))  # type: ignore[type-var]

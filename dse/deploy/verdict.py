@@ -23,6 +23,7 @@ class Verdict:
     largest_difference: of the number of output spikes of a class within a recording.
     figures: column -> number, such as ram_bytes, flash_bytes, instructions_per_inference.
     recordings: name of the file that they are from.
+    compiler: what compiled the code that `figures` are of; '' where nothing was.
     """
 
     kind: Kind
@@ -33,3 +34,4 @@ class Verdict:
     largest_difference: int = 0
     figures: Mapping[str, float] = field(default_factory=dict)
     recordings: str = ""
+    compiler: str = ""

@@ -18,6 +18,7 @@ def files_below(folder: Path, pattern: str) -> list[str]:
     """Return the paths below a folder that match a pattern, sorted, with / between their parts.
 
     Files and folders whose names begin with a dot are left out, and links to a folder that they lie in.
+    Folders in which nothing can match are not opened.
 
     Args:
         folder: an existing folder.
@@ -28,7 +29,7 @@ def files_below(folder: Path, pattern: str) -> list[str]:
     """
     about = folder.stat()
     parts = PurePosixPath(pattern).parts
-    names = _below(folder, "", ((about.st_dev, about.st_ino),))
+    names = _below(folder, "", parts, ((about.st_dev, about.st_ino),))
     return sorted(name for name in names if _fits(name.split("/"), parts))
 
 
@@ -60,7 +61,9 @@ def some(names: Sequence[str]) -> str:
     return listed if len(names) <= _MOST_NAMED else f"{listed} and {len(names) - _MOST_NAMED} more"
 
 
-def _below(folder: Path, above: str, within: tuple[tuple[int, int], ...]) -> Iterator[str]:
+def _below(
+    folder: Path, above: str, pattern: Sequence[str], within: tuple[tuple[int, int], ...]
+) -> Iterator[str]:
     """Yield the paths of the files below a folder; `within` are the folders that it lies in."""
     try:
         entries = [entry for entry in os.scandir(folder) if not entry.name.startswith(".")]
@@ -70,11 +73,22 @@ def _below(folder: Path, above: str, within: tuple[tuple[int, int], ...]) -> Ite
         if os.path.isdir(entry.path):  # entry.is_dir() raises where a link leads to itself
             about = entry.stat()
             identity = about.st_dev, about.st_ino
-            if identity not in within:
-                yield from _below(folder / entry.name, f"{above}{entry.name}/", (*within, identity))
+            inside = f"{above}{entry.name}/"
+            if identity not in within and _may_hold(inside.split("/")[:-1], pattern):
+                yield from _below(folder / entry.name, inside, pattern, (*within, identity))
         # A link to nothing is a file that cannot be read, and not one to pass over.
         elif os.path.isfile(entry.path) or entry.is_symlink():
             yield f"{above}{entry.name}"
+
+
+def _may_hold(names: Sequence[str], pattern: Sequence[str]) -> bool:
+    """Return whether a path below a folder of these names can match."""
+    for name, part in zip(names, pattern, strict=False):
+        if part == "**":
+            return True
+        if not fnmatchcase(name, part):
+            return False
+    return len(names) < len(pattern)
 
 
 def _fits(names: Sequence[str], pattern: Sequence[str]) -> bool:

@@ -441,3 +441,12 @@ def test_what_was_repaired_is_said(real: Study, exported: Path, monkeypatch: pyt
     )
     notes = evaluate(exported, real.folder.parents[1] / "tiny.npz").notes
     assert notes[-1] == "recording 3 was cut" and notes[0].startswith("the design was trained and selected")
+
+
+def test_a_missing_path_is_one_line_and_no_folder_is_searched(
+    on_scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("dse.recordings.folders.os.scandir", lambda _: pytest.fail("searched"))
+    for command in ("evaluate", "stream"):
+        assert main([command, str(on_scene), "--data", "/missing.aedat4"]) == 2
+        assert capsys.readouterr().err == "/missing.aedat4: no such file or folder\n"

@@ -410,3 +410,8 @@ def _spoilt(array: Array, k: int, rng: np.random.Generator) -> Array:
     if k % 4 == 2:
         return array.astype(str)
     return with_value(-(2**31) + int(rng.integers(9)))(array)
+
+
+def test_a_verdict_without_the_name_of_a_compiler_is_read(folder: Path) -> None:
+    document(targets__arrays__compiler=None)(folder)
+    assert read(folder).targets["arrays"].compiler == ""

@@ -385,12 +385,17 @@ def test_hidden_files_loops_and_what_is_no_file_are_ignored(tmp_path):
         ("**/[A-Z].tact", ["p/q/B.tact"]),
         ("**", ["a.tact", "p/a.tact", "p/q/B.tact"]),
         ("p", []),
+        ("a.tact", ["a.tact"]),
     ],
 )
-def test_patterns(tmp_path, pattern, wanted):
+def test_patterns(tmp_path, pattern, wanted, monkeypatch):
     for name in ("a.tact", "p/a.tact", "p/q/B.tact"):
         tact(tmp_path / name, [0])
+    opened, scandir = [], os.scandir
+    monkeypatch.setattr("dse.recordings.folders.os.scandir", lambda x: opened.append(x) or scandir(x))
     assert folders.files_below(tmp_path, pattern) == wanted
+    depth = 3 if "**" in pattern else pattern.count("/") + 1  # no folder is opened for nothing
+    assert len(opened) == depth
 
 
 def test_the_content_says_all_that_counts(cloths, tmp_path):

@@ -14,7 +14,7 @@ import numpy as np
 
 from dse.deploy.c.memory import table_bytes
 from dse.deploy.c.neurons import adder_name, is_short
-from dse.deploy.c.plan import Plan
+from dse.deploy.c.plan import Frame, Plan
 from dse.neurons import resonator
 
 CORTEX_M = {
@@ -61,9 +61,8 @@ CORTEX_M0_PLUS = {
 
 def flash_bytes(plan: Plan, bytes_of_part: Mapping[str, float]) -> float:
     """Return code and constant data, in bytes."""
-    names = sum(len(name.encode()) + 1 for name in plan.classes)
     code = sum(n * bytes_of_part[part] for part, n in parts(plan).items())
-    return float(round(table_bytes(plan) + _front_end_tables(plan) + names + code))
+    return float(round(table_bytes(plan) + other_constants(plan) + code))
 
 
 def parts(plan: Plan) -> Counter[str]:
@@ -91,9 +90,11 @@ def parts(plan: Plan) -> Counter[str]:
     return n
 
 
-def _front_end_tables(plan: Plan) -> int:
+def other_constants(plan: Frame) -> int:
+    """Return the bytes of constants beside the tables: names of classes, pools of pixels."""
+    names = sum(len(name.encode()) + 1 for name in plan.classes)
     if plan.pooling is None:
-        return 0
+        return names
     _, _, columns, rows = plan.pooling.crop
     pools = plan.pooling
-    return columns * (1 if pools.width <= 256 else 2) + rows * (1 if pools.height <= 256 else 2)
+    return names + columns * (1 if pools.width <= 256 else 2) + rows * (1 if pools.height <= 256 else 2)

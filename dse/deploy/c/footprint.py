@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dse.deploy.bundle import Bundle
-from dse.deploy.c.memory import ram_bytes, table_bytes
-from dse.deploy.c.plan import plan_of
+from dse.deploy.c import counting_source, memory
+from dse.deploy.c.counting import CountingPlan
+from dse.deploy.c.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -14,18 +14,18 @@ class Footprint:
     """Memory of the C of a classifier.
 
     ram_bytes: all static data, exactly as a compiler lays it out; the stack holds a few words more.
-    table_bytes: constant data of the network in flash: weights and parameters, without code.
+    table_bytes: constant data of the classifier in flash: weights and parameters, without code.
     """
 
     ram_bytes: int
     table_bytes: int
 
 
-def footprint(bundle: Bundle) -> Footprint:
-    """Return the memory of the C of a bundle, which need not be stored.
-
-    Raises:
-        Unsupported: C cannot hold the classifier.
-    """
-    plan = plan_of(bundle)
-    return Footprint(ram_bytes(plan), table_bytes(plan))
+def footprint(plan: Plan | CountingPlan) -> Footprint:
+    """Return the memory of the C of a plan."""
+    if isinstance(plan, Plan):
+        return Footprint(memory.ram_bytes(plan), memory.table_bytes(plan))
+    tables = counting_source.tables(plan)
+    return Footprint(
+        memory.struct_bytes(counting_source.members(plan)), sum(table.n_bytes for table in tables)
+    )

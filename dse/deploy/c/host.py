@@ -87,6 +87,26 @@ def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
         raise RunFailed(f"the C compiler refuses the code: {lines[0] if lines else 'no message'}")
 
 
+_FOR_SIZE = "-Os"
+
+
+def compiler_name() -> str:
+    """Return what compiled the code whose memory `sizes` reports: compiler, version, target and flags.
+
+    Raises:
+        NoCompiler: there is none.
+    """
+    command = compiler()
+    answers = []
+    for option in ("--version", "-dumpmachine"):
+        try:
+            done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+        answers.append(done.stdout.strip().split("\n")[0])
+    return ", ".join([x for x in answers if x] + [_FOR_SIZE])
+
+
 @dataclass(frozen=True)
 class Sizes:
     """Memory of dse.c as a compiler reports it.
@@ -109,7 +129,7 @@ def sizes(folder: Path) -> Sizes | None:
         return None
     with tempfile.TemporaryDirectory() as temporary:
         code = Path(temporary) / "dse.o"
-        plain = ("-Os", "-c", "-fno-pie", "-fno-asynchronous-unwind-tables")
+        plain = (_FOR_SIZE, "-c", "-fno-pie", "-fno-asynchronous-unwind-tables")
         compiled([folder / "src" / "dse.c"], code, *plain)
         done = subprocess.run([size, str(code)], capture_output=True, text=True, check=False)
     if done.returncode:

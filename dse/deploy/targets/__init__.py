@@ -93,13 +93,16 @@ class Run:
         return cls(*decided(bundle, reference.dataset, response), fired)
 
 
-def compare(reference: Reference, run: Run, figures: Mapping[str, float] | None = None) -> Verdict:
+def compare(
+    reference: Reference, run: Run, figures: Mapping[str, float] | None = None, compiler: str = ""
+) -> Verdict:
     """Return the verdict of a run.
 
     Args:
         reference: what the bundle's own engine does.
         run: what the target does on the same recordings.
         figures: column -> number that the run has measured.
+        compiler: of the code that was run, where there is one.
 
     Raises:
         ValueError: the run has other numbers of recordings or layers.
@@ -127,6 +130,7 @@ def compare(reference: Reference, run: Run, figures: Mapping[str, float] | None 
         spikes_differ=float(strayed.mean()),
         largest_difference=_largest_difference(run.fired, reference) if reference.fired else 0,
         figures=dict(figures or {}),
+        compiler=compiler,
     )
     if verdict.kind == "faithful":
         return verdict

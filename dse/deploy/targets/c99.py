@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+import functools
+import tempfile
+from collections.abc import Hashable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 import dse
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import counting_source, files, host, replay, source
+from dse.deploy.c import code_size, counting_source, files, host, replay, source
 from dse.deploy.c.counting import CountingPlan, counting_plan_of
 from dse.deploy.c.footprint import footprint
 from dse.deploy.c.plan import Plan, Unsupported, plan_of
@@ -37,9 +40,16 @@ class C99:
         return ""
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
-        """Return its memory before it is written (dse.deploy.c.footprint)."""
-        memory = footprint(bundle) if isinstance(bundle.fitted, Network) else _code(_planned(bundle))
-        return {"ram_bytes": float(memory.ram_bytes), "table_bytes": float(memory.table_bytes)}
+        """Return its memory before it is written.
+
+        RAM and tables are exact. Flash is that of this machine's compiler (`dse.deploy.c.host.sizes`), whose
+        code is compiled once per kind of classifier: instructions of others of the kind differ by some
+        bytes. Without a compiler it is left out.
+        """
+        plan = _planned(bundle)
+        sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
+        instructions = _instructions(_Kind(_kind(plan), plan))
+        return sizes if instructions is None else sizes | {"flash_bytes": instructions + _constants(plan)}
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
@@ -60,14 +70,46 @@ class C99:
         real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
         try:
             played = host.played(folder, recorded or replay.of_spikes(reference), *real)
-            sizes = host.sizes(folder)
+            sizes, compiler = host.sizes(folder), host.compiler_name()
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
         figures = {} if sizes is None else {name: float(x) for name, x in vars(sizes).items()}
-        verdict = compare(reference, replay.run_of(played, plan, reference), figures)
+        verdict = compare(reference, replay.run_of(played, plan, reference), figures, compiler)
         if verdict.kind == "faithful" and not replay.same_input(played, reference):
             return dataclasses.replace(verdict, kind="approximate", reason="the input spikes differ")
         return verdict
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What the instructions of a classifier follow from; `example` is one of the kind."""
+
+    parts: Hashable
+    example: Plan | CountingPlan = field(compare=False)
+
+
+def _kind(plan: Plan | CountingPlan) -> Hashable:
+    front_end = plan.front_end, plan.encoder, plan.pooling is not None
+    if isinstance(plan, CountingPlan):
+        return plan.family, type(plan.classifier), front_end
+    return frozenset(code_size.parts(plan).items()), front_end
+
+
+@functools.cache
+def _instructions(kind: _Kind) -> float | None:
+    """Return the bytes of the instructions of a kind as compiled here; None without compiler or `size`."""
+    with tempfile.TemporaryDirectory() as folder:
+        files.write(_code(kind.example), Path(folder) / "c", "", dse.__version__)
+        try:
+            sizes = host.sizes(Path(folder) / "c")
+        except (host.NoCompiler, host.RunFailed):
+            return None
+    return None if sizes is None else sizes.flash_bytes - _constants(kind.example)
+
+
+def _constants(plan: Plan | CountingPlan) -> float:
+    """Return the bytes of all constants of a plan."""
+    return float(footprint(plan).table_bytes + code_size.other_constants(plan))
 
 
 def _title(bundle: Bundle) -> str:

@@ -11,11 +11,12 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, host, replay
+from dse.deploy.c.footprint import footprint
 from dse.deploy.c.host import Played
 from dse.deploy.c.matrix import Matrix
 from dse.deploy.c.plan import Plan, Unsupported, plan_of
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Target, Verdict, compare
+from dse.deploy.targets import Target, Verdict, compare, emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.emulator import CORES, FLAGS, Core, Machine, Program, compiled
 from dse.records import Array, Ints
@@ -50,8 +51,9 @@ class CortexM(Target):
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
-        flash = code_size.flash_bytes(plan_of(bundle), self.code_bytes)
-        return C99().footprint(bundle) | {"flash_bytes": flash}
+        plan = plan_of(bundle)
+        sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
+        return sizes | {"flash_bytes": code_size.flash_bytes(plan, self.code_bytes)}
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
@@ -94,7 +96,7 @@ class CortexM(Target):
             _played(machine, replay.of_spikes(reference)[:_APART])
             beyond = with_front_end - machine.counts().instructions
             figures["front_end_instructions"] = beyond / max(1, min(_APART, n))
-        return compare(reference, run, figures)
+        return compare(reference, run, figures, emulator.compiler_name())
 
     def program(self, folder: Path, *options: str) -> Program:
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib.metadata
 import importlib.util
 import struct
 import subprocess
@@ -95,6 +96,11 @@ def missing() -> str:
         if importlib.util.find_spec(name) is None:
             return f"{name}, the {what}, is not installed: pip install 'dse[targets]'"
     return ""
+
+
+def compiler_name() -> str:
+    """Return the compiler and its version and options."""
+    return f"ziglang {importlib.metadata.version('ziglang')}, {' '.join(FLAGS)}"
 
 
 def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:

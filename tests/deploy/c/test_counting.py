@@ -80,6 +80,8 @@ def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, 
     assert len(set(reference.label.tolist())) > 1
     if "ram_bytes" in verdict.figures:
         assert verdict.figures["ram_bytes"] == counting_source.code(counting_plan_of(made)).ram_bytes
+        assert C99().footprint(made)["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], rel=0.05)
+    assert verdict.compiler.endswith("-Os")
     assert "no single spiking network" in CortexM4().refusal(made)
 
 

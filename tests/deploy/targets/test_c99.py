@@ -21,7 +21,7 @@ from dse.deploy.c import host, memory, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.evaluate import evaluate
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.targets import TargetError, compare
+from dse.deploy.targets import TargetError, c99, compare
 from dse.deploy.targets.c99 import C99
 from dse.neurons import lif, parameters_of
 from dse.records import Array, Layer, Network, Parameters
@@ -267,6 +267,9 @@ def test_the_compiler_reports_the_memory_that_was_stated(tmp_path: Path) -> None
         assert sizes is not None and sizes.ram_bytes == memory.ram_bytes(plan)
         assert sizes.flash_bytes > memory.table_bytes(plan)
         assert f"| {sizes.ram_bytes} |" in (folder / "README.md").read_text()
+        stated = C99().footprint(made)  # code of the same kind is compiled once
+        assert stated["ram_bytes"] == sizes.ram_bytes
+        assert stated["flash_bytes"] == pytest.approx(sizes.flash_bytes, rel=0.12)
 
 
 # Refusals.
@@ -302,11 +305,14 @@ def test_what_c_cannot_hold_is_refused_with_the_reason(change: Any, reason: str,
 
 
 def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    c99._instructions.cache_clear()
     made, fired = nets.case(0)
     C99().write(made, tmp_path)
     monkeypatch.setenv("CC", str(tmp_path / "none"))
     with pytest.raises(TargetError, match="none"):
         C99().verify(made, tmp_path, nets.reference(made, fired))
+    assert set(C99().footprint(made)) == {"ram_bytes", "table_bytes"}
+    c99._instructions.cache_clear()
 
 
 # Builds.
