@@ -448,5 +448,5 @@ def test_a_missing_path_is_one_line_and_no_folder_is_searched(
 ) -> None:
     monkeypatch.setattr("dse.recordings.folders.os.scandir", lambda _: pytest.fail("searched"))
     for command in ("evaluate", "stream"):
-        assert main([command, str(on_scene), "--data", "/missing.aedat4"]) == 2
+        assert main([command, str(on_scene / "bundle"), "--data", "/missing.aedat4"]) == 2
         assert capsys.readouterr().err == "/missing.aedat4: no such file or folder\n"
