@@ -10,6 +10,8 @@ from rest, truncation only takes away, and a potential above the threshold is re
 A resonator turns by a matrix of norm r = sqrt(c^2 + s^2) / 4096 and is pushed by at most max(P, N):
 
     |x|, |y| <= max(P, N) min(T, 1 / (1 - r))
+
+Neurons `xylo_lif` saturate: |v| <= 2^15, and u holds a saturated current and the input of one step.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.neurons import cuba_lif, resonator
+from dse.neurons import cuba_lif, resonator, xylo_lif
 from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
 from dse.records import Floats, Ints
 
@@ -37,14 +39,21 @@ class Bounds:
     second: int
 
 
-def bounds(weights: Ints, population: cuba_lif.Population | resonator.Population, n_steps: int) -> Bounds:
+def bounds(
+    weights: Ints,
+    population: cuba_lif.Population | resonator.Population | xylo_lif.Population,
+    n_steps: int,
+) -> Bounds:
     """Return the bounds of a layer that runs for some steps from rest.
 
     Args:
-        weights: (input, neuron) in 8-bit steps, recurrent inputs included.
+        weights: (input, neuron) in 8-bit steps, recurrent inputs included, times the spikes of a step.
         population: the neurons.
         n_steps: network steps.
     """
+    if isinstance(population, xylo_lif.Population):
+        most = np.abs(weights).sum(axis=0, dtype=np.float64) * (1 << int(population.weight_shift))
+        return Bounds(_whole(most - xylo_lif.LOWEST), -xylo_lif.LOWEST)
     positive = np.where(weights > 0, weights, 0).sum(axis=0, dtype=np.float64) * UNITS_PER_STEP
     negative = np.where(weights < 0, -weights, 0).sum(axis=0, dtype=np.float64) * UNITS_PER_STEP
     threshold = float(population.threshold * WEIGHT_SCALE)

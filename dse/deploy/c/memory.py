@@ -12,7 +12,7 @@ import numpy as np
 from dse.deploy.c.matrix import Matrix
 from dse.deploy.c.plan import Frame, LayerPlan, Plan, is_endless
 from dse.deploy.c.text import wrapped
-from dse.neurons import resonator
+from dse.neurons import resonator, xylo_lif
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array, Ints
 
@@ -100,6 +100,8 @@ def members(plan: Plan) -> list[Member]:
     longest = max((x.n_neurons for x in plan.layers if x.recurrent is not None), default=0)
     if longest:
         out.append(Member(index(longest), "fired", (longest,), "neurons of a recurrent layer in this step"))
+        if often := repeating(plan):
+            out.append(Member("uint8_t", "times", (often,), "how often they did"))
     counted = "uint16_t" if plan.counts_bytes == 2 else "uint32_t"
     out += [
         Member(counted, "counts", (plan.layers[last - 1].n_neurons,), "output spikes"),
@@ -119,6 +121,12 @@ def members(plan: Plan) -> list[Member]:
         ]
     out += front_end_members(plan)
     return sorted(out, key=lambda m: -m.width)
+
+
+def repeating(plan: Plan) -> int:
+    """Return the neurons of the largest recurrent layer whose neurons spike several times in a step."""
+    several = (x.n_neurons for x in plan.layers if x.recurrent is not None and x.most_spikes > 1)
+    return max(several, default=0)
 
 
 def front_end_members(plan: Frame) -> list[Member]:
@@ -238,10 +246,16 @@ def _neuron_tables(k: int, layer: LayerPlan) -> list[Table]:
         if n_leading(turns) is None:
             out.append(Table("uint8_t", f"turns_{k}", turns.astype(np.int64)))
         return out
+    if isinstance(population, xylo_lif.Population):
+        return [
+            Table("uint8_t", f"shift_{name}_{k}", np.asarray(shift))
+            for name, shift in (("u", population.current_shift), ("v", population.voltage_shift))
+            if common(shift) is None
+        ]
     return [
         Table("int16_t", f"keep_{name}_{k}", DECAY_SCALE - np.asarray(decay))
         for name, decay in (("u", population.decay_current), ("v", population.decay_voltage))
-        if common_decay(decay) is None
+        if common(decay) is None
     ]
 
 
@@ -251,7 +265,7 @@ def n_leading(turns: Array) -> int | None:
     return n if turns[:n].all() else None
 
 
-def common_decay(decay: Array) -> int | None:
-    """Return the decay that all neurons share, None where they differ."""
-    values = np.unique(decay)
+def common(parameter: Array) -> int | None:
+    """Return the parameter that all neurons share, None where they differ."""
+    values = np.unique(parameter)
     return int(values[0]) if values.size == 1 else None

@@ -7,12 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dse.deploy.c.bounds import UNITS_PER_STEP
 from dse.deploy.c.matrix import Matrix
-from dse.deploy.c.memory import common_decay, index, n_leading, states
+from dse.deploy.c.memory import common, index, n_leading, states
 from dse.deploy.c.plan import LayerPlan, Plan
 from dse.deploy.c.text import filled, indented
-from dse.neurons import resonator
+from dse.neurons import resonator, xylo_lif
 from dse.neurons.fixed_point import DECAY_SCALE
 
 _SHORT_ROW = 16
@@ -46,7 +45,7 @@ def _adder(matrix: Matrix, layer: LayerPlan) -> str:
         bits=matrix.bits,
         mask=2**matrix.bits - 1,
         sign=2 ** (matrix.bits - 1),
-        unit=UNITS_PER_STEP << matrix.exponent,
+        unit=layer.unit << matrix.exponent,
     )
 
 
@@ -63,7 +62,7 @@ def adder_name(matrix: Matrix, layer: LayerPlan) -> str:
     """Return the name of the function that adds the rows of a matrix."""
     kind = {"bytes": "", "words": f"_of_{matrix.bits}", "sparse": f"_{8 * matrix.column_bytes}"}[matrix.form]
     wide = "_wide" if layer.state_bits == 64 else ""
-    return f"dse_add_{_form(matrix)}{kind}{wide}_{UNITS_PER_STEP << matrix.exponent}"
+    return f"dse_add_{_form(matrix)}{kind}{wide}_{layer.unit << matrix.exponent}"
 
 
 def _added(table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
@@ -71,7 +70,7 @@ def _added(table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
     n = int(matrix.weights.shape[1])
     state, busy = f"net.{states(layer)[0]}_{k}", ""
     if is_short(matrix):
-        unit = UNITS_PER_STEP << matrix.exponent
+        unit = layer.unit << matrix.exponent
         pointers = f"int{layer.state_bits}_t *restrict u = {state};\n"
         pointers += f"const int8_t *restrict w = {table} + source * {n}u;\n"
         return pointers + "".join(f"u[{i}] += w[{i}] * {unit};\n" for i in range(n))
@@ -97,10 +96,30 @@ _LEAK = """\
 """
 
 
+_DECAYED = """\
+#define SATURATED(x) ((x) < -32768 ? -32768 : (x) > 32767 ? 32767 : (int32_t)(x))
+
+/* x less x / 2^shift, which rounds down, but at least 1 nearer to 0 where x is positive. */
+static int32_t decayed(int32_t x, uint32_t shift)
+{
+    if (x > 0) {
+        const int32_t lost = x >> shift;
+        return x - (lost > 0 ? lost : 1);
+    }
+    return x + (int32_t)(((uint32_t)-x + ((uint32_t)1 << shift) - 1u) >> shift);
+}
+
+"""
+
+
 def leaks(plan: Plan) -> str:
-    """Return the macro that leaks a state of 32 bits, where a layer needs it."""
+    """Return what the states of some layer leak by: a macro for 32 bits, a function for bit shifts."""
     texts = [_update(k, layer) for k, layer in enumerate(plan.layers, 1)]
-    return _LEAK if any("LEAK(" in text for text in texts) else ""
+    return "".join(
+        text
+        for name, text in (("LEAK(", _LEAK), ("decayed(", _DECAYED))
+        if any(name in update for update in texts)
+    )
 
 
 def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
@@ -117,8 +136,8 @@ def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
     if isinstance(keep, int):
         if keep in (0, DECAY_SCALE):
             return "0" if keep == 0 else x
-        common = math.gcd(keep, DECAY_SCALE)
-        number, unit = keep // common, DECAY_SCALE // common
+        divisor = math.gcd(keep, DECAY_SCALE)
+        number, unit = keep // divisor, DECAY_SCALE // divisor
     if layer.state_bits == 64:
         return f"{x} * {number} / {unit}"
     return f"LEAK({x}, {number}, {unit})"
@@ -127,11 +146,13 @@ def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
 def _update(k: int, layer: LayerPlan, spikes: str = "") -> str:
     """Return the statements that advance one neuron, given those that a spike runs."""
     population, kind = layer.population, f"int{layer.state_bits}_t"
+    if isinstance(population, xylo_lif.Population):
+        return _of_xylo(k, layer, population, spikes)
     if not isinstance(population, resonator.Population):
         keeps: list[int | str] = []
         for name, decay in (("u", population.decay_current), ("v", population.decay_voltage)):
-            common = common_decay(decay)
-            keeps.append(f"keep_{name}_{k}[i]" if common is None else DECAY_SCALE - common)
+            shared = common(decay)
+            keeps.append(f"keep_{name}_{k}[i]" if shared is None else DECAY_SCALE - shared)
         return (
             f"v += u;\nif (v > {layer.threshold}) {{\n    v = 0;\n{spikes}}}\n"
             + _assigned("u", _leaked("u", keeps[0], layer))
@@ -160,6 +181,26 @@ def _update(k: int, layer: LayerPlan, spikes: str = "") -> str:
     return f"if ({condition}) {{\n{indented(turning)}}} else {{\n{indented(leaking)}}}\n"
 
 
+def _of_xylo(k: int, layer: LayerPlan, population: xylo_lif.Population, spikes: str) -> str:
+    """Return the same for neurons that decay by bit shifts and saturate."""
+    shifts = []
+    for name, shift in (("u", population.current_shift), ("v", population.voltage_shift)):
+        shared = common(shift)
+        shifts.append(f"shift_{name}_{k}[i]" if shared is None else str(shared))
+    threshold, most = layer.threshold, layer.most_spikes
+    reset = f"    v -= {threshold};\n"
+    if most > 1:
+        number = f"(uint32_t)(v / {threshold} < {most} ? v / {threshold} : {most})"
+        reset = f"    const uint32_t n = {number};\n    v -= (int32_t)n * {threshold};\n"
+    return (
+        f"const int32_t lost = (int32_t)v - decayed((int32_t)v, {shifts[1]});\n"
+        f"u = decayed(SATURATED(u), {shifts[0]});\n"
+        f"v += SATURATED(u - lost);\n"
+        f"v = SATURATED(v);\n"
+        f"if (v >= {threshold}) {{\n{reset}{spikes}}}\n"
+    )
+
+
 def _assigned(x: str, value: str) -> str:
     return "" if x == value else f"{x} = {value};\n"
 
@@ -179,14 +220,20 @@ def layer_text(plan: Plan, k: int) -> str:
             spikes += [f"if ({inside}) {{", "    net.total++;", "    net.changed = 1;", "}"]
     else:
         spikes += [f"reach_{k + 1}(i);", f"net.awake_{k + 1} = 1;"]
-    declare, after = "", ""
+    declare, after, several = "", "", layer.most_spikes > 1
+    if several:
+        declare = "    uint32_t j;\n"
+        spikes = ["for (j = 0; j < n; j++) {", *(f"    {line}" for line in spikes), "}"]
     if layer.recurrent is not None:
         longest = max(x.n_neurons for x in plan.layers if x.recurrent is not None)
+        spikes += ["net.times[n_fired] = (uint8_t)n;"] * several
         spikes.append(f"net.fired[n_fired++] = ({index(longest)})i;")
-        declare = "    uint32_t n_fired = 0;\n"
+        declare += "    uint32_t n_fired = 0;\n"
+        again = "for (j = 0; j < net.times[i]; j++) {\n            " if several else ""
         after = (
             "    for (i = 0; i < n_fired; i++) {\n"
-            f"        return_{k}(net.fired[i]);\n        net.awake_{k} = 1;\n    }}\n"
+            f"        {again}return_{k}(net.fired[i]);\n{'        }' + chr(10) if several else ''}"
+            f"        net.awake_{k} = 1;\n    }}\n"
         )
     update = _update(k, layer, indented("\n".join(spikes) + "\n"))
     arriving, busy, arrived = "", "", ""
@@ -216,6 +263,8 @@ def layer_text(plan: Plan, k: int) -> str:
 
 
 def _kinds(layer: LayerPlan) -> str:
+    if isinstance(layer.population, xylo_lif.Population):
+        return "xylo_lif"
     if not isinstance(layer.population, resonator.Population):
         return "CUBA-LIF"
     n = int(np.count_nonzero(np.broadcast_to(layer.population.resonates, layer.n_neurons)))

@@ -11,13 +11,12 @@ from typing import Literal
 import numpy as np
 
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.c.bounds import Bounds, bounds
+from dse.deploy.c.bounds import UNITS_PER_STEP, Bounds, bounds
 from dse.deploy.c.confidence import simplest_fraction
 from dse.deploy.c.matrix import Matrix, stored
 from dse.encoders.send_on_delta import SendOnDelta
-from dse.engine.layers import has_kernel
 from dse.measure.heads import joint_label
-from dse.neurons import cuba_lif, neuron_of, population_of, resonator
+from dse.neurons import cuba_lif, neuron_of, population_of, resonator, xylo_lif
 from dse.neurons.fixed_point import WEIGHT_SCALE, quantise
 from dse.preprocessing import END_OF_TIME_US, Pooling
 from dse.recordings.pooling import pooling
@@ -27,6 +26,8 @@ from dse.records import Floats, Ints, Layer, Network
 
 FrontEnd = Literal["samples", "events", "spikes"]
 
+Population = cuba_lif.Population | resonator.Population | xylo_lif.Population
+_WRITTEN = (cuba_lif.Population, resonator.Population, xylo_lif.Population)
 _MOST_CHANNELS = 2**16
 _MOST_SHIFT = 5  # samples of 24 bits, shifted by this, differ within int32
 
@@ -47,14 +48,27 @@ class LayerPlan:
 
     feed_forward: Matrix
     recurrent: Matrix | None
-    population: cuba_lif.Population | resonator.Population
+    population: Population
     n_neurons: int
     bounds: Bounds
 
     @property
     def threshold(self) -> int:
         """Threshold in integer units of the states."""
-        return int(self.population.threshold) * WEIGHT_SCALE
+        of_xylo = isinstance(self.population, xylo_lif.Population)
+        return int(self.population.threshold) * (1 if of_xylo else WEIGHT_SCALE)
+
+    @property
+    def unit(self) -> int:
+        """Integer units of a state per step of an 8-bit weight."""
+        if isinstance(self.population, xylo_lif.Population):
+            return 1 << int(self.population.weight_shift)
+        return UNITS_PER_STEP
+
+    @property
+    def most_spikes(self) -> int:
+        """Of a neuron in a step."""
+        return most_spikes(self.population)
 
     @property
     def state_bits(self) -> int:
@@ -186,15 +200,22 @@ def plan_of(bundle: Bundle) -> Plan:
     if network.arithmetic != "integer":
         raise Unsupported(f"C needs a network in integer arithmetic, got {network.arithmetic} arithmetic")
     for layer in network.layers:
-        if not has_kernel(neuron_of(layer.neuron).Populations):
-            raise Unsupported(f"C is written for CUBA-LIF neurons and resonators, got neuron {layer.neuron}")
+        if not issubclass(neuron_of(layer.neuron).Populations, _WRITTEN):
+            names = "CUBA-LIF neurons, resonators and xylo_lif"
+            raise Unsupported(f"C is written for {names}, got neuron {layer.neuron}")
     if max(*network.sizes, network.n_channels) > _MOST_CHANNELS:
         raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {max(network.sizes)}")
     frame = frame_of(bundle)
     network_steps = frame.n_steps * network.steps_per_sample
+    layers, arriving = [], 1
+    for layer in network.layers:
+        layers.append(_layer(layer, network_steps, arriving))
+        arriving = layers[-1].most_spikes
+    if arriving > 1:
+        raise Unsupported(f"C counts one spike of an output in a step, and these fire up to {arriving}")
     return Plan(
         **vars(frame),
-        layers=tuple(_layer(layer, network_steps) for layer in network.layers),
+        layers=tuple(layers),
         steps_per_sample=network.steps_per_sample,
         delays=network.delays,
         rule=_rule(bundle, network_steps, network.sizes[-1], frame.step_ms / network.steps_per_sample),
@@ -227,12 +248,20 @@ def frame_of(bundle: Bundle) -> Frame:
     )
 
 
-def _layer(layer: Layer, network_steps: int) -> LayerPlan:
+def most_spikes(population: Population) -> int:
+    """Return how often a neuron can spike in a step."""
+    return int(population.most_spikes) if isinstance(population, xylo_lif.Population) else 1
+
+
+def _layer(layer: Layer, network_steps: int, arriving: int) -> LayerPlan:
+    """Return the plan of a layer whose inputs spike up to `arriving` times in a step."""
     population = population_of(layer.neuron, layer.parameters)
-    assert isinstance(population, cuba_lif.Population | resonator.Population)
+    assert isinstance(population, _WRITTEN)
     forward = _in_steps(layer.weight)
     back = None if layer.recurrent is None else _in_steps(layer.recurrent)
-    both = forward if back is None else np.concatenate([forward, back])
+    both = forward * arriving
+    if back is not None:
+        both = np.concatenate([both, back * most_spikes(population)])
     planned = bounds(both, population, network_steps)
     if max(planned.first, planned.second) >= 2**50:
         raise Unsupported("the states of a layer may exceed 50 bits within its window")

@@ -13,7 +13,7 @@ from dse.deploy.decide import decided
 from dse.deploy.reference import Reference, answered
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import spikes_of_layers
-from dse.neurons import cuba_lif, parameters_of, resonator
+from dse.neurons import cuba_lif, parameters_of, resonator, xylo_lif
 from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
 from dse.records import Array, Dataset, Head, Layer, Network
@@ -116,6 +116,29 @@ def case(number: int) -> tuple[Bundle, Array]:
         layers = [replace(x, delay=delay) for x, delay in zip(network.layers, delays, strict=True)]
         network = replace(network, layers=tuple(layers))
     return _ruled(bundle(network, n_steps), number, rng), _recordings(rng, n_steps, n_channels)
+
+
+def xylo_case(number: int) -> tuple[Bundle, Array]:
+    """Return random classifier `number` of `xylo_lif` neurons, and recordings as of `case`."""
+    rng = np.random.default_rng([31, number])
+    n_channels, is_recurrent = int(rng.choice([3, 16, 40])), bool(number % 2)
+    delays = (0, 3) if is_recurrent else (0,)
+    sizes = [n_channels * len(delays), *map(int, rng.choice([1, 9, 30], number % 3)), 4]
+    layers = []
+    for depth, (before, n) in enumerate(pairwise(sizes), 2):
+        is_output, scale = depth == len(sizes), 4.0 if number % 4 == 3 else 3 / np.sqrt(before)
+        weight = rng.normal(0.3 * scale, scale, (n, before)).astype(np.float32)
+        ring = rng.normal(0, 1, (n, n)).astype(np.float32) if is_recurrent and not is_output else None
+        population = xylo_lif.Population(
+            rng.integers(1, 9, n).astype(np.int32),
+            rng.integers(0, 9, n).astype(np.int32) if number % 3 else np.full(n, 3, np.int32),
+            threshold=int(rng.choice([1, 40, 1024, 20000])),
+            weight_shift=int(rng.integers(0, 9)),
+            most_spikes=1 if is_output else 31,
+        )
+        layers.append(Layer(weight, ring, parameters_of(population), "xylo_lif"))
+    network = Network(tuple(layers), n_channels, delays, 1 + number % 2, "integer")
+    return _ruled(bundle(network, 30), number, rng), _recordings(rng, 30, n_channels)
 
 
 def _layer(

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
@@ -31,6 +32,7 @@ from tests.spaces import sections
 N_NETS = 50
 SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 KEYS = "hidden: [3]"
+Case = Callable[[int], tuple[Bundle, Array]]
 
 pytestmark = pytest.mark.skipif(not host.has_compiler(), reason="no C compiler is installed")
 
@@ -47,11 +49,14 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
     return SANITIZERS
 
 
-@pytest.mark.parametrize("number", range(N_NETS))
+XYLO = ((nets.xylo_case, number) for number in (1, 2, 5, 7))
+
+
+@pytest.mark.parametrize(("case", "number"), [*((nets.case, number) for number in range(N_NETS)), *XYLO])
 def test_random_networks_spike_and_decide_alike(
-    number: int, tmp_path: Path, checked: tuple[str, ...]
+    case: Case, number: int, tmp_path: Path, checked: tuple[str, ...]
 ) -> None:
-    made, fired = nets.case(number)
+    made, fired = case(number)
     C99().write(made, tmp_path)
     plan, reference = plan_of(made), nets.reference(made, fired)
     played = host.played(tmp_path, replay.of_spikes(reference), *checked)
@@ -291,7 +296,7 @@ def _other_neuron(network: Network) -> Network:
     ("change", "reason"),
     [
         (_float, "integer arithmetic, got float32"),
-        (_other_neuron, "CUBA-LIF neurons and resonators, got neuron lif"),
+        (_other_neuron, "CUBA-LIF neurons, resonators and xylo_lif, got neuron lif"),
         (lambda _: Parameters({"n_weights": np.array(3)}, 5), "family snn is not written in C"),
     ],
 )

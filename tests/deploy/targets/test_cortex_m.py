@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.memory import ram_bytes
 from dse.deploy.c.plan import plan_of
 from dse.deploy.targets import TargetError, cortex_m, emulator
 from dse.deploy.targets.cortex_m import CortexM0Plus, CortexM4, CortexM7, CortexM33
+from dse.records import Array
 from tests.deploy.c import nets
+
+Case = Callable[[int], tuple[Bundle, Array]]
 
 
 @pytest.mark.parametrize(
-    ("target", "number"), [(CortexM4(), 9), (CortexM4(), 1), (CortexM0Plus(), 14), (CortexM33(), 2)]
+    ("target", "case", "number"),
+    [
+        (CortexM4(), nets.case, 9),
+        (CortexM4(), nets.case, 1),
+        (CortexM0Plus(), nets.case, 14),
+        (CortexM33(), nets.case, 2),
+        (CortexM4(), nets.xylo_case, 1),
+    ],
 )
-def test_spikes_and_decisions_equal(target: cortex_m.CortexM, number: int, tmp_path: Path) -> None:
+def test_spikes_and_decisions_equal(
+    target: cortex_m.CortexM, case: Case, number: int, tmp_path: Path
+) -> None:
     if why := emulator.missing():
         pytest.skip(why)
-    made, fired = nets.case(number)
+    made, fired = case(number)
     target.write(made, tmp_path)
     verdict = target.verify(made, tmp_path, nets.reference(made, fired))
     assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
