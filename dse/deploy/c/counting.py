@@ -88,6 +88,15 @@ class CountingPlan(Frame):
         return (max(self.rows) + 1) * self.per_window
 
 
+_REASONS = {
+    "hots": "family hots takes an exponential of every neighbour of every event, and the nearest of its "
+    "prototypes by such numbers: the last bits of exponentials differ between C libraries, and C is written "
+    "without one",
+    "cascade": "family cascade runs one network on the estimates of another, and C holds one network",
+}
+"""Why a family has no C."""
+
+
 def counting_plan_of(bundle: Bundle) -> CountingPlan:
     """Return the plan of a bundle of a classifier of counts.
 
@@ -98,7 +107,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     fitted = bundle.fitted
     kind = bundle.sections.kinds["model"]
     if not isinstance(fitted, Parameters) or not isinstance(model, KNN | NaiveBayes | MLP | ELM):
-        raise Unsupported(f"family {kind} is not written in C")
+        raise Unsupported(_REASONS.get(kind, f"family {kind} is not written in C"))
     if bundle.sections.preprocessing is not None and bundle.sections.preprocessing.every_event:
         raise Unsupported("preprocessing.every_event counts events, and C counts spikes of steps")
     if isinstance(model, KNN) and model.weights == "distance":

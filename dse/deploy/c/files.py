@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.deploy.c.plan import Frame
+from dse.deploy.c.plan import Frame, SendOnDeltaPlan
 from dse.deploy.c.text import filled, real
 
 
@@ -131,7 +131,10 @@ def readme(code: Code, title: str) -> str:
         why = (
             "\nSamples are whole numbers; `-DDSE_REAL_SAMPLES` makes them `float`, and the encoder then "
             "computes in `double`.\n"
-            if plan.encoder.whole is not None
+            if isinstance(plan.encoder, SendOnDeltaPlan) and plan.encoder.takes_whole
+            else "\nSamples are whole numbers; `-DDSE_REAL_SAMPLES` makes them `float`. The encoder computes "
+            "in `double`, the network in integers.\n"
+            if plan.encoder.takes_whole
             else "\nThe encoder's thresholds are no multiples of 1/32: it computes in `double`, the network "
             "in integers.\n"
         )
@@ -181,7 +184,7 @@ def _samples_defines(plan: Frame) -> str:
         "#ifndef DSE_REAL_SAMPLES /* the thresholds are not on an integer grid */\n"
         "#define DSE_REAL_SAMPLES\n#endif\n"
     )
-    always = "" if plan.encoder.whole is not None else reals
+    always = "" if plan.encoder.takes_whole else reals
     return (
         f"#define DSE_SENSORS {plan.encoder.n_sensors}u\n{always}"
         "#ifdef DSE_REAL_SAMPLES\ntypedef float dse_sample_t; /* the encoder computes in double */\n"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dse.deploy.c.plan import Frame, SendOnDeltaPlan, is_endless
+from dse.deploy.c.plan import Frame, ReceptorsPlan, SendOnDeltaPlan, is_endless
 from dse.deploy.c.text import filled, real, wrapped
+from dse.encoders.receptors import KINDS
+from dse.neurons.izhikevich import FLOOR_MV, PEAK_MV, A, B, C
 from dse.preprocessing import Pooling
 
 _WHOLE = """\
@@ -17,7 +19,7 @@ static double whole(double x)
 
 def level_type(plan: Frame) -> str:
     """Return the type of the levels that an encoder keeps."""
-    if plan.encoder is None:
+    if not isinstance(plan.encoder, SendOnDeltaPlan):
         return ""
     unit = 1 << plan.encoder.shift
     return (
@@ -28,6 +30,8 @@ def level_type(plan: Frame) -> str:
 
 def front_end(plan: Frame) -> str:
     """Return the functions that take what is pushed; '' where that is spikes."""
+    if isinstance(plan.encoder, ReceptorsPlan):
+        return _receptors(plan.encoder)
     if plan.encoder is not None:
         return _send_on_delta(plan.encoder)
     return "" if plan.pooling is None else _pooling(plan, plan.pooling)
@@ -61,6 +65,84 @@ def _send_on_delta(encoder: SendOnDeltaPlan) -> str:
             both += "#define WHOLE_STEPS (size / theta * theta)\n"
     floor = f"#ifdef DSE_REAL_SAMPLES\n{_WHOLE}#endif\n\n" if encoder.rule == "level" else ""
     return floor + both + "#endif\n\n" + text
+
+
+_HELD = f"""\
+static double held(double v)
+{{
+    v = v > {FLOOR_MV!r} ? v : {FLOOR_MV!r};
+    return v < {PEAK_MV!r} ? v : {PEAK_MV!r};
+}}
+
+"""
+
+
+def _receptors(plan: ReceptorsPlan) -> str:
+    """Return the C of the encoder `receptors`: every operation in the order of dse.encoders.receptors."""
+    encoder, kinds, n_totals = plan.encoder, plan.kinds, plan.smoothed + 1
+    solver_steps = encoder.solver_steps(plan.step_ms)
+    h = plan.step_ms / solver_steps
+    half = real(0.5 * h)
+    slope = f"({real(A)} * middle + {real(B)}) * middle + {real(C)} - u + drive"
+    method = [f"const double seen = v, next = v + {real(h)} * slope;"]
+    if encoder.method == "half_steps":
+        method = [
+            f"const double middle = held(v + {half} * slope);",
+            f"const double next = middle + {half} * ({slope}), seen = held(next);",
+        ]
+    value, advance = "(double)sample[k]", ""
+    if n_totals > 2:
+        value = "(net.sums[next_total][k] - net.sums[oldest][k]) / (double)(net.n_totals - 1u)"
+        advance = _AVERAGE.replace("N_TOTALS", f"{n_totals}u")
+    fast = f"{real(encoder.gain_fa)} * (moved > 0 ? moved : 0)"
+    return filled(
+        "receptors.c",
+        n_sensors=plan.n_sensors,
+        low=wrapped(real(x) for x in encoder.low),
+        span=wrapped(real(max(b - a, 0.0)) for a, b in zip(encoder.low, encoder.high, strict=True)),
+        names=", ".join(KINDS if encoder.sa else KINDS[1:]),
+        n_kinds=len(kinds),
+        kinds=", ".join(f"{{{', '.join(map(real, kind))}}}" for kind in kinds.tolist()),
+        held=_HELD if encoder.method == "half_steps" else "",
+        advance=advance,
+        value=value,
+        step_s=real(plan.step_ms / 1000),
+        falling=0 if encoder.sa else 1,
+        gain=real(encoder.gain),
+        drive=f"q == 0 ? {real(encoder.gain_sa)} * level : {fast}" if encoder.sa else fast,
+        solver_steps=solver_steps,
+        A=real(A),
+        B=real(B),
+        C=real(C),
+        method="".join(f"{' ' * 16}{line}\n" for line in method),
+        h=real(h),
+        peak=real(PEAK_MV),
+        floor=real(FLOOR_MV),
+        copies=encoder.spikes_per_step,
+    )
+
+
+_AVERAGE = """\
+    uint32_t next_total, oldest = 0;
+    if (!net.begun) {
+        for (k = 0; k < DSE_SENSORS; k++) {
+            net.sums[0][k] = 0;
+        }
+        net.newest = 0;
+        net.n_totals = 1;
+    }
+    next_total = net.newest + 1u < N_TOTALS ? net.newest + 1u : 0u;
+    for (k = 0; k < DSE_SENSORS; k++) {
+        net.sums[next_total][k] = net.sums[net.newest][k] + (double)sample[k];
+    }
+    net.newest = next_total;
+    if (net.n_totals < N_TOTALS) {
+        net.n_totals++;
+    }
+    if (net.n_totals == N_TOTALS) {
+        oldest = next_total + 1u < N_TOTALS ? next_total + 1u : 0u;
+    }
+"""
 
 
 def _pooling(plan: Frame, pools: Pooling) -> str:

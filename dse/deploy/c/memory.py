@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dse.deploy.c.matrix import Matrix
-from dse.deploy.c.plan import Frame, LayerPlan, Plan, is_endless
+from dse.deploy.c.plan import Frame, LayerPlan, Plan, ReceptorsPlan, SendOnDeltaPlan, is_endless
 from dse.deploy.c.text import wrapped
 from dse.neurons import resonator, xylo_lif
 from dse.neurons.fixed_point import DECAY_SCALE
@@ -132,9 +132,23 @@ def repeating(plan: Plan) -> int:
 def front_end_members(plan: Frame) -> list[Member]:
     """Return the variables of what makes the input spikes."""
     out = []
-    if plan.encoder is not None:
+    if isinstance(plan.encoder, SendOnDeltaPlan):
         places = (len(plan.encoder.thresholds), plan.encoder.n_sensors)
         out += [Member("level_t", "level", places, "last sent"), Member("uint8_t", "begun")]
+    if isinstance(plan.encoder, ReceptorsPlan):
+        places, n_totals = (len(plan.encoder.kinds), plan.encoder.n_sensors), plan.encoder.smoothed + 1
+        out += [
+            Member("double", "v", places, "potential of receptors, mV"),
+            Member("double", "u", places, "their adaptation"),
+            Member("double", "last", places[1:], "value of every sensor"),
+            Member("uint8_t", "begun"),
+        ]
+        if n_totals > 2:
+            out += [
+                Member("double", "sums", (n_totals, places[1]), "of all samples, up to each of the last"),
+                Member("uint32_t", "newest", (), "place of the last total"),
+                Member("uint32_t", "n_totals", (), "that there are"),
+            ]
     if plan.pooling is not None:
         out += [
             Member("int64_t", "begin_us", (), "first bin"),

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c.bounds import UNITS_PER_STEP, Bounds, bounds
 from dse.deploy.c.confidence import simplest_fraction
 from dse.deploy.c.matrix import Matrix, stored
+from dse.encoders.receptors import Receptors, parameters
 from dse.encoders.send_on_delta import SendOnDelta
 from dse.measure.heads import joint_label
 from dse.neurons import cuba_lif, neuron_of, population_of, resonator, xylo_lif
@@ -106,6 +107,36 @@ class SendOnDeltaPlan:
     rule: str
     merged: bool
 
+    @property
+    def takes_whole(self) -> bool:
+        """Whether samples may be integers."""
+        return self.whole is not None
+
+
+@dataclass(frozen=True)
+class ReceptorsPlan:
+    """Receptors of raw samples, in double precision.
+
+    n_sensors: sampled channels. encoder: with the range of each.
+    step_ms: sampling period.
+    """
+
+    n_sensors: int
+    encoder: Receptors
+    step_ms: float
+
+    takes_whole: ClassVar[bool] = True
+
+    @property
+    def kinds(self) -> Floats:
+        """a, b, c, d of every kind of receptor."""
+        return parameters(self.encoder.sa)
+
+    @property
+    def smoothed(self) -> int:
+        """Samples of the moving average; 1: none."""
+        return max(1, round(self.encoder.smoothing_ms / self.step_ms))
+
 
 @dataclass(frozen=True)
 class Rule:
@@ -147,7 +178,7 @@ class Frame:
     onset_threshold: float
     front_end: FrontEnd
     no_front_end: str
-    encoder: SendOnDeltaPlan | None = None
+    encoder: SendOnDeltaPlan | ReceptorsPlan | None = None
     pooling: Pooling | None = None
     t0_us: int | None = None
     n_bins: int | None = None
@@ -301,20 +332,24 @@ def _rule(bundle: Bundle, network_steps: int, n_outputs: int, step_ms: float) ->
     return Rule(first, n, None, Fraction(0), steps - 1)
 
 
-def _front_end(bundle: Bundle, taken: Input) -> tuple[FrontEnd, str, SendOnDeltaPlan | None, Pooling | None]:
+def _front_end(
+    bundle: Bundle, taken: Input
+) -> tuple[FrontEnd, str, SendOnDeltaPlan | ReceptorsPlan | None, Pooling | None]:
     """Return what is pushed, why it is spikes where recordings are none, and what makes them in C."""
     sections = bundle.sections
     encoder, preprocessing = sections.encoder, sections.preprocessing
     if encoder is not None and preprocessing is not None:
         return "spikes", "an encoder of pooled events is not written in C", None, None
     if encoder is not None:
-        if not isinstance(encoder, SendOnDelta):
+        if not isinstance(encoder, SendOnDelta | Receptors):
             kind = sections.kinds["encoder"]
             return "spikes", f"encoder {kind} is not written in C", None, None
         if sections.window.remove_mean:
             return "spikes", "window.remove_mean needs the whole window before its first spike", None, None
         if isinstance(sections.data, RasterFile):
             return "spikes", "an encoder of spikes is not written in C", None, None
+        if isinstance(encoder, Receptors):
+            return "samples", "", ReceptorsPlan(taken.n_channels, encoder, taken.step_ms), None
         return "samples", "", send_on_delta_plan(encoder, taken.n_channels), None
     if preprocessing is not None:
         pools = pooling(preprocessing, taken.width, taken.height)

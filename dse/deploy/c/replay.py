@@ -46,7 +46,7 @@ def reals(reference: Reference, plan: Frame) -> bool:
         return False
     values = reference.inputs.values
     whole = bool((values == np.rint(values)).all() and (np.abs(values) < 2**24).all())
-    return plan.encoder.whole is None or not whole
+    return not (plan.encoder.takes_whole and whole)
 
 
 def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: int) -> Ints:

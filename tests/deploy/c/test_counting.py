@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dse import registry
 from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import counting_source, host
@@ -91,3 +92,12 @@ def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, 
 )
 def test_what_needs_a_library_is_refused(model: Any, reason: str) -> None:
     assert reason in C99().refusal(fitted(model)[0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"), [("hots", "an exponential of every neighbour"), ("cascade", "C holds one network")]
+)
+def test_families_without_c_say_why(kind: str, reason: str) -> None:
+    made, _ = fitted(KNN())
+    sections = replace(made.sections, model=registry.known("models")[kind](), kinds={"model": kind})
+    assert reason in C99().refusal(replace(made, sections=sections))

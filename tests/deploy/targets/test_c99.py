@@ -22,8 +22,10 @@ from dse.deploy.c import host, memory, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.evaluate import evaluate
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.targets import TargetError, c99, compare
+from dse.deploy.targets import TargetError, c99, compare, emulator
 from dse.deploy.targets.c99 import C99
+from dse.deploy.targets.cortex_m import CortexM4
+from dse.encoders.receptors import Receptors
 from dse.neurons import lif, parameters_of
 from dse.records import Array, Layer, Network, Parameters
 from tests.deploy.c import nets
@@ -155,6 +157,9 @@ def shipped(made: Bundle, folder: Path) -> Path:
         ({"thresholds": [2.7, 6], "reference": "value"}, {"n_steps": 12, "at": "contact_onset"}, False),
         ({"thresholds": [0.7, 1.9], "reference": "level"}, {"n_steps": 20, "at": "middle"}, True),
         ({"thresholds": [0.3, 1.1]}, {"n_steps": 12, "at": "contact_onset", "onset_threshold": 2.5}, True),
+        ({"kind": "receptors"}, {"n_steps": 20, "at": "middle"}, False),
+        ({"kind": "receptors", "sa": False, "gain": 3.0, "spikes_per_step": 3, "smoothing_ms": 20,
+          "method": "half_steps", "solver_ms": 0.7}, {"n_steps": 25, "at": "start"}, True),
     ],
 )  # fmt: skip
 def test_samples_are_encoded_and_answered_as_by_evaluate(
@@ -168,6 +173,11 @@ def test_samples_are_encoded_and_answered_as_by_evaluate(
     np.savez(tmp_path / "touch.npz", signal=signal, offsets=offsets)
     design = sections({**SAMPLES, "data": {**SAMPLES["data"], "offsets": "offsets"}, "window": window,
                        "encoder": {"kind": "send_on_delta", **encoder}})  # fmt: skip
+    if isinstance(design.encoder, Receptors):  # as fitted to recordings; one sensor never moved there
+        low, high = signal.min(axis=0), signal.max(axis=0)
+        high[2] = low[2]
+        ranges = {"low": tuple(low.tolist()), "high": tuple(high.tolist())}
+        design = replace(design, encoder=replace(design.encoder, **ranges))
     assert design.encoder is not None
     made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
     made = replace(made, sections=design, input=Input("samples", 4, 0, 0, window["n_steps"], 5.0))
@@ -179,6 +189,8 @@ def test_samples_are_encoded_and_answered_as_by_evaluate(
     options = (*checked, "-DDSE_REAL_SAMPLES") if real else checked
     printed = answers_of_main(folder, "a,b,c,d\n" + csv(recordings), *options)
     assert_answers(printed, tmp_path, tmp_path / "touch.npz")
+    if isinstance(design.encoder, Receptors) and not emulator.missing():  # doubles without hardware for them
+        assert CortexM4().verify(made, folder, reference).kind == "faithful"
 
 
 @pytest.mark.parametrize(
