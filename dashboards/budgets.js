@@ -212,6 +212,9 @@ const Budgets = (() => {
     }
     const meets = ({ column, way, limit }, row) => (way === "max" ? values[column][row] >= limit : values[column][row] <= limit);
 
+    // Whether a row is on the front in at least a share of the samples.
+    const isSure = (share, row) => share === 0 || columns.front_probability?.values[row] >= share;
+
     function evaluate(state) {
       const chosen = filters(state);
       const conditions = conditionsOf(state);
@@ -241,13 +244,14 @@ const Budgets = (() => {
       });
       // A budget on an objective never adds to the front: who beats a row within it is within it too.
       const beside = limits.filter(({ column }) => !Object.hasOwn(page.objectives, column));
+      const sure = Number(state.sure || 0);
       const base = remembered("base", `${key}${JSON.stringify(beside)}`, () => byTask(
         rivals.filter((row) => costs.every((cost) => Number.isFinite(cost[row])) && beside.every((limit) => meets(limit, row))), costs));
       const isWithin = (row) => within[row] === 1;
       const result = {
         page, normalised: () => normalised(result), chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
-        lacking: remembered("lacking", key, () => lackingIn(selected)), oversized: remembered("oversized", key, () => oversized(selected)), front: base.filter((row) => limits.every((limit) => meets(limit, row))),
+        lacking: remembered("lacking", key, () => lackingIn(selected)), oversized: remembered("oversized", key, () => oversized(selected)), front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
         cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
         ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [], relaxed: [], picks: [],
         command: command(state, chosen, limits, conditions),
@@ -324,7 +328,7 @@ const Budgets = (() => {
     }
 
     // The front over some objectives alone, among what is within the budgets.
-    const joined = (result, named) => byTask((result.conditions.length ? result.rivals : budgets.contenders).filter((row) => result.within[row] && named.every((c) => Number.isFinite(values[c][row]))),
+    const joined = (result, named) => byTask((result.conditions.length ? result.rivals : budgets.contenders).filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
       named.map((c) => costOf(c, page.objectives[c])));
 
     return { evaluate, joined, leftOut };
@@ -406,7 +410,7 @@ const Budgets = (() => {
             : easier ? `from ${number(page.columns[column].values[easier.row])}` : "not alone";
       }
       write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} points feasible`);
-      write("#n-front", `${many(result.front.length)} on the front`);
+      write("#n-front", `${many(result.front.length)} on the front${result.sure ? `, in at least ${Math.round(100 * result.sure)}\u202f% of the samples` : ""}`);
       write("#fit", fitOf(page, result));
       sum(result);
       part("#clear").disabled = result.limits.length === 0;

@@ -50,11 +50,14 @@ const Figure = (() => {
     modeBarButtonsToRemove: ["sendChartToCloud", "lasso2d", "select2d", "autoScale2d"],
   };
 
+  // Numbers on axes as in the page's words: decimals, with a narrow space between thousands.
+  const NOTATION = { exponentformat: "none", separatethousands: true };
+
   // What every figure of a page has in common.
   const face = (look, narrow) => ({
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: look.font, size: narrow ? 11 : 12, color: look.text },
-    hovermode: "closest",
+    hovermode: "closest", separators: ".\u202f",
     hoverlabel: { align: "left", bgcolor: look.page, bordercolor: look.text, font: { color: look.text } },
   });
 
@@ -69,7 +72,7 @@ const Figure = (() => {
     delete layout.title;
     delete layout.template;
     for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
-      Object.assign(layout[key], { gridcolor: look.rule, linecolor: look.rule, color: look.text, zeroline: false, automargin: true });
+      Object.assign(layout[key], { ...NOTATION, gridcolor: look.rule, linecolor: look.rule, color: look.text, zeroline: false, automargin: true });
       layout[key].title = { ...layout[key].title, standoff: 4 };
     }
     Object.assign(layout, face(look, node.clientWidth < 480));
@@ -83,5 +86,5 @@ const Figure = (() => {
     place.replaceChildren(...nodes);
   }
 
-  return { library, style, print, recoloured, config, face, draw, replace };
+  return { library, style, print, recoloured, config, face, draw, replace, NOTATION };
 })();

@@ -8,6 +8,7 @@
   const COMPARED = 4; // designs side by side, at most
   const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
   const [WARM_ROWS, WARM_MS] = [2000, 300]; // of a page that is warmed, after its first drawing
+  const SURE = ["", ...Array.from({ length: 19 }, (_, k) => String((k + 1) / 20))]; // shares of the samples
   const MAX_PAST = 100; // changes that can be undone
   const UNDO_MS = 1000; // steps of a slider nearer than this are one change
   const NOTES = matchMedia("(max-width: 800px)").matches ? 0 : 2; // that are open to begin with
@@ -50,9 +51,19 @@
     if (typeof value !== "number") return value === null || value === undefined ? "–" : String(value);
     const rounded = Number(value.toPrecision(3));
     if (measured && Math.abs(rounded) >= 0.01 && Math.abs(rounded) < 1) return rounded.toFixed(3);
-    if (rounded !== 0 && Math.abs(rounded) < 1e-3) return rounded.toExponential();
+    const size = Math.abs(rounded);
+    if (size !== 0 && (size < 1e-6 || size >= 1e10)) return powerOfTen(rounded);
     return digits.format(rounded).replace(/,/g, "\u202f");
   }
+
+  // One notation everywhere: decimals, and beyond them a power of ten.
+  function powerOfTen(value) {
+    const [mantissa, exponent] = value.toExponential().split("e");
+    const raised = [...exponent.replace("+", "")].map((letter) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[letter] ?? "⁻").join("");
+    return `${mantissa === "1" ? "" : `${mantissa}\u202f·\u202f`}10${raised}`;
+  }
+
+  const error = (value) => `± ${number(Number(value.toPrecision(1)))}`;
 
   function withInterval(column, row) {
     const value = columns[column].values[row];
@@ -60,9 +71,10 @@
     const text = number(value, objectives.includes(column));
     if (!ends || value === null || !(ends.low[row] || ends.high[row])) return text;
     if (Math.abs(ends.low[row] - ends.high[row]) <= 1e-3 * ends.high[row]) {
-      return `${text} ± ${Number(ends.high[row].toPrecision(1))}`;
+      return `${text} ${error(ends.high[row])}`;
     }
-    return `${text} (${number(value - ends.low[row])}–${number(value + ends.high[row])})`;
+    const [low, high] = [value - ends.low[row], value + ends.high[row]].map((end) => number(end, objectives.includes(column)));
+    return `${text} (${low}–${high})`;
   }
 
   const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
@@ -128,7 +140,7 @@
       view: ["2", "3", ...(tasks.length > 1 ? ["s"] : [])], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
       task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
       sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
-      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], once: ["0", "1"], colour: ["", ...axes], ...Budgets.allowed(page),
+      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], once: ["0", "1"], colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, isFilter])),
     };
     plain = initialState();
@@ -156,7 +168,7 @@
       view: String(definition.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", once: "0", colour: "",
+      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", once: "0", colour: "", sure: "",
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, ""])), ...Budgets.plain(page),
     };
   }
@@ -198,7 +210,7 @@
   }
 
   // `moving`: more of the same follows at once, as when a slider is dragged.
-  function change(part, moving = Object.keys(part).some((key) => key.startsWith("b."))) {
+  function change(part, moving = Object.keys(part).some((key) => key.startsWith("b.") || key === "sure")) {
     if (Object.entries(part).some(([key, value]) => state[key] !== value)) remember(part, moving);
     for (const axis of ["x", "y", "z"]) {
       if (axis in part) part[`l${axis}`] = log(part[axis]);
@@ -268,7 +280,7 @@
   // What every view is a function of.
   function selection(moving) {
     const budgeted = engine.evaluate(state);
-    const limited = budgeted.limits.length || budgeted.conditions.length || state.family !== BOTH;
+    const limited = budgeted.limits.length || budgeted.conditions.length || budgeted.sure || state.family !== BOTH;
     return {
       page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front),
       rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
@@ -318,7 +330,7 @@
   };
 
   const app = {
-    element, clip, number, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
+    element, clip, number, error, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
     toggleCompared, download, csv, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
@@ -390,6 +402,14 @@
     byId("view-s").hidden = tasks.length < 2;
     byId("third").hidden = state.view !== "3";
     for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
+  }
+
+  function renderSure() {
+    const has = columns.front_probability?.values.some((value) => value !== null) ?? false;
+    byId("sure-label").hidden = !has;
+    const share = Math.round(100 * Number(state.sure || 0));
+    if (Number(byId("sure").value) !== share) byId("sure").value = share;
+    byId("sure-text").textContent = `${share}\u202f% of the samples`;
   }
 
   function renderLeftOut(shown) {
@@ -519,6 +539,7 @@
     }
     byId("undo").disabled = past.length === 0;
     showBudgets(state, shown.budgeted);
+    renderSure();
     if (!moving) {
       renderLeftOut(shown);
       renderFilters();
@@ -564,6 +585,7 @@
   for (const id of ["x", "y", "z", "task", "family", "hardware", "pace", "colour"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
   for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
   for (const n of ["2", "3", "s"]) byId(`view-${n}`).addEventListener("click", () => change({ view: n }));
+  byId("sure").addEventListener("input", (e) => change({ sure: SURE[Number(e.target.value) / 5] }));
   byId("left-out").addEventListener("change", (e) => change({ left: e.target.checked ? "1" : "0" }));
   byId("add-filter").addEventListener("change", (e) => {
     opened.push(e.target.value);

@@ -17,7 +17,7 @@ const Audit = (() => {
     function value(row, column) {
       if (row[column] === null || !isNumber(column)) return row[column] ?? "–";
       const error = row[ERRORS[column]] ?? null;
-      return number(row[column], true) + (error === null ? "" : ` ± ${Number(error.toPrecision(1))}`);
+      return number(row[column], true) + (error === null ? "" : ` ${app.error(error)}`);
     }
 
     function cell(row, column) {

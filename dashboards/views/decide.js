@@ -47,8 +47,9 @@ const Decide = (() => {
   function view(root, app) {
     const { element, number, clip, title } = app;
     const price = element("div", { className: "price" });
+    const equals = element("p", { className: "equals" });
     const chips = element("div", { className: "chips" });
-    root.append(price, chips);
+    root.append(price, equals, chips);
     let shown = null;
     let [waiting, engine, engineOf] = [0, null, null];
 
@@ -98,6 +99,32 @@ const Decide = (() => {
         table(["of", "a point costs", "90 % interval", "in all"], lines));
     }
 
+    // ---- what is as good as the pick
+
+    // How sure the ranking is: designs whose gain is within one standard error of the difference, and the cheapest.
+    function renderEquals() {
+      const { page, columns, budgeted } = shown;
+      const gain = page.budgets.maximise;
+      const cost = costOf(page);
+      const lines = !gain || !cost || !columns.trial ? [] : budgeted.picks.filter(({ row }) => row >= 0).flatMap(({ task, row }) => {
+        const points = pointsOf(budgeted, task, cost);
+        const pick = points.find((one) => one.row === row);
+        if (!pick || !pick.se) return [];
+        const alike = points.filter((one) => one.trial !== pick.trial && pick.gain - one.gain <= Math.hypot(pick.se, one.se));
+        const lead = `${task ? `${clip(task, 24)}: ` : ""}${app.plural(new Set(alike.map(({ trial }) => trial)).size, "other design")} as good as the pick within its error`;
+        if (!alike.length) return [element("span", { textContent: `${lead}.` })];
+        const [{ row: cheapest, trial }] = alike;
+        const button = element("button", { type: "button", textContent: `Trial ${number(trial)}` });
+        button.addEventListener("click", () => app.change({ chosen: app.keyOf(cheapest) }));
+        const unit = (column) => (columns[column].unit ? `\u202f${columns[column].unit}` : "");
+        return [element("span", {}, `${lead}; least ${columns[cost].label}: `, button, ` ${app.withInterval(gain, cheapest)}, ${app.withInterval(cost, cheapest)}${unit(cost)}. `)];
+      });
+      equals.hidden = lines.length === 0;
+      equals.replaceChildren(...lines);
+    }
+
+    const costOf = (page) => ["energy_uj", page.period?.instead].find((name) => Object.hasOwn(page.objectives, name)) ?? Object.keys(page.objectives).find((name) => page.objectives[name] === "min");
+
     // ---- chips
 
     function renderChips() {
@@ -107,7 +134,7 @@ const Decide = (() => {
       if (chips.hidden) return;
       if (engineOf !== page) [engine, engineOf] = [Budgets.over(page), page];
       const gain = page.budgets.maximise;
-      const cost = ["energy_uj", page.period?.instead].find((name) => Object.hasOwn(page.objectives, name)) ?? Object.keys(page.objectives).find((name) => page.objectives[name] === "min");
+      const cost = costOf(page);
       const found = names.map((name) => ({ name, budgeted: engine.evaluate({ ...state, hardware: name }) }));
       const tasks = found[0].budgeted.chosen.task === null && columns.task ? app.distinct("task") : [""];
       const lines = tasks.flatMap((task) => {
@@ -143,8 +170,9 @@ const Decide = (() => {
       waiting = 0;
       const focused = root.contains(document.activeElement) ? document.activeElement.textContent : null;
       renderPrice();
+      renderEquals();
       renderChips();
-      root.hidden = price.hidden && chips.hidden;
+      root.hidden = price.hidden && equals.hidden && chips.hidden;
       if (focused !== null) [...root.querySelectorAll("button")].find((one) => one.textContent === focused)?.focus({ preventScroll: true });
     }
 

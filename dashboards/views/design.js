@@ -108,7 +108,7 @@ const Design = (() => {
     const value = at.value(column);
     const text = app.number(value, objectives.includes(column));
     const [se, low, high] = ["se", "low", "high"].map((end) => at.value(`${column}_${end}`));
-    if (value !== null && se) return `${text} ± ${Number(se.toPrecision(1))}`;
+    if (value !== null && se) return `${text} ${app.error(se)}`;
     return value !== null && low !== null && high !== null && columns[column] ? `${text} (${app.number(low)}–${app.number(high)})` : text;
   }
 
@@ -255,8 +255,9 @@ const Design = (() => {
       if (reason) return reason;
       if (!isWithin) return "outside the budgets";
       if (!isRow(shown, chosen.row) || !onFront.has(chosen.row)) return "dominated";
-      const share = chosen.value("front_share");
-      return `on the front${typeof share === "number" ? `, in ${number(100 * share)} % of the draws of its chip's figures` : ""}`;
+      const [share, of] = [[chosen.value("front_probability"), "samples of recordings, seeds and chip"], [chosen.value("front_share"), "samples of the chip's numbers"]]
+        .find(([value]) => typeof value === "number") ?? [null];
+      return `on the front${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
     }
 
     // How much of a latency is waiting for the decision; the rest is the chip's.
@@ -601,7 +602,7 @@ const Design = (() => {
             text: grid(known[column]).map((row, i) => row.map((value, j) => cellText(column, value, i, j))),
             colorbar: {
               thickness: 8, len: HALVES[k][1] - HALVES[k][0], y: HALVES[k][0], yanchor: "bottom", ypad: 0, outlinewidth: 0,
-              nticks: 5, exponentformat: "power", minexponent: 5,
+              nticks: 5, ...Figure.NOTATION,
             },
           })),
           ...crosses, ...ringed,

@@ -73,9 +73,10 @@ const Front = (() => {
       }));
     }
 
-    // A point that stays on the front in few draws of its chip's figures looks less certain.
+    // A point that stays on the front in few samples looks less certain.
     function certainty(row) {
-      const share = shown.columns.front_share?.values[row];
+      const { front_probability: probability, front_share: sampled } = shown.columns;
+      const share = (probability ?? sampled)?.values[row];
       return typeof share === "number" ? 0.25 + 0.75 * share : 1;
     }
 
@@ -96,6 +97,13 @@ const Front = (() => {
       const k = Math.min(stops.length - 2, Math.floor(at));
       const parts = [stops[k], stops[k + 1]].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
       return `rgb(${parts[0].map((low, i) => Math.round(low + (at - k) * (parts[1][i] - low))).join(",")})`;
+    }
+
+    // A colour nearer to that of the page: plotly has no opacity per point in space.
+    function faded(colour, share, look) {
+      const [ground, ink] = [look.page, colour].map((name) =>
+        (name.startsWith("#") ? [1, 3, 5].map((i) => parseInt(name.slice(i, i + 2), 16)) : name.match(/\d+/g).slice(0, 3).map(Number)));
+      return `rgb(${ink.map((part, i) => Math.round(ground[i] + share * (part - ground[i]))).join(",")})`;
     }
 
     // What a column other than the task paints points with: {of(row), names: [[name, colour]]} or {of(row), scale}.
@@ -261,11 +269,12 @@ const Front = (() => {
         const dim = thinned(cloud.filter((row) => shown.within(row) && !isOnFront(row)));
         add(dim, { color: painted(dim, colour), size: 3, opacity: 0.22, line: { width: 0 } });
         const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
-        add(best, { color: painted(best, colour), size: 4, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
+        add(best, { color: best.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look)), size: 3.5, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
         if (line.length > 3) {
           traces.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
         }
-        add(line, { color: painted(line, colour), size: 6, line: { color: look.page, width: 1 } },
+        const shaded = line.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look));
+        add(line, { color: shaded, size: 4.5, line: { color: look.page, width: 1 } },
           { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 });
       }
       const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => app.placed(column, value(column)))]));
@@ -296,7 +305,17 @@ const Front = (() => {
     function decadesOf(column) {
       const values = app.numbers(column);
       const [low, high] = ends(shown.rows.map((row) => values[row]).filter((value) => value > 0));
-      return high / low > 1e4 ? { dtick: high / low > 1e7 ? 2 : 1, exponentformat: "power", minexponent: 3 } : { dtick: "D2" };
+      return { dtick: high / low > 1e7 ? 2 : high / low > 1e3 ? 1 : "D2" };
+    }
+
+    // In space an axis is short: few ticks, of a logarithm whole decades.
+    function ticksInSpace(column, log) {
+      if (!log) return { nticks: 5 };
+      const values = app.numbers(column);
+      const [low, high] = ends(shown.rows.map((row) => values[row]).filter((value) => value > 0)).map(Math.log10);
+      const decades = Array.from({ length: 80 }, (_, k) => k - 40).filter((k) => k > low - 0.5 && k < high + 0.5);
+      const tickvals = decades.filter((_, k) => k % Math.ceil(decades.length / 4) === 0).map((k) => 10 ** k);
+      return { tickmode: "array", tickvals, ticktext: tickvals.map((value) => number(value)) };
     }
 
     function axis(letter, look) {
@@ -306,8 +325,8 @@ const Front = (() => {
       const words = names.length ? { tickmode: "array", tickvals: names.map((_, k) => k), ticktext: names.map((name) => escaped(clip(name, 24))), range: [-0.5, names.length - 0.5] } : {};
       return {
         title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
-        gridcolor: flat() ? `${look.rule}66` : look.rule, linecolor: look.rule, zeroline: false, exponentformat: "SI", minexponent: 4, showbackground: false,
-        color: look.text, ...(log && flat() ? decadesOf(state[letter]) : {}), ...words,
+        ...Figure.NOTATION, gridcolor: look.rule, linecolor: look.rule, zeroline: false, showbackground: false, color: look.text,
+        ...(!flat() ? ticksInSpace(state[letter], log) : log ? decadesOf(state[letter]) : {}), ...words,
       };
     }
 
@@ -317,7 +336,8 @@ const Front = (() => {
       return { eye: { x: 1.7 * far, y: -1.9 * far, z: 0.6 * far }, center: { x: 0, y: 0, z: -0.25 } };
     }
 
-    function layout(look) {
+    // `whole` has the grid too, which the canvas else draws below its points.
+    function layout(look, whole = false) {
       const { state } = shown;
       const narrow = plot.clientWidth < 560;
       const figureLayout = {
@@ -336,9 +356,9 @@ const Front = (() => {
       panels.forEach(({ suffix, tasks }, k) => {
         const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
         const room = Math.max(4, Math.floor(plot.clientWidth / panels.length / CHARACTER_PX));
-        figureLayout[`xaxis${suffix}`] = { ...axis("x", look), domain: [low, high], anchor: `y${suffix}` };
+        figureLayout[`xaxis${suffix}`] = { ...axis("x", look), showgrid: whole, domain: [low, high], anchor: `y${suffix}` };
         if (k && clip(title(state.x), 48).length > room) figureLayout[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
-        figureLayout[`yaxis${suffix}`] = { ...axis("y", look), anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
+        figureLayout[`yaxis${suffix}`] = { ...axis("y", look), showgrid: whole, anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
         if (panels.length > 1) {
           (figureLayout.annotations ??= []).push({
             text: escaped(clip(tasks[0], Math.min(40, room))), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
@@ -396,6 +416,7 @@ const Front = (() => {
         brush.beginPath();
         brush.rect(alongX._offset, alongY._offset, alongX._length, alongY._length);
         brush.clip();
+        grid(brush, alongX, alongY, look);
         bins(brush, panel, toX, toY, look);
         const fresh = (k) => (age < 1 && born.rows.has(points[k]) ? age : 1);
         const ofKind = [[], [], [], [], []];
@@ -427,6 +448,25 @@ const Front = (() => {
         brush.restore();
       }
       if (age < 1) requestAnimationFrame(paint);
+    }
+
+    // Lines at the ticks that plotly has written.
+    function grid(brush, alongX, alongY, look) {
+      brush.strokeStyle = look.rule;
+      brush.lineWidth = 1;
+      brush.globalAlpha = 0.6;
+      brush.beginPath();
+      for (const { x } of alongX._vals ?? []) {
+        const at = Math.round(alongX._offset + alongX.l2p(x)) + 0.5;
+        brush.moveTo(at, alongY._offset);
+        brush.lineTo(at, alongY._offset + alongY._length);
+      }
+      for (const { x } of alongY._vals ?? []) {
+        const at = Math.round(alongY._offset + alongY.l2p(x)) + 0.5;
+        brush.moveTo(alongX._offset, at);
+        brush.lineTo(alongX._offset + alongX._length, at);
+      }
+      brush.stroke();
     }
 
     // The joined front and the marks, without intervals.
@@ -626,7 +666,7 @@ const Front = (() => {
       const item = (symbol, text) => element("span", {}, element("span", { className: `key ${symbol}` }), ` ${text}`);
       part("#caption").replaceChildren(...[
         front && item("joined", `front of ${labels.slice(0, -1).join(", ")} and ${labels.at(-1)}`), item("solid", `front of all ${every}`), item("dim", "dominated"),
-        shown.columns.front_share && item("faint", "paler: on the front in few samples of the chip's numbers"),
+        (shown.columns.front_probability ?? shown.columns.front_share) && item("faint", `paler: on the front in few samples of ${shown.columns.front_probability ? "recordings, seeds and chip" : "the chip's numbers"}`),
         front && item("whisker", "standard error, or the model's interval"), budgeted.limits.length && item("beyond", "outside the budgets"),
         budgeted.limits.length && item("diamond", budgeted.pick >= 0 ? "pick" : "nearest"), shown.rows.some(shown.leftOut) && item("left", "left out"),
         published().length && item("cross", "published, on its own data"),
@@ -668,7 +708,7 @@ const Front = (() => {
     async function image(format) {
       await Figure.library();
       const look = Figure.print(shown.page.palette);
-      const figure = { data: flat() ? planeTraces(look, true) : spaceTraces(look), layout: { ...layout(look), paper_bgcolor: look.page } };
+      const figure = { data: flat() ? planeTraces(look, true) : spaceTraces(look), layout: { ...layout(look, true), paper_bgcolor: look.page } };
       return Plotly.toImage(figure, { format, width: plot.clientWidth, height: plot.clientHeight, scale: format === "png" ? 2 : 1 });
     }
 

@@ -39,7 +39,7 @@ const Importance = (() => {
       const { unit } = shown.columns[objective];
       const cell = (text) => element("td", { textContent: text });
       const rows = found.map(({ value, n, mean, se }) => element("tr", {}, element("th", { scope: "row", className: "text", textContent: clip(value, 48) }),
-        cell(`${number(mean, objective === "accuracy")}${se === null ? "" : ` ± ${Number(se.toPrecision(1))}`}${unit ? `\u202f${unit}` : ""}`), cell(app.many(n))));
+        cell(`${number(mean, objective === "accuracy")}${se === null ? "" : ` ${app.error(se)}`}${unit ? `\u202f${unit}` : ""}`), cell(app.many(n))));
       const label = shown.columns[column]?.label ?? column;
       return element("table", {}, element("thead", {}, element("tr", {}, ...[clip(label, 40), `mean ${shown.columns[objective].label}`, "designs"].map((text, k) =>
         element("th", { scope: "col", className: k ? "" : "text", textContent: text })))), element("tbody", {}, ...rows));

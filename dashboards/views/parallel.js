@@ -10,7 +10,10 @@ const Parallel = (() => {
   const NEAR_PX = 8; // how far from a line a pointer means it
   const DRAG_PX = 4; // what is pressed and let go nearer than this is a click
   const [TOP, HEIGHT, BELOW, FOOT] = [56, 240, 24, 16]; // px: titles, axes, to the tick of missing values, below that
-  const [LEFT, RIGHT] = [16, 72]; // px beside the first and the last axis
+  const LEFT = 16; // px beside the first axis
+  const [CHARACTER_PX, LEAST_RIGHT, MOST_RIGHT] = [6.4, 72, 168]; // of a label, and px beside the last axis, by its labels
+  const GRID = 24; // values of an axis, at most, whose lines are spread around each
+  const SPREAD_PX = 16; // over which they are
   const DASH = 16; // px: a line where there is one axis
   const LABEL_PX = 14; // height of a line of text
   const STEPS = Budgets.scale([0, 1], "min").step(""); // of a slider: a cost is free at the last
@@ -24,15 +27,15 @@ const Parallel = (() => {
   const heightOf = (share) => TOP + (Number.isNaN(share) ? HEIGHT + BELOW : HEIGHT * (1 - share));
 
   // An axis over the values of some rows; what a slider reaches (`range`, or null) is on it too.
-  function axisOf(values, range) {
+  function axisOf(values, range, number) {
     const distinct = [...new Set(values)];
     const known = distinct.filter(isKnown);
     const lacks = known.length < distinct.length;
     const numeric = known.length > 0 && known.every((value) => typeof value === "number");
-    return { lacks, ...(numeric ? numericAxis(known, range ?? []) : wordAxis(known)) };
+    return { lacks, ...(numeric ? numericAxis(known, range ?? [], number) : wordAxis(known)) };
   }
 
-  function numericAxis(known, range) {
+  function numericAxis(known, range, number) {
     const [low, high] = ends([...known, ...range]);
     const log = low > 0 && high / low > 100;
     const along = (value) => (log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low));
@@ -41,7 +44,7 @@ const Parallel = (() => {
     const sorted = [...known].sort((a, b) => a - b);
     const apart = sorted.every((v, k) => k === 0 || (share(v) - share(sorted[k - 1])) * HEIGHT >= LABEL_PX);
     const ticks = sorted.length <= FEW && apart ? sorted : log ? decades(low, high) : rounds(low, high);
-    return { numeric: true, share, value, ticks: ticks.map((at) => ({ share: share(at), text: short(at) })) };
+    return { numeric: true, share, value, places: sorted.length > GRID ? null : sorted.map(share), ticks: ticks.map((at) => ({ share: share(at), text: number(at) })) };
   }
 
   function rounds(low, high) {
@@ -65,15 +68,25 @@ const Parallel = (() => {
     const step = Math.ceil((sorted.length * LABEL_PX) / HEIGHT);
     const words = (value) => (typeof value === "boolean" ? (value ? "yes" : "no") : String(value));
     const ticks = sorted.filter((_, k) => k % step === 0).map((value) => ({ share: places.get(value), text: words(value) }));
-    return { numeric: false, share: (value) => places.get(value) ?? NaN, value: null, ticks };
+    return { numeric: false, share: (value) => places.get(value) ?? NaN, value: null, places: sorted.length > GRID ? null : [...places.values()], ticks };
   }
 
-  // A tick's number in few characters.
-  function short(value) {
-    const isOver = ([least]) => Math.abs(value) >= Math.max(least, 1e4);
-    const [size, prefix] = [[1e9, "G"], [1e6, "M"], [1e3, "k"]].find(isOver) ?? [1, ""];
-    const digits = Number((value / size).toPrecision(3));
-    return (digits !== 0 && Math.abs(digits) < 1e-3 ? digits.toExponential() : String(digits)) + prefix;
+  // By how many px lines move off their places on a grid, so that where many meet they lie side by side, in the order
+  // of `rank`, instead of in one knot. Shares in, offsets out.
+  function spread(shares, places, rank) {
+    const offsets = new Float32Array(shares.length);
+    const apart = places.map((at, k) => (k ? (at - places[k - 1]) * HEIGHT : Infinity));
+    const room = Math.min(SPREAD_PX, 0.6 * Math.min(...apart));
+    const groups = new Map();
+    shares.forEach((share, i) => {
+      if (!groups.has(share)) groups.set(share, []); // NaN is a key like any other
+      groups.get(share).push(i);
+    });
+    for (const members of groups.values()) {
+      if (members.length < 2) continue;
+      members.sort((a, b) => rank[a] - rank[b] || a - b).forEach((i, k) => { offsets[i] = room * (0.5 - k / (members.length - 1)); });
+    }
+    return offsets;
   }
 
   // Rows in an order that repeats and has no rhythm, so that its first n are an even sample of them, whatever grid
@@ -145,6 +158,12 @@ const Parallel = (() => {
       return [...new Set([...Object.keys(page.budgets.columns).filter(isMeasured), ...objectives, ...parameters])];
     }
 
+    // What the labels of the last axis need.
+    function rightOf(axes) {
+      const longest = Math.max(0, ...[...axes.at(-1)?.ticks ?? []].map(({ text }) => [...text].length));
+      return Math.min(MOST_RIGHT, width / 3, Math.max(LEAST_RIGHT, Math.ceil(longest * CHARACTER_PX) + 20));
+    }
+
     // Axes and the heights of lines on them last as long as the points and the filters do.
     function prepare() {
       const { page, state, columns, rows, budgeted } = shown;
@@ -155,18 +174,23 @@ const Parallel = (() => {
       const taken = page.definition?.parallel ? candidates : candidates.slice(0, MAX_AXES);
       const axes = taken.map((column) => {
         const range = Object.hasOwn(limited, column) ? budgeted.ranges[column] : null;
-        const axis = axisOf(rows.map((row) => columns[column].values[row]), range);
+        const axis = axisOf(rows.map((row) => columns[column].values[row]), range, number);
         const steps = axis.numeric && range && range[0] < range[1] ? Budgets.scale(range, limited[column]) : null;
         return { column, way: limited[column], steps, ...axis };
       });
       const order = shuffled(rows);
       const heights = new Float32Array(order.length * axes.length);
-      axes.forEach(({ column, share }, k) => {
+      const first = shown.objectives[0];
+      const rank = order.map((row) => (Number.isNaN(app.numbers(first)[row]) ? -Infinity : app.numbers(first)[row]));
+      axes.forEach(({ column, share, places, lacks }, k) => {
         const { values } = columns[column];
-        order.forEach((row, i) => { heights[i * axes.length + k] = heightOf(share(values[row])); });
+        const shares = order.map((row) => share(values[row]));
+        const offsets = places && column !== first && (places.length > 1 || lacks) ? spread(shares, places, rank) : null;
+        shares.forEach((at, i) => { heights[i * axes.length + k] = heightOf(at) + (offsets?.[i] ?? 0); });
       });
+      const placeOf = new Map(order.map((row, i) => [row, i]));
       const [turn, unplaced, tasks] = [(made?.turn ?? 0) + 1, candidates.length - axes.length, [...new Set(rows.map(taskOf))]];
-      made = { page, key, turn, axes, unplaced, order, heights, tasks };
+      made = { page, key, turn, axes, unplaced, order, placeOf, heights, tasks, right: rightOf(axes) };
       return true;
     }
 
@@ -198,8 +222,11 @@ const Parallel = (() => {
     }
 
     // Heights of one point; of one that is no row of the page, null where nothing is known.
-    const heightsOf = ({ row, value }) => made.axes.map(({ column, share }) =>
-      (row < 0 && !isKnown(value(column)) ? null : heightOf(share(value(column)))));
+    function heightsOf({ row, value }) {
+      const [place, n] = [made.placeOf.get(row), made.axes.length];
+      if (place !== undefined) return [...made.heights.subarray(place * n, (place + 1) * n)];
+      return made.axes.map(({ column, share }) => (row < 0 && !isKnown(value(column)) ? null : heightOf(share(value(column)))));
+    }
     const pointAt = (row) => ({ row, value: (column) => shown.columns[column].values[row] });
 
     function marked(colours) {
@@ -226,7 +253,7 @@ const Parallel = (() => {
       return brush;
     }
 
-    const wide = () => (made.axes.length > 1 ? across(made.axes.length - 1) : across(0)) + RIGHT;
+    const wide = () => (made.axes.length > 1 ? across(made.axes.length - 1) : across(0)) + made.right;
 
     // One path per colour; on a single axis a line is a dash. While a budget moves, only what is in sight is drawn.
     function paint() {
@@ -277,7 +304,7 @@ const Parallel = (() => {
     }
 
     // Where a mark's name stands: half way to the second axis, or wherever its line begins.
-    const besideFirst = () => LEFT + (made.axes.length > 1 ? gap : RIGHT) / 2;
+    const besideFirst = () => LEFT + (made.axes.length > 1 ? gap : made.right) / 2;
     const middle = ([first, second]) => (first !== null && isKnown(second) ? (first + second) / 2 : first ?? second ?? TOP);
 
     function trace(brush, heights, colour, thick, dash) {
@@ -367,7 +394,8 @@ const Parallel = (() => {
     function arrange() {
       const { axes } = made;
       const least = width < 480 ? 72 : 80;
-      gap = Math.max(least, axes.length > 1 ? Math.floor((width - LEFT - RIGHT) / (axes.length - 1)) : width - LEFT - RIGHT);
+      const room = width - LEFT - made.right;
+      gap = Math.max(least, axes.length > 1 ? Math.floor(room / (axes.length - 1)) : room);
       const total = `${wide()}px`;
       for (const node of [plane, lines, marks]) node.style.width = total;
       const columns = axes.map(({ column }) => column);
@@ -379,7 +407,7 @@ const Parallel = (() => {
       axes.forEach((axis, k) => {
         const { node, name, ticks, rail } = nodes.get(axis.column);
         node.style.left = `${across(k)}px`;
-        node.style.width = `${(k + 1 < axes.length ? gap : RIGHT) - 8}px`;
+        node.style.width = `${(k + 1 < axes.length ? gap : made.right) - 8}px`;
         name.replaceChildren(...pieces(clip(named(axis.column), 80)).flatMap((piece) => [piece, element("wbr")]));
         name.title = `${axis.column}${{ max: ": more is better", min: ": less is better" }[directionOf(axis.column)] ?? ""}`;
         rail.classList.toggle("free", axis.steps === null);
@@ -566,7 +594,7 @@ const Parallel = (() => {
       });
       const axes = made.axes.map((axis, k) => {
         const x = across(k);
-        const room = Math.floor(((k + 1 < n ? gap : RIGHT) - 8) / 6);
+        const room = Math.floor(((k + 1 < n ? gap : made.right) - 8) / 6);
         const heading = wrapped(named(axis.column), room, 3);
         const limit = limitOn(axis);
         const ticks = [...axis.ticks, ...(axis.lacks ? [{ share: NaN, text: "none" }] : [])];

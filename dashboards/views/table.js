@@ -11,10 +11,11 @@ const Table = (() => {
     let shown = null;
     let made = { page: null, key: "", lines: new Map() }; // lines of rows: a slider at work shows most of them again
 
-    function columnsShown() {
+    // Parameters in which none of some rows has a value, or all have the same, say nothing of them.
+    function columnsShown(rows) {
       const { page, columns, objectives } = shown;
       const defined = page.definition.table ?? [];
-      const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && app.varies(column)));
+      const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && new Set(rows.map((row) => columns[column].values[row])).size > 1));
       const several = columns.task && app.distinct("task").length > 1 ? ["task"] : [];
       const first = parameters.filter((column) => column === "trial");
       return [...new Set([...first, ...several, ...(defined.length ? defined : [...objectives, ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
@@ -57,8 +58,8 @@ const Table = (() => {
     function render(next) {
       shown = next;
       const { state, columns, budgeted, objectives } = shown;
-      const named = columnsShown();
       const all = listed();
+      const named = columnsShown(all);
       const front = state.once === "1" ? firstOfTrials(all) : all;
       const visible = state.rows === "all" ? front : front.slice(0, ROWS);
       const chosen = shown.chosen?.row;

@@ -118,7 +118,7 @@ def gather_page(
         "counts": _counts(frame),
         "state": _state(points, failed, directions, present),
         "objectives": present,
-        "design": [column for column in design_columns(points) if column in measured],
+        "design": _design(points, measured),
         "columns": columns,
         "intervals": _intervals(shown, measured),
         "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
@@ -146,6 +146,15 @@ def gather_page(
         "marks": [dict(mark) for mark in marks],
         "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
     }
+
+
+def _design(points: pandas.DataFrame, measured: Sequence[str]) -> list[str]:
+    """Return the columns that define a design; the name of a task stands for the section that defines it."""
+    columns = [column for column in design_columns(points) if column in measured]
+    named = {"task", "task.target"} <= set(measured)
+    if not named or points.groupby("task")["task.target"].nunique().max() > 1:
+        return columns
+    return ["task" if column == "task.target" else column for column in columns]
 
 
 def _failed(frame: pandas.DataFrame) -> Array:
@@ -299,8 +308,8 @@ def _remarks(
         remarks.append("There is one design point so far; it is the front.")
     if n_kept < len(points):
         remarks.append(
-            f"{n_kept:,} of {len(points):,} points are shown: all of each front, a sample of the rest. "
-            "Fronts, the pick and the nearest design are exact; how many are feasible is an estimate, and "
-            "those after the pick or the nearest are the best shown."
+            f"{short(n_kept, 9)} of {short(len(points), 9)} points are shown: all of each front, a sample of "
+            "the rest. Fronts, the pick and the nearest design are exact; how many are feasible is an "
+            "estimate, and those after the pick or the nearest are the best shown."
         )
     return remarks

@@ -35,8 +35,8 @@ class PageRequest:
     """The options of a page.
 
     definition: its parts and initial settings; None: `dashboards/study.yaml`.
-    n_draws: number of samples of the hardware's uncertain numbers, which show how certain each point's place
-        on the front is; 0: no samples.
+    n_draws: number of samples of recordings, seeds and the hardware's uncertain numbers, which show how
+        certain each point's place on the front is; 0: no samples.
     hardware: names or files of profiles to price the points on; empty: the profiles of the study.
     """
 
@@ -228,8 +228,8 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
 
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
-    if request.n_draws and "hardware" in table:
-        table = table.assign(front_share=_front_share(study, table, request))
+    if request.n_draws and len(table):
+        table = table.assign(**_certainty(study, table, request))
     page = gather_page(
         table,
         name=study.space["study"],
@@ -281,7 +281,7 @@ def _with_recordings(study: Study, points: pandas.DataFrame) -> pandas.DataFrame
 
 
 def _check(study: Study, request: PageRequest) -> None:
-    """Check that profiles can be read and, with samples, that an objective depends on the sampled numbers.
+    """Check that profiles can be read and, with samples, that an objective is uncertain.
 
     Raises:
         ConfigError: a profile does not exist or is wrong.
@@ -289,36 +289,53 @@ def _check(study: Study, request: PageRequest) -> None:
     """
     from dse.measure.on_chips import DRAWN
     from dse.store import StoreError
-    from dse.study import pricing
+    from dse.study import pricing, resampling
 
     pricing.profiles(study.folder, request.hardware)
     if not request.n_draws:
         return
-    if not request.hardware and not study.space.get("hardware"):
-        raise StoreError(f"{study.folder}: nothing to sample: the study has no hardware")
-    if not any(name in DRAWN for name, _ in study.objectives):
+    names = {name for name, _ in study.objectives}
+    if not names & {*DRAWN, *resampling.ACCURACIES}:
         text = (
-            f"nothing to sample: no objective depends on uncertain numbers of hardware ({', '.join(DRAWN)})"
+            "nothing to sample: no objective is an accuracy or depends on uncertain numbers of hardware "
+            f"({', '.join(DRAWN)})"
         )
         raise StoreError(f"{study.folder}: {text}")
+    if not names & {*resampling.ACCURACIES} and not (request.hardware or study.space.get("hardware")):
+        raise StoreError(f"{study.folder}: nothing to sample: the study has no hardware")
 
 
-def _front_share(study: Study, table: pandas.DataFrame, request: PageRequest) -> pandas.Series:
-    """Return the fraction of samples of the hardware's numbers in which each point is on its task's front.
+def _certainty(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, pandas.Series]:
+    """Return the fraction of samples in which each point is on its task's front.
 
-    NaN for rows that are on no front by rule, such as failed trials.
+    front_share varies the hardware's uncertain numbers, front_probability also recordings and seeds. NaN for
+    rows that are on no front by rule, such as failed trials; a column that has nothing to sample is missing.
     """
     import pandas
 
+    from dse.measure.on_chips import DRAWN
     from dse.skyline import front
-    from dse.study import pricing
+    from dse.store import StoreError
+    from dse.study import pricing, resampling
 
-    objectives = study.objectives
+    objectives, chips = study.objectives, list(request.hardware)
     names = [name for name, _ in objectives]
-    drawing = pricing.draws([study.folder], [table], request.hardware, names, request.n_draws)
     among = front.comparable(table, objectives, by="task").rows
-    share = front.front_share(among, objectives, drawing, "task")
-    return pandas.Series(share, among.index).reindex(table.index)
+
+    def share(draws: front.Draws) -> pandas.Series:
+        values = front.front_share(among, objectives, draws, "task")
+        return pandas.Series(values, among.index).reindex(table.index)
+
+    columns = {}
+    if "hardware" in table and set(names) & {*DRAWN}:
+        columns["front_share"] = share(pricing.draws([study.folder], [table], chips, names, request.n_draws))
+    if set(names) & {*resampling.ACCURACIES}:
+        # Studies of earlier versions lack what was answered to single recordings.
+        with contextlib.suppress(StoreError):
+            columns["front_probability"] = share(
+                resampling.draws([study.folder], [table], chips, objectives, request.n_draws)
+            )
+    return columns
 
 
 def _progress(folder: Path) -> dict[str, Any]:

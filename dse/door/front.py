@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dse.skyline import front
+from dse.skyline.constraints import ExpressionError
 from dse.skyline.front import Skyline
 from dse.skyline.goals import Goal
 from dse.store import StoreError
@@ -25,6 +26,7 @@ def front_of(
     contacts_per_hour: float | None = None,
     battery_mwh: float | None = None,
     draws: int | None = None,
+    confidence: float | None = None,
 ) -> tuple[Skyline, list[str]]:
     """Return the non-dominated points, and the columns on duty and certainty that were added to them.
 
@@ -38,9 +40,11 @@ def front_of(
         battery_mwh: capacity of the battery.
         draws: number of samples; column front_share varies the chip's uncertain numbers, front_probability
             also recordings and seeds. None: 200 for the latter alone.
+        confidence: keep points whose front_probability is at least this.
 
     Raises:
-        ExpressionError: an unknown column or direction, or a condition that cannot be read.
+        ExpressionError: an unknown column or direction, a condition that cannot be read, or a confidence
+            where nothing has a probability.
         TableError: a table cannot be read.
     """
     import pandas
@@ -68,4 +72,10 @@ def front_of(
         else:
             rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
             beside.append("front_probability")
+    if confidence is not None:
+        if "front_probability" not in rows:
+            raise ExpressionError("confidence needs studies with an accuracy among the objectives")
+        n_all = len(rows)
+        rows = rows.loc[rows["front_probability"] >= confidence]
+        notes.append(f"{n_all - len(rows)} of {n_all} points of the front are on it with less confidence")
     return Skyline(rows, notes), beside

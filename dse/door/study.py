@@ -13,7 +13,6 @@ from dse.door import arguments
 from dse.door.choice import Choice, choose
 from dse.door.front import DRAWS, front_of
 from dse.door.plots import Plots
-from dse.skyline.constraints import ExpressionError
 from dse.skyline.front import Skyline
 from dse.store import StoreError
 from dse.study import results
@@ -117,13 +116,9 @@ class Study(results.Study):
             return front.skyline(points, goals, conditions or None, groups)
         skyline, _ = front_of(
             [self.folder], goals, conditions, groups, hardware=chips, contacts_per_hour=hours,
-            battery_mwh=battery, draws=draws,
+            battery_mwh=battery, draws=draws, confidence=share,
         )  # fmt: skip
         rows, notes = skyline.rows, list(skyline.notes)
-        if share is not None:
-            if "front_probability" not in rows:
-                raise ExpressionError("confidence needs an accuracy among the objectives")
-            rows = rows.loc[rows["front_probability"] >= share]
         if names := arguments.texts(targets, "targets"):
             from dse.deploy.footprints import on_targets
 

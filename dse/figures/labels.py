@@ -46,14 +46,17 @@ def axis_title(column: str) -> str:
     return html.escape(f"{words} ({unit})" if unit else words, quote=False)
 
 
-def short(value: object) -> str:
-    """Return a value in at most three significant digits, anything but a number as its text."""
+def short(value: object, digits: int = 3) -> str:
+    """Return a value in at most so many significant digits, anything but a number as its text."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     if value != value or value in (float("inf"), float("-inf")):
         return "–"
-    rounded = float(f"{value:.3g}")
-    return f"{rounded:,.0f}".replace(",", "\u202f") if abs(rounded) >= 1000 else f"{rounded:g}"
+    rounded = float(f"{value:.{digits}g}")
+    if abs(rounded) >= 1000:
+        return f"{rounded:,.0f}".replace(",", "\u202f")
+    # Decimals, as in the words of a page, not 5e-05.
+    return f"{rounded:.12f}".rstrip("0").rstrip(".") if 1e-6 <= abs(rounded) < 1e-4 else f"{rounded:g}"
 
 
 def _words(column: str) -> str:

@@ -100,6 +100,21 @@ def test_filters_give_the_front_and_the_pick_of_the_command_line(opened):
         assert shown["front"] == sorted(front.index), state
 
 
+def test_less_certain_points_leave_the_front_its_table_and_its_picture(opened):
+    page = opened(points(front_probability=[0.9, 0.2, 0.6, 0.4, 0.0]))
+    assert page.tab.inner_text("#n-front") == "4 on the front"
+    for _ in range(10):
+        page.tab.locator("#sure").press("ArrowRight")
+    assert page.tab.inner_text("#n-front").startswith("2 on the front, in at least 50")
+    assert sorted(page.cells(1)) == ["0", "2"]
+    page.tab.wait_for_function(
+        "document.getElementById('plot').data.some((one) => one.mode === 'lines' && one.x.length === 2)"
+    )
+    page.tab.click("#undo")
+    assert page.tab.inner_text("#n-front") == "4 on the front"
+    assert opened(points()).tab.is_hidden("#sure-label")
+
+
 def test_a_filter_is_set_by_keyboard_holds_in_every_view_and_is_undone(opened):
     page = opened(designs(), "task=texture&hardware=large+chip")
     total = page.tab.inner_text("#feasible")

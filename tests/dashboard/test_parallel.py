@@ -279,11 +279,19 @@ def test_one_design_and_one_axis_are_drawn(opened, frame, axes):
 
 def test_logarithms_and_the_direction_of_a_column_that_spans_decades(opened):
     view = opened(points(energy_uj=[1000.0, 10.0, 100.0, 1.0, 500.0]))
-    assert view.ticks(1) == ["1", "10", "100", "500", "1000"]
+    assert view.ticks(1) == ["1", "10", "100", "500", "1\u202f000"]
     view.tab.fill("#budget-1", "100")
     handle = view.handle("energy_uj").bounding_box()
     assert handle["y"] + handle["height"] / 2 == pytest.approx(view.spot(1, 2 / 3)[1], abs=1)
     assert view.tab.locator("#parallel .name").nth(1).get_attribute("title") == "energy_uj: less is better"
+
+
+def test_lines_that_meet_on_a_grid_lie_side_by_side_in_the_order_of_the_first_objective(opened):
+    view = opened(points(**{"model.hidden": [20, 20, 20, 50, 50]}))
+    lines = [line.get("points").split() for line in view.picture().iter(f"{SVG}polyline")]
+    heights = sorted((float(line[0].split(",")[1]), float(line[3].split(",")[1])) for line in lines)
+    of_20 = [height for _, height in heights if height > 200]  # by accuracy, the best first
+    assert of_20 == [288.0, 296.0, 304.0]
 
 
 def test_a_crowd_is_thinned_and_the_front_is_whole(opened):

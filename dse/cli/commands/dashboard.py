@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=draws,
         default=0,
         metavar="N",
-        help="sample the chip's uncertain numbers N times; points that are non-dominated in few of the "
-        "samples are drawn paler",
+        help="sample recordings, seeds and the chip's uncertain numbers N times; points that are "
+        "non-dominated in few of the samples are drawn paler, and a slider leaves out the less certain ones",
     )
     parser.add_argument("--port", type=port, metavar="N", help="TCP port (default: 8050; 0: any free port)")
     parser.add_argument(

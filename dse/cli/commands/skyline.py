@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import front_answer
-from dse.cli.numbers import draws
+from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_duty, add_hardware
 
 if TYPE_CHECKING:
@@ -58,6 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "which a point stays non-dominated. Column front_probability, of studies, also varies recordings and "
         f"seeds; N is the number of its samples too (default: {_DRAWS})",
     )
+    parser.add_argument(
+        "--confidence",
+        type=fraction,
+        metavar="P",
+        help="keep points that are on the front with at least this probability (column front_probability)",
+    )
     add_format(parser, FORMATS)
 
 
@@ -83,6 +89,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         contacts_per_hour=arguments.contacts_per_hour,
         battery_mwh=arguments.battery_mwh,
         draws=arguments.draws,
+        confidence=arguments.confidence,
     )
     return front_answer(skyline.rows, objectives, skyline.notes, beside)
 
@@ -98,6 +105,7 @@ def _large(arguments: argparse.Namespace) -> Path | None:
         arguments.draws,
         arguments.contacts_per_hour is not None,
         arguments.battery_mwh,
+        arguments.confidence,
     )
     if len(arguments.results) > 1 or any(others) or file.suffix != ".parquet" or not file.is_file():
         return None
