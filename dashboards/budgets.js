@@ -425,7 +425,7 @@ const Budgets = (() => {
                 : ["Nothing is feasible", element("p", { textContent: "No design has values for all budgets." })];
       write("#pick h2", heading);
       writePick(nodes);
-      part("#export").hidden = result.pick < 0;
+      part("#export").hidden = result.pick < 0 || !budgets.results; // two studies have no command
       part("#command").hidden = part("#copy").hidden = several;
       part("#which").hidden = !several;
       part("#command").textContent = result.command;

@@ -168,7 +168,7 @@
       view: String(definition.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", once: "0", colour: "", sure: "",
+      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", once: "0", colour: axes.includes(page.colour) ? page.colour : "", sure: "",
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, ""])), ...Budgets.plain(page),
     };
   }

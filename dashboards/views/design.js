@@ -306,7 +306,7 @@ const Design = (() => {
       list(parameters, page.design.filter((column) => !inHead.includes(column) && has(column)));
       list(others, Object.keys(columns).filter((column) => ![...measured, ...page.design, ...inHead].includes(column) && has(column)));
       const [, point] = named(shown, chosen.key);
-      const deployable = point !== null && chosen.value("transductive") !== true;
+      const deployable = page.budgets.results !== "" && point !== null && chosen.value("transductive") !== true;
       bundle.hidden = !deployable || !Details.isServed(page);
       line.hidden = !deployable || Details.isServed(page);
       const chip = columns.hardware ? { hardware: state.hardware } : {};

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from dse.dashboard.definition import Definition
     from dse.dashboard.serve import Download, Server, Stamp
+    from dse.skyline.compare import Comparison
+    from dse.skyline.goals import Goal
     from dse.study.results import Study
 
 LARGEST_BYTES = 7_800_000
@@ -85,6 +87,48 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
     details = packed_details(study, points, shown_first(page), room, request.hardware)
     target = path or study.folder / "page.html"
     return write_filled("page", page | ({"details": details} if details else {}), target)
+
+
+def write_comparison(
+    compared: Comparison, tables: Mapping[str, pandas.DataFrame], objectives: Sequence[Goal], path: Path
+) -> Path:
+    """Write the page of two studies: the points of both, coloured by study; return the path.
+
+    Trials of the second study are numbered on from a power of ten above those of the first.
+
+    Args:
+        compared: `dse.study.comparison.compare_studies`.
+        tables: the points by the name of their study.
+        objectives: of both.
+        path: file to write.
+    """
+    import pandas
+
+    from dse.dashboard.definition import load
+    from dse.dashboard.gather import gather_page
+    from dse.dashboard.write import write_filled
+    from dse.skyline.compare import STUDY
+    from dse.store import plain_cell
+
+    first, second = tables.values()
+    notes = list(compared.notes)
+    if {"trial"} <= set(first) & set(second):
+        start = 10 ** len(str(int(first["trial"].max())))
+        second = second.assign(trial=second["trial"] + start)
+        notes.append(f"Trial {start} of this page is trial 0 of {list(tables)[1]}, and so on.")
+    named = zip(tables, (first, second), strict=True)
+    frame = pandas.concat([table.assign(**{STUDY: name}) for name, table in named], ignore_index=True)
+    page = gather_page(
+        frame,
+        name=" and ".join(tables),
+        objectives=list(objectives),
+        notes=notes,
+        results="",
+        definition=load(),
+    )
+    sections = {"studies": compared.summary, "gains": compared.gains}
+    plain = {key: [plain_cell(row) for row in table.to_dict("records")] for key, table in sections.items()}
+    return write_filled("page", page | plain | {"colour": STUDY}, path)
 
 
 def page_server(folder: Path, host: str, port: int, request: PageRequest | None = None) -> Server:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas
 
     from dse.deploy.bundle import Bundle
+    from dse.skyline.compare import Comparison
 
 _MOST_ROWS = 10  # of the table in a notebook
 _WIDTH, _HEIGHT, _MARGIN = 360, 200, 36
@@ -190,6 +191,37 @@ class Study(results.Study):
                 text += f"; the nearest misses {', '.join(misses)}"
             raise NothingFeasible(text, choice.nearest)
         return choice.row
+
+    def compare(
+        self,
+        other: results.Study | str | Path,
+        objectives: str | Sequence[Any] | Mapping[str, str] | None = None,
+        where: str | Sequence[str] | None = None,
+        *,
+        hardware: str | Sequence[str] = (),
+    ) -> Comparison:
+        """Return this study beside another: `summary`, `front` (joint), `gains` within budgets, `notes`.
+
+        Args:
+            other: a study, its folder, or a table.
+            objectives: as of `skyline`; None: those of both studies, which must be the same.
+            where: condition for the points of both, or several.
+            hardware: profiles, by name or file, to compute costs on; empty: those of each study.
+
+        Raises:
+            ExpressionError: the two have no objectives, tasks or hardware in common, or a condition is wrong.
+            TypeError: an argument of another kind.
+        """
+        from dse.study.comparison import compare_studies
+
+        given: object = other
+        if not isinstance(given, results.Study | str | Path):
+            raise TypeError(f"other must be a study or the path of one, got {other!r}")
+        path = other.folder if isinstance(other, results.Study) else other
+        goals = None if objectives is None else arguments.goals(objectives)
+        conditions = arguments.texts(where, "where") or None
+        chips = arguments.texts(hardware, "hardware")
+        return compare_studies(self.folder, path, goals, conditions, chips)[0]
 
     def export(
         self,

@@ -1,0 +1,63 @@
+"""What may be compared: objectives, tasks and hardware in common; else a refusal in one sentence."""
+
+from __future__ import annotations
+
+import pytest
+
+from dse.cli.command_line import main
+from dse.skyline.constraints import ExpressionError
+from dse.skyline.goals import Goal
+from dse.study.comparison import compare_studies
+from tests.dashboard.page import Page
+from tests.skyline.test_compare import FIRST, GOALS, SECOND
+
+GIVEN = [Goal(*pair) for pair in GOALS]
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return a function that writes a table and returns its path."""
+
+    def write(name, frame):
+        frame.to_csv(tmp_path / f"{name}.csv", index=False)
+        return tmp_path / f"{name}.csv"
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("second", "objectives", "text"),
+    [
+        (SECOND, None, "tables have no objectives"),
+        (SECOND.drop(columns="energy_uj"), GIVEN, "b.csv: has no numbers of energy_uj"),
+        (SECOND.assign(task="speed"), GIVEN, "no task in common (a: texture; b: speed)"),
+        (SECOND.drop(columns="task"), GIVEN, "no task in common (a: texture; b: none)"),
+        (
+            SECOND.assign(hardware="other"),
+            GIVEN,
+            "no hardware in common (a: chip; b: other); --hardware NAME",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(written, second, objectives, text):
+    with pytest.raises(ExpressionError) as raised:
+        compare_studies(written("a", FIRST), written("b", second), objectives)
+    assert text in str(raised.value)
+
+
+def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, tmp_path, new_tab):
+    path = written("a", FIRST)
+    arguments = ["compare", str(path), str(path), "--objectives", "accuracy:max,energy_uj:min"]
+    assert main([*arguments, "--html", str(tmp_path / "page.html"), "--format", "table"]) == 0
+    text = capsys.readouterr().out
+    assert "Joint front" in text and "Best within a budget" in text
+    page = Page(new_tab((1280, 720)), tmp_path / "page.html").open()
+    assert page.tab.locator("#view-studies tbody tr").count() >= 2
+    assert page.tab.input_value("#colour") == "study"
+    assert sorted(page.cells(1)) == ["0", "1", "10", "11"]
+    assert page.tab.is_hidden("#export")
+    page.tab.fill("#budget-1", "1")
+    page.tab.wait_for_function(
+        "document.querySelector('#view-studies').innerText.includes('within these budgets')"
+    )
+    assert page.faults == []
