@@ -27,12 +27,12 @@ def served(server: Server) -> Iterator[Server]:
 
 
 def ask(
-    server: Server, path: str = "/", method: str = "GET", **headers: str
+    server: Server, path: str = "/", method: str = "GET", body: str | None = None, **headers: str
 ) -> tuple[int, HTTPMessage, bytes]:
     """Send a request; return its status, headers and body."""
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)
     try:
-        connection.request(method, path, headers=headers)
+        connection.request(method, path, body, headers)
         answer = connection.getresponse()
         return answer.status, answer.headers, answer.read()
     finally:

@@ -52,6 +52,8 @@ const Table = (() => {
         title: String(shown.columns[column].values[row] ?? "not measured"),
       })));
       line.dataset.key = app.keyOf(row);
+      const notes = (shown.page.design_notes ?? []).filter((note) => [line.dataset.key, line.dataset.key.split(".")[0]].includes(Notes.keyOf(note)));
+      if (notes.length) line.cells[0].append(element("span", { textContent: notes.some(({ pinned }) => pinned) ? " ★" : " ✎", title: notes.map(({ text }) => text).join("; ") }));
       return line;
     }
 

@@ -1,7 +1,8 @@
-"""The page of a study while it runs: a small server that only reads.
+"""The page of a study while it runs: a small server that reads, and writes notes.
 
-There are five routes: `/` is the page; `/data.json` and `/progress.json` are its data, each sent again after
-a change (`ETag`); `/design.json` is the details of one trial; `/bundle.zip` is a design point to download. No
+There are five routes to read: `/` is the page; `/data.json` and `/progress.json` are its data, each sent
+again after a change (`ETag`); `/design.json` is the details of one trial; `/bundle.zip` is a design point to
+download. One writes: `POST /note` is a note on a design, and carries a token that only the page holds. No
 address names a file. A request must name this machine (`Host`), or, if other machines may connect, carry the
 token of the server.
 """
@@ -15,6 +16,7 @@ import gzip
 import hashlib
 import hmac
 import ipaddress
+import json
 import math
 import re
 import secrets
@@ -37,6 +39,8 @@ PORT = 8050
 LOOPBACK = "127.0.0.1"
 LONGEST_ADDRESS = 1024
 """Characters of a path with its query; the longest that the page asks for has fewer than 200."""
+LONGEST_NOTE = 16_384
+"""Bytes of a note that is sent."""
 LONGEST_HEADERS = 16_384
 """Characters of all headers of a request."""
 MOST_READERS = 64
@@ -91,6 +95,18 @@ def _no_design(trial: int) -> Page:
 
 def _no_bundle(trial: int, point: int, hardware: str) -> Download:
     raise Refused(HTTPStatus.NOT_FOUND, "Designs cannot be downloaded from this page.")
+
+
+@dataclass(frozen=True)
+class Writing:
+    """How notes are written.
+
+    token: of the page; a request without it is refused, so that no other page can send one.
+    note: trial, point or None, text and pin of a note -> nothing; may raise Refused.
+    """
+
+    token: str
+    note: Callable[[int, int | None, str, bool], None]
 
 
 @dataclass(frozen=True)
@@ -253,6 +269,7 @@ class Server(ThreadingHTTPServer):
         port: int = PORT,
         design: Callable[[int], Page] = _no_design,
         bundle: Callable[[int, int, str], Download] = _no_bundle,
+        writing: Writing | None = None,
     ) -> None:
         """Bind the port.
 
@@ -263,12 +280,13 @@ class Server(ThreadingHTTPServer):
             design: number of a trial -> its details; may raise Refused. Called once for each version of the
                 page's points.
             bundle: trial, point and hardware -> a file; may raise Refused. Never called concurrently.
+            writing: how notes are written; None: they are not.
 
         Raises:
             OSError: the host is not an address of this machine, or the port is in use; the text is for users.
         """
         self.live = live
-        self._design, self._bundle = design, bundle
+        self._design, self._bundle, self.writing = design, bundle, writing
         self._documents: OrderedDict[tuple[str, int], str] = OrderedDict()
         self._gathering, self._exporting = threading.Lock(), threading.Lock()
         self._places = threading.Semaphore(MOST_READERS)
@@ -391,6 +409,38 @@ class _Handler(BaseHTTPRequestHandler):
 
     do_HEAD = do_GET
 
+    def do_POST(self) -> None:
+        """Write a note: an object with trial, point, text and pinned."""
+        # The body belongs to the request: it must come within the time for that.
+        if refused := self._refused() or self._unwritable():
+            self.send_error(refused)
+            return
+        writing = self.server.writing
+        assert writing is not None
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        self.server.waits_for(self.connection, "")
+        try:
+            writing.note(*_note(body))
+        except Refused as reason:
+            self._answer(reason.status, str(reason))
+        except Exception as error:  # a damaged study raises nearly anything, and the server goes on
+            print(str(error) or type(error).__name__, file=sys.stderr)
+            self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
+        else:
+            self._reply(HTTPStatus.NO_CONTENT, {})
+
+    def _unwritable(self) -> HTTPStatus | None:
+        """Return why a request to write is refused, or None."""
+        writing = self.server.writing
+        if writing is None or self.path.partition("?")[0] != "/note":
+            return HTTPStatus.METHOD_NOT_ALLOWED
+        if not hmac.compare_digest(self.headers.get("X-Note-Token", "").encode(), writing.token.encode()):
+            return HTTPStatus.FORBIDDEN
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdecimal() and len(length) < 10):
+            return HTTPStatus.LENGTH_REQUIRED
+        return HTTPStatus.REQUEST_ENTITY_TOO_LARGE if int(length) > LONGEST_NOTE else None
+
     def _send_design(self, path: str, query: str) -> None:
         """Send the details or the bundle of one design, or the reason of a refusal."""
         text, download = "", None
@@ -494,6 +544,25 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep no log: an address may hold the token."""
+
+
+def _note(body: bytes) -> tuple[int, int | None, str, bool]:
+    """Return trial, point, text and pin of a note that was sent.
+
+    Raises:
+        Refused: it is something else.
+    """
+    try:
+        note = json.loads(body)
+        trial, point, text, pinned = (note[key] for key in ("trial", "point", "text", "pinned"))
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise Refused(HTTPStatus.BAD_REQUEST, "A note must have trial, point, text and pinned.") from None
+    is_number = all(
+        type(value) is int and 0 <= value < 10**9 for value in (trial, point) if value is not None
+    )
+    if trial is None or not is_number or not isinstance(text, str) or not isinstance(pinned, bool):
+        raise Refused(HTTPStatus.BAD_REQUEST, "A note must have trial, point, text and pinned.")
+    return trial, point, text, pinned
 
 
 def _packed(body: bytes) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import secrets
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -142,8 +143,8 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     import pandas
 
     from dse import store
-    from dse.dashboard.serve import Live, Server, stamp
-    from dse.study import results
+    from dse.dashboard.serve import Live, Server, Writing, stamp
+    from dse.study import notes, results
     from dse.study.results import Study
 
     if not (folder / "search_space.yaml").is_file():
@@ -156,6 +157,15 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     tables = [folder / name for name in (*_NEEDED, store.WARNINGS)]
     last_stamps: list[Stamp | None] = []
     last_page: dict[str, Any] = {}
+    last_notes: tuple[Stamp | None, list[dict[str, Any]]] = (None, [])
+    token = secrets.token_urlsafe(24)
+
+    def on_designs() -> dict[str, Any]:
+        nonlocal last_notes
+        now = stamp(folder / notes.FILE)
+        if now != last_notes[0]:
+            last_notes = (now, notes.plain(folder))
+        return {"design_notes": last_notes[1], "note_token": token}
 
     def read() -> Mapping[str, Any]:
         nonlocal last_stamps, last_page
@@ -167,12 +177,36 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
             designs.shown = _with_recordings(study, designs.points)
             page = _gathered(study, _with_failures(study, designs.shown), request)
             last_stamps, last_page = stamps, page
-        return {**last_page, **_progress(folder)}
+        return {**last_page, **_progress(folder), **on_designs()}
 
     empty = _gathered(Study(folder), pandas.DataFrame(), request)
-    going_on = [folder / "journal.log", folder / "artefacts", tables[-1]]
+    going_on = [folder / "journal.log", folder / "artefacts", folder / notes.FILE, tables[-1]]
     live = Live(read, tables[:-1], going_on, lambda: {**empty, **_progress(folder)})
-    return Server(live, host, port, designs.details, designs.bundle)
+    return Server(
+        live,
+        host,
+        port,
+        designs.details,
+        designs.bundle,
+        Writing(token, lambda *note: _write_note(folder, *note)),
+    )
+
+
+def _write_note(folder: Path, trial: int, point: int | None, text: str, pinned: bool) -> None:
+    """Write a note on a design.
+
+    Raises:
+        Refused: it cannot be written; the text names no path.
+    """
+    from dse.dashboard.serve import Refused
+    from dse.store import StoreError
+    from dse.study import notes
+
+    try:
+        notes.write(folder, trial, point, text, pinned)
+    except StoreError as error:
+        text = str(error).removeprefix(f"{folder}: ").removeprefix(f"{folder / notes.FILE}: ")
+        raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
 
 
 class _Designs:
@@ -269,6 +303,7 @@ def _zipped(folder: Path, name: str) -> bytes:
 def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, Any]:
     from dse.dashboard.gather import gather_page
     from dse.store import plain_cell
+    from dse.study import notes
 
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
@@ -285,7 +320,11 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         marks=marks,
     )
     rows = [] if audit is None else [plain_cell(row.columns) for row in audit.rows]
-    return page | {"audit": rows, "points_at": _written_at(study.folder / "points.parquet")}
+    written = {
+        "points_at": _written_at(study.folder / "points.parquet"),
+        "design_notes": notes.plain(study.folder),
+    }
+    return page | {"audit": rows} | written
 
 
 def _written_at(path: Path) -> str | None:

@@ -192,6 +192,40 @@ class Study(results.Study):
             raise NothingFeasible(text, choice.nearest)
         return choice.row
 
+    def note(
+        self,
+        design: str | int | Mapping[str, Any] | pandas.Series[Any],
+        text: str = "",
+        *,
+        pinned: bool = False,
+    ) -> None:
+        """Write a note on a design, in the study; without text and pin it is removed.
+
+        Args:
+            design: a trial's number, '3.12' for a point of trial 3, or a row of a table.
+            text: the note.
+            pinned: whether the design is listed first.
+
+        Raises:
+            StoreError: the study has no such design, or the note is too long.
+        """
+        from dse.study import notes
+
+        if isinstance(design, str | int):
+            trial, point = notes.parse_design(str(design))
+        else:
+            trial, point = int(design["trial"]), int(design["point"])
+        notes.write(self.folder, trial, point, arguments.text(text, "text"), pinned)
+
+    @property
+    def notes(self) -> pandas.DataFrame:
+        """The notes on designs, pinned ones first: trial, point, text, pinned, at."""
+        import pandas
+
+        from dse.study.notes import plain
+
+        return pandas.DataFrame(plain(self.folder), columns=["trial", "point", "text", "pinned", "at"])
+
     def compare(
         self,
         other: results.Study | str | Path,

@@ -11,7 +11,7 @@ from dse.audit import record
 from dse.config import ConfigError, SearchSpace, load_space
 from dse.hardware.profile import load_all
 from dse.store import StoreError
-from dse.study import lines, points, precision, pricing
+from dse.study import lines, notes, points, precision, pricing
 from dse.study import trials as tables
 from dse.study.ledger import Ledger
 from dse.study.record import RunRecord, load_record
@@ -110,6 +110,10 @@ def _texts(folder: Path) -> Iterator[Damage]:
         path = folder / name
         if path.exists() and (fault := _fault(path, read)):
             yield Damage(name, fault, cost, removed, _removal(path))
+    written = folder / notes.FILE
+    if written.exists() and (fault := _fault(written, notes.read)):
+        remedy = f"it is renamed to {notes.FILE}.damaged, to be read by eye"
+        yield Damage(notes.FILE, fault, "notes and pins on designs", remedy, lambda: _set_aside(written))
     for path in sorted([*folder.glob("hardware/*.yaml"), *folder.glob("plugins/*.py")]):
         if fault := _fault(path, store.read_sealed_text):
             yield Damage(
@@ -127,6 +131,10 @@ def _profiles(folder: Path) -> Iterator[Damage]:
                 "it is replaced with the profile as it is now, and all points are priced with that",
                 lambda: _write_tables(folder),
             )
+
+
+def _set_aside(path: Path) -> None:
+    path.replace(path.with_name(f"{path.name}.damaged"))
 
 
 def _list(path: Path) -> None:

@@ -91,7 +91,7 @@ sort: 3
             "1: unknown key 'titel'; known: title, plugins, views, front, parallel, table, design, budgets, "
             "sort. Did you mean 'title'?",
             "2: unknown views[1] 'tabel'; known: audit, compare, decide, design, front, importance, "
-            "parallel, progress, table. Did you mean 'table'?",
+            "notes, parallel, progress, studies, table. Did you mean 'table'?",
             "2: views must not contain a name twice, got 'front' again",
             "5: front.y must be another column than front.x, got 'accuracy' twice",
             "6: unknown front.dimensions 4; known: 2, 3",

@@ -23,6 +23,7 @@ from dse.dashboard.serve import (
     Live,
     Refused,
     Server,
+    Writing,
 )
 from tests.page_data import OBJECTIVES, points
 from tests.serving import answer_to, ask, connect, served
@@ -765,3 +766,56 @@ def test_hostile_rows_that_come_later_never_run(tab, folder):
         # A column is a column whatever its name, also once it was changed.
         assert HOSTILE[0] in tab.eval_on_selector_all("#x option", "o => o.map((x) => x.value)")
         assert tab.locator("img").count() == 0
+
+
+def test_a_note_needs_the_token_of_the_page_and_whole_words(folder):
+    folder.write(points())
+    written = []
+    note = {"trial": 1, "point": None, "text": "x", "pinned": True}
+    with running(folder.live(), writing=Writing("secret", lambda *one: written.append(one))) as server:
+
+        def post(body, token="secret", path="/note", **headers):
+            given = {"X-Note-Token": token, **headers}
+            return ask(
+                server, path, "POST", body=body if isinstance(body, str) else json.dumps(body), **given
+            )[0]
+
+        assert post(note, token="other") == post(note, token="") == 403
+        assert post(note, path="/data.json") == 405
+        assert post(note, Host="evil.example") == 421
+        assert post("x" * 20_000) == 413
+        wrong = [
+            {**note, "trial": None},
+            {**note, "point": "1"},
+            {**note, "trial": -1},
+            {**note, "trial": True},
+        ]
+        wrong += [{**note, "text": 3}, {**note, "pinned": 1}, [], "x", "[" * 9000, {"trial": 1}]
+        assert {post(body) for body in wrong} == {400}
+        assert written == []
+        assert post(note) == 204
+        assert written == [(1, None, "x", True)]
+
+
+def test_the_page_writes_a_note_and_shows_it_in_its_table(folder, new_tab):
+    folder.write(points(point=0))
+    kept = {"design_notes": [], "note_token": "secret"}
+
+    def write(trial, point, text, pinned):
+        kept["design_notes"] = [{"trial": trial, "point": point, "text": text, "pinned": pinned}]
+        folder.write(points(point=0))
+
+    def read():
+        return {**folder.read(), **kept}
+
+    live = Live(read, [folder.table], [], read)
+    with running(live, writing=Writing("secret", write)) as server:
+        tab = new_tab((1280, 720))
+        tab.goto(server.url)
+        tab.click("#front tbody tr[data-key='1.0']")
+        tab.fill("#note-text", "<b>survives rain</b>")
+        tab.check("#notes-on input[type=checkbox]")
+        tab.click("#notes-on button[type=submit]")
+        tab.wait_for_selector("#notes-on li")
+        assert "★ Trial 1, point 0 <b>survives rain</b>" in tab.inner_text("#notes-on li").replace("\n", " ")
+        assert "★" in tab.inner_text("#front tbody tr[data-key='1.0']")

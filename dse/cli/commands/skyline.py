@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,8 @@ from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_duty, add_hardware
 
 if TYPE_CHECKING:
+    import pandas
+
     from dse.skyline.goals import Goal
 
 _DRAWS = 200
@@ -64,6 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="keep points that are on the front with at least this probability (column front_probability)",
     )
+    parser.add_argument(
+        "--notes", action="store_true", help="show the notes on designs (`dse note`): columns note and pinned"
+    )
     add_format(parser, FORMATS)
 
 
@@ -91,7 +97,19 @@ def answer(arguments: argparse.Namespace) -> Answer:
         draws=arguments.draws,
         confidence=arguments.confidence,
     )
-    return front_answer(skyline.rows, objectives, skyline.notes, beside)
+    rows = skyline.rows
+    if arguments.notes:
+        rows, beside = _with_notes(rows, arguments.results), [*beside, "pinned", "note"]
+    return front_answer(rows, objectives, skyline.notes, beside)
+
+
+def _with_notes(rows: pandas.DataFrame, results: Sequence[str]) -> pandas.DataFrame:
+    from dse.store import StoreError
+    from dse.study.notes import with_notes
+
+    if len(results) > 1 or not Path(results[0]).is_dir():
+        raise StoreError(f"{results[-1]}: --notes needs one study's folder")
+    return with_notes(rows, Path(results[0]))
 
 
 def _large(arguments: argparse.Namespace) -> Path | None:
@@ -106,6 +124,7 @@ def _large(arguments: argparse.Namespace) -> Path | None:
         arguments.contacts_per_hour is not None,
         arguments.battery_mwh,
         arguments.confidence,
+        arguments.notes,
     )
     if len(arguments.results) > 1 or any(others) or file.suffix != ".parquet" or not file.is_file():
         return None

@@ -1,0 +1,77 @@
+"use strict";
+// Notes and pins on designs: those of the study, and on a served page a form for the chosen design.
+const Notes = (() => {
+  const LONGEST = 2000;
+
+  const keyOf = ({ trial, point }) => (point === null ? String(trial) : `${trial}.${point}`);
+
+  function view(root, app) {
+    const { element, clip, number } = app;
+    const list = element("ul");
+    const label = element("label", { htmlFor: "note-text" });
+    const text = element("textarea", { id: "note-text", maxLength: LONGEST });
+    const pin = element("input", { type: "checkbox" });
+    const status = element("small");
+    status.setAttribute("role", "status");
+    const form = element("form", {}, label, text, element("label", {}, pin, " pinned"), " ", status, element("button", { type: "submit", textContent: "save" }));
+    root.append(element("h2", { textContent: "Notes" }), list, form);
+    let [shown, edited] = [null, null];
+
+    // The note of a point, or else of all points of its trial.
+    function noteOf(key) {
+      const notes = shown.page.design_notes ?? [];
+      return notes.find((one) => keyOf(one) === key) ?? null;
+    }
+
+    function item(note) {
+      const key = keyOf(note);
+      const row = shown.page.budgets.contenders.concat(shown.rows).find((one) => shown.columns.trial?.values[one] === note.trial);
+      const name = `${note.pinned ? "★ " : ""}Trial ${number(note.trial)}${note.point === null ? "" : `, point ${number(note.point)}`}`;
+      const button = element("button", { type: "button", textContent: name });
+      button.disabled = note.point === null && row === undefined;
+      button.addEventListener("click", () => app.change({ chosen: note.point === null ? app.keyOf(row) : key }));
+      return element("li", {}, button, ` ${clip(note.text, LONGEST)}`);
+    }
+
+    function fill() {
+      const { page, chosen, columns } = shown;
+      form.hidden = !page.note_token || !chosen || !columns.point;
+      if (form.hidden) return;
+      label.textContent = `on trial ${number(chosen.value("trial"))}, point ${number(chosen.value("point"))}`;
+      const note = noteOf(chosen.key);
+      const now = JSON.stringify([chosen.key, note]);
+      if (now === edited) return; // what is being written stays
+      edited = now;
+      text.value = note?.text ?? "";
+      pin.checked = note?.pinned ?? false;
+      status.textContent = "";
+    }
+
+    form.addEventListener("submit", async (event) => {
+      event.preventDefault();
+      const [trial, point] = [shown.chosen.value("trial"), shown.chosen.value("point")];
+      const body = JSON.stringify({ trial, point, text: text.value, pinned: pin.checked });
+      status.textContent = "…";
+      try {
+        const answer = await fetch(Details.address("note", {}), { method: "POST", body, headers: { "X-Note-Token": shown.page.note_token } });
+        status.textContent = answer.ok ? "saved" : await answer.text();
+      } catch {
+        status.textContent = "not saved: the connection is lost";
+      }
+    });
+
+    function render(next) {
+      shown = next;
+      const notes = shown.page.design_notes ?? [];
+      root.hidden = !notes.length && (!shown.page.note_token || !shown.chosen);
+      if (root.hidden || shown.moving) return;
+      list.replaceChildren(...notes.map(item));
+      fill();
+    }
+
+    return { render };
+  }
+
+  return { view, keyOf };
+})();
+Views.notes = Notes;
