@@ -174,7 +174,9 @@ _NEURONS_AND_LOSSES = {
 }
 _ONE_COPY = {"input_delays": [0]}
 _DELAYS = {**_ONE_COPY, "max_delay": 40}
+_FEW_DELAYS = {**_ONE_COPY, "max_delay": 10}
 _DROPPED = {"event_dropout": 0.2}
+_DILATED = {"dilation": [0.8, 1.25], "dilation_keeps_label": True}
 _SMALL_SPEED = {"hidden": 150, "input_delays": [0, 2, 5, 10, 20, 40]}
 _TINY_SPEED = {**_SMALL_SPEED, **_RESONATOR, "hidden": 40}
 _TINY_BRAILLE = {**_CROSS_ENTROPY, "hidden": 40, "input_delays": [0]}
@@ -232,8 +234,11 @@ CASES = (
         {"pruned": 0.73, "prune_epoch": 0.35, **_CROSS_ENTROPY},
         training=_DROPPED,
     ),
-    Case("7 fabrics", "CUBA-LIF, delays", {"input_delays": [0], "max_delay": 10}),
+    Case("7 fabrics", "CUBA-LIF, delays", _FEW_DELAYS),
     Case("7 fabrics", "small, CUBA-LIF, spike rate", {**_ONE_COPY, "hidden": 118}),
+    Case("7 fabrics", "small, dilation", {**_ONE_COPY, "hidden": 118}, training=_DILATED),
+    Case("7 fabrics", "small, delays, dilation", {**_FEW_DELAYS, "hidden": 118}, training=_DILATED),
+    Case("7 fabrics", "tiny, delays, dilation", {**_FEW_DELAYS, "hidden": 60}, training=_DILATED),
     Case("7 fabrics", "resonators, event dropout", _RESONATOR, training=_DROPPED),
     Case("7 fabrics", "resonators, blend", _RESONATOR, training={"blend": 0.5}),
     Case(
@@ -302,8 +307,8 @@ CASES = (
 )
 
 IN_README = (
-    "7 fabrics: CUBA-LIF, spike rate",
-    "7 fabrics: small, CUBA-LIF, spike rate",
+    "7 fabrics: small, delays, dilation",
+    "7 fabrics: tiny, delays, dilation",
     "6 speeds: resonators, delays, event dropout",
     "6 speeds: small, resonators, delays",
     "26 ridged textures: small, resonators, cross-entropy",
