@@ -11,8 +11,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from dse import dataset, registry, store
-from dse.config import ConfigError, Sections, load_space
+from dse import registry, store
+from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.verify import publish
@@ -20,7 +20,7 @@ from dse.models.snn.quantise import BITS, exponents, rounded
 from dse.neurons import neuron_of
 from dse.recordings import RecordingError
 from dse.records import Array, Network, Parameters
-from dse.study import precision
+from dse.study import imported, precision
 from dse.study.record import RunRecord, load_records
 from dse.study.results import Study
 
@@ -137,14 +137,11 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
 
 def _recordings(study: Study, record: RunRecord) -> str | None:
     """Return the hash of the recordings that a run was trained on; None where they are no longer found."""
-    for base in (Path.cwd(), study.folder, study.folder.parent.parent):
-        with contextlib.suppress(ConfigError, RecordingError, ValueError, OSError):
-            space = load_space(study.folder / "search_space.yaml")
-            sections = space.resolve(record.design)
-            if space.split.k_fold is not None:
-                sections = sections.on_fold(record.repeat % space.split.k_fold.k)
-            if dataset.dataset_key(sections, base) == record.data:
-                return sections.data.content(base)
+    source = imported.source_of(study.folder, record)
+    if source is not None:
+        _, sections, base = source
+        with contextlib.suppress(RecordingError, OSError):
+            return sections.data.content(base)
     return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import registry, store
+from dse.config import Sections
 from dse.deploy.bundle import Bundle, BundleError, read, write
 from dse.deploy.reference import prepared
 from dse.hardware.profile import Profile, load
@@ -17,7 +19,12 @@ from dse.measure.on_chips import columns_on
 from dse.measure.run import Measurement, measure
 from dse.models.snn.quantise import BITS
 from dse.native.extras import require_torch
-from dse.records import Outcome, Response
+from dse.records import Network, Outcome, Response
+from dse.store import StoreError
+from dse.study import imported
+from dse.study.record import RunRecord, load_records
+from dse.study.results import Study
+from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -53,6 +60,64 @@ def import_weights(
     bundle = dataclasses.replace(bundle, record=_record(bundle, data_file, hardware))
     write(bundle, Path(out))
     return bundle
+
+
+def import_into(bundle: Bundle, results: str | Path) -> int:
+    """Add a bundle with imported weights to the study that it is from, as a trial; return its number.
+
+    The trial has the design that the bundle was exported from. It is measured on the study's own recordings,
+    with all decision rules and hardware of the study, in 8 bits.
+
+    Raises:
+        BundleError: its weights were not imported, or it is of another study, search space or sensor.
+        ConfigError: a hardware profile of the study has changed.
+        StoreError: the study is damaged, runs now, lacks its recordings or has these weights already.
+    """
+    study, evidence = open_study(results), bundle.evidence
+    about = evidence.get("imported")
+    if not about:
+        raise BundleError("the bundle holds the weights that its study trained: there is nothing to import")
+    assert isinstance(bundle.fitted, Network)  # nothing else is imported
+    name, here = evidence["study"], study.space["study"]
+    if name != here:
+        raise BundleError(f"{results}: is study '{here}', and the bundle was exported from study '{name}'")
+    origin = next((x for x in _runs(study, int(evidence["trial"])) if x.repeat == evidence["repeat"]), None)
+    if origin is None or not origin.finished:
+        raise BundleError(f"{results}: has no run {evidence['repeat']} of trial {evidence['trial']}")
+    _check_same(bundle, origin, f"{results}: trial {origin.trial}")
+    taken = {"study": name, "trial": origin.trial, "weights": about["file"], "checksum": about["checksum"]}
+    return imported.add(study.folder, origin, bundle.fitted, taken)
+
+
+def _runs(study: Study, trial: int) -> list[RunRecord]:
+    try:
+        return load_records(study.folder, trial)
+    except StoreError as error:
+        if isinstance(error, store.Damaged):
+            raise
+        return []
+
+
+def _check_same(bundle: Bundle, origin: RunRecord, where: str) -> None:
+    """Check that a bundle is of a run: its data, preprocessing, network and seed.
+
+    Raises:
+        BundleError: it is not; the first key that differs.
+    """
+    there = dataclasses.replace(Sections.from_plain(origin.sections, where), test=None).to_plain()
+    here = bundle.sections.to_plain()
+    for section in dict.fromkeys([*here, *there]):
+        if section == "data":  # its paths may differ; its content is compared below
+            continue
+        a, b = (json.loads(json.dumps(x.get(section), default=store.plain)) or {} for x in (there, here))
+        for key in dict.fromkeys([*a, *b]):
+            if a.get(key) != b.get(key):
+                text = f"{section}.{key} is {a.get(key)!r}, and {b.get(key)!r} in the bundle"
+                raise BundleError(f"{where} has another search space than the bundle: {text}")
+    if bundle.evidence["data"] != origin.data or tuple(bundle.classes) != origin.classes:
+        raise BundleError(f"{where} was trained on other recordings than the bundle")
+    if bundle.evidence["seed"] != origin.seed:
+        raise BundleError(f"{where} has seed {origin.seed}, and the bundle {bundle.evidence['seed']}")
 
 
 def with_weights(bundle: Bundle, file: Path) -> Bundle:

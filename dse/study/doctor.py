@@ -129,7 +129,7 @@ def _profiles(folder: Path) -> Iterator[Damage]:
                 fault,
                 "no run: points are priced anew, trials keep the costs that the sampler received",
                 "it is replaced with the profile as it is now, and all points are priced with that",
-                lambda: _write_tables(folder),
+                lambda: write_tables(folder),
             )
 
 
@@ -168,7 +168,7 @@ def _tables(folder: Path) -> Iterator[Damage]:
     for number, (name, fault) in enumerate(faults.items()):
         yield Damage(
             name, fault, "nothing: it follows from the runs", "it is written again",
-            (lambda: _write_tables(folder)) if number == 0 else lambda: None,
+            (lambda: write_tables(folder)) if number == 0 else lambda: None,
         )  # fmt: skip
 
 
@@ -192,8 +192,8 @@ def _space(folder: Path) -> SearchSpace:
     return load_space(folder / _SPACE)
 
 
-def _write_tables(folder: Path) -> None:
-    """Write the tables from the records of the runs and the journal."""
+def write_tables(folder: Path) -> None:
+    """Write the tables from the records of the runs and the journal, and the profiles that price them."""
     space = _space(folder)
     profiles = load_all(space.hardware, space.source.parent)
     runs: dict[int, list[RunRecord]] = {}

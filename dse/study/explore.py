@@ -24,7 +24,7 @@ from dse.search.proposals import Sampler, limited
 from dse.search.space import design_at
 from dse.search.stop import Spent, reached
 from dse.seeds import design_key
-from dse.study import decisions, points, precision, pricing, queue, warm
+from dse.study import decisions, imported, points, precision, pricing, queue, warm
 from dse.study import trials as tables
 from dse.study.claim import claim
 from dse.study.fronts import fronts
@@ -226,7 +226,7 @@ class _Tables:
     def write(self) -> None:
         """Write both tables, and the hardware profiles that costs are computed from."""
         pricing.keep(self._profiles, self._folder)
-        runs = self._runs.trials()
+        runs = self._runs.trials() | imported.records(self._folder)
         with store.published(self._folder / "trials.parquet") as path:
             entries = self._ledger.entries
             excluded = [entry for entry in entries if entry.excluded]

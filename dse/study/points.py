@@ -127,7 +127,7 @@ def _parts(
         if not all(record.finished for record in runs):
             continue
         answered = answers(folder, runs)
-        about = tables.named(space, trial, runs[0].design, len(runs))
+        about = tables.named(space, trial, runs[0].design, len(runs), runs[0].origin)
         total = sum(map(len, answered))
         step = n_rows or total
         chips: list[Profile | None] = [*profiles] or [None]

@@ -75,7 +75,8 @@ class RunRecord:
     leak: why evaluations on the data know the labels; '' if they do not.
     rungs: epochs -> what was measured after so many, at each rung where the training paused.
     files: names of its artefacts.
-    taken_from: study and trial that trained it, where it was taken over.
+    taken_from: study and trial that trained it, where it was taken over; with `weights`, the name of a file,
+        where it was trained on and imported.
     """
 
     trial: int
@@ -117,6 +118,12 @@ class RunRecord:
         return self.measured if self.stopped_at_epoch is None else self.rungs[self.stopped_at_epoch]
 
     @property
+    def origin(self) -> str:
+        """What an imported network was before; '' of all others."""
+        taken = self.taken_from
+        return f"trial {taken['trial']}, {taken['weights']}" if "weights" in taken else ""
+
+    @property
     def measured(self) -> Numbers:
         """The numbers of a finished run.
 
@@ -156,6 +163,7 @@ class RunRecord:
             "reason": "",
             **self.numbers.to_plain(),
             **({"rungs": plain_rungs(self.rungs)} if self.rungs else {}),
+            **({"taken_from": dict(self.taken_from)} if self.taken_from else {}),
         }
 
     @classmethod

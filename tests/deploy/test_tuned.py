@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from dse.cli import main
@@ -209,3 +211,75 @@ def test_a_module_of_another_seed_is_no_other_network(study: Study, tmp_path: Pa
     )
     with pytest.raises(bundle.BundleError, match="it is a module of another network"):
         tuned.with_weights(made, Path(saved(other.as_module(), tmp_path / "other.pt")))
+
+
+def test_imported_weights_are_a_trial_of_their_study(
+    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(study.folder.parents[1], tmp_path / "work", ignore=shutil.ignore_patterns("cache"))
+    folder = tmp_path / "work" / "results" / study.folder.name
+    touch = str(tmp_path / "work" / "tiny.npz")
+    made = export(Study(folder), row(study, "end"), tmp_path / "bundle")
+    module = made.as_module()
+    same = saved(module, tmp_path / "same.pt")
+    before = Study(folder).points()
+    command = ["import", str(tmp_path / "bundle"), same]
+    assert main([*command, "--data", touch, "--out", str(tmp_path / "tuned"), "--into", str(folder)]) == 0
+    assert "trial 90000 of" in capsys.readouterr().err
+    points = Study(folder).points()
+    imported = points[points["trial"] == 90000]
+    assert set(imported["origin"]) == {"trial 0, same.pt"}
+    # The same weights: all points at full precision are those of the trial that they were trained in.
+    own = before[(before["trial"] == 0) & (before["weight_bits"] == 8) & (before["pruned_after"] == 0)]
+    for name in ("accuracy", "energy_uj", "decision_latency_ms", "n_weights"):
+        assert np.array_equal(imported[name].to_numpy(), own[name].to_numpy()), name
+    others = points[points["trial"] != 90000].drop(columns="origin")
+    pd.testing.assert_frame_equal(others.reset_index(drop=True), before, check_dtype=False)
+
+    for again in (["import", str(tmp_path / "tuned")], command):
+        assert main([*again, "--into", str(folder)]) == 2
+        assert "trial 90000 has these weights already" in capsys.readouterr().err
+
+    better = saved(module, tmp_path / "better.pt", lambda state: state["layers.0.weight"].mul_(0.5))
+    assert main(["import", str(tmp_path / "bundle"), better, "--into", str(folder)]) == 0
+    capsys.readouterr()
+    where = ["--budget", "trial >= 90001", "--json"]
+    assert main(["skyline", str(folder), "--where", "trial >= 90000", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert {x["origin"] for x in rows} <= {"trial 0, same.pt", "trial 0, better.pt"} and rows
+    assert main(["pick", str(folder), *where, "--export", str(tmp_path / "picked")]) == 0
+    assert bundle.read(tmp_path / "picked").record["origin"] == "trial 0, better.pt"
+    # The search goes on beside them.
+    assert (
+        main(["run", str(tmp_path / "work" / "real.yaml"), "--results", str(folder.parent), "--quiet"]) == 0
+    )
+    assert set(Study(folder).trials["trial"]) == {0, 90000, 90001}
+
+
+def elsewhere(made: Any) -> Any:
+    window = dataclasses.replace(made.sections.window, at="start")
+    return dataclasses.replace(made, sections=dataclasses.replace(made.sections, window=window))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda x: dataclasses.replace(x, evidence={**x.evidence, "study": "other"}), "exported from study"),
+        (lambda x: dataclasses.replace(x, evidence={**x.evidence, "trial": 7}), "has no run 0 of trial 7"),
+        (lambda x: dataclasses.replace(x, evidence={**x.evidence, "data": "0"}), "on other recordings"),
+        (lambda x: dataclasses.replace(x, evidence={**x.evidence, "seed": 9}), "has seed 3"),
+        (lambda x: dataclasses.replace(x, evidence={**x.evidence, "imported": None}), "nothing to import"),
+        (
+            elsewhere,
+            "window.at is 'middle', and 'start' in the bundle",
+        ),
+    ],
+)
+def test_weights_of_another_study_are_refused(
+    study: Study, change: Callable[[Any], Any], message: str, tmp_path: Path
+) -> None:
+    made = export(study, row(study, "end"), tmp_path / "bundle")
+    made = tuned.with_weights(made, Path(saved(made.as_module(), tmp_path / "same.pt")))
+    with pytest.raises(bundle.BundleError, match=message):
+        tuned.import_into(change(made), study.folder)
+    assert list(study.trials["trial"]) == [0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from dse.cli.answer import Answer, add_format
 
@@ -15,14 +16,24 @@ HELP = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bundle", metavar="BUNDLE", help="the bundle whose module was trained on")
-    parser.add_argument("weights", metavar="FILE", help="written by torch.save(module.state_dict(), FILE)")
+    parser.add_argument(
+        "weights",
+        metavar="FILE",
+        nargs="?",
+        help="written by torch.save(module.state_dict(), FILE) (default: those that BUNDLE was made with)",
+    )
     parser.add_argument(
         "--data",
-        required=True,
         metavar="RECORDINGS",
         help="labelled recordings, as of `dse evaluate`; the new bundle's record is measured on them",
     )
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder of the new bundle")
+    parser.add_argument("--out", metavar="DIR", help="folder of the new bundle")
+    parser.add_argument(
+        "--into",
+        metavar="RESULTS",
+        help="add a trial to the study that the bundle is from, measured on its recordings; its column "
+        "origin says what it was",
+    )
     parser.add_argument(
         "--hardware",
         metavar="NAME",
@@ -32,12 +43,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
-    """Return the record of the new bundle."""
-    from dse.deploy.tuned import import_weights
+    """Return the record of the new bundle, or the row of the new trial."""
+    from dse.deploy.bundle import BundleError, read
+    from dse.deploy.tuned import import_into, import_weights, with_weights
+    from dse.native.extras import require_torch
 
-    bundle = import_weights(
-        arguments.bundle, arguments.weights, arguments.data, arguments.out, arguments.hardware
-    )
+    if bool(arguments.data) != bool(arguments.out):
+        raise BundleError("--data, the recordings to measure on, and --out, the new bundle, need each other")
+    if not (arguments.out or arguments.into):
+        raise BundleError("import needs --data RECORDINGS and --out DIR, or --into RESULTS")
+    if arguments.out and not arguments.weights:
+        raise BundleError("--out needs FILE, the weights of the new bundle")
+    notes, bundle = [], None
+    if arguments.out:
+        bundle = import_weights(
+            arguments.bundle, arguments.weights, arguments.data, arguments.out, arguments.hardware
+        )
+        notes.append(f"bundle: {arguments.out}")
+    if arguments.into:
+        bundle = bundle or read(arguments.bundle)
+        if arguments.weights and not arguments.out:
+            require_torch("importing a torch module")
+            bundle = with_weights(bundle, Path(arguments.weights))
+        return _into(arguments.into, import_into(bundle, arguments.into), notes)
+    assert bundle is not None
     shown = (
         "trial",
         "phi",
@@ -49,4 +78,16 @@ def answer(arguments: argparse.Namespace) -> Answer:
         "energy_uj",
     )
     columns = [name for name in shown if bundle.record.get(name) is not None]
-    return Answer([dict(bundle.record)], [f"bundle: {arguments.out}"], columns)
+    return Answer([dict(bundle.record)], notes, columns)
+
+
+def _into(results: str, trial: int, notes: list[str]) -> Answer:
+    """Return the row of a new trial of a study."""
+    from dse.store import plain_cell
+    from dse.study.results import open as open_study
+
+    trials = open_study(results).trials
+    [row] = trials[trials["trial"] == trial].to_dict("records")
+    plain = {str(name): plain_cell(x) for name, x in row.items()}
+    columns = [name for name in ("trial", "origin", "accuracy", "accuracy_se", "energy_uj") if name in plain]
+    return Answer([plain], [*notes, f"trial {trial} of {results}"], columns)
