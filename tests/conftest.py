@@ -14,6 +14,9 @@ import pytest
 from hypothesis import settings
 
 from dse import registry
+from dse.study import workers as study_workers
+from dse.study.executors.loky import Loky
+from tests.in_process import Forked, InProcess
 from tests.waiting import PATIENCE_MS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -69,6 +72,35 @@ def registered() -> Iterator[None]:
     registry._replace(components)
     registry._plugins.clear()
     registry._plugins.update(plugins)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def without_sync() -> Iterator[None]:
+    """Leave files to the system's memory: no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def without_workers(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Studies train in the process of the test, but in files that set WORKERS, and with fixtures below."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not getattr(request.module, "WORKERS", False):
+            patch.setattr(study_workers, "Loky", InProcess)
+        yield
+
+
+@pytest.fixture
+def workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the studies of a test train in worker processes."""
+    monkeypatch.setattr(study_workers, "Loky", Loky)
+
+
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the studies of a test train in forks, which may be killed."""
+    monkeypatch.setattr(study_workers, "Loky", Forked)
 
 
 @pytest.fixture(scope="session")

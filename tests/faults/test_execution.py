@@ -16,6 +16,7 @@ import pytest
 from dse.study import results
 from dse.study.results import Study
 from tests import tiny_study
+from tests.study import test_crash
 from tests.study.test_crash import ROOT, assert_same, finished_runs
 from tests.waiting import PATIENCE_S
 
@@ -30,9 +31,9 @@ def fake_model() -> Iterator[None]:
     tiny_study.unregister()
 
 
-def prepare(folder: Path, backend: str) -> Path:
+def prepare(folder: Path, backend: str, seconds: float = 0.15) -> Path:
     folder.mkdir()
-    model = {**tiny_study.plain()["model"], "seconds": 0.15}
+    model = {**tiny_study.plain()["model"], "seconds": seconds}
     execution = {"jobs": 2, "backend": backend}
     tiny_study.make_space(folder, model=model, search={"sampler": "grid", "batch": 4}, execution=execution)
     return folder
@@ -40,7 +41,7 @@ def prepare(folder: Path, backend: str) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
-    folder = prepare(tmp_path_factory.mktemp("execution") / "whole", "loky")
+    folder = prepare(tmp_path_factory.mktemp("execution") / "whole", "loky", seconds=0.0)
     assert tiny_study.run_folder(str(folder)) == 0
     return results.open(folder / "results" / "tiny")
 
@@ -98,7 +99,9 @@ def test_killed_at_random_moments(tmp_path: Path, whole: Study, backend: str, n_
 
 def test_two_coordinators_on_one_folder(tmp_path: Path, whole: Study) -> None:
     folder = prepare(tmp_path / "twice", "loky")
-    both = [start(folder), start(folder)]
-    codes = sorted(process.wait(PATIENCE_S) for process in both)
+    both = [test_crash.start(folder), test_crash.start(folder)]
+    for process in both:
+        process.join(PATIENCE_S)
+    codes = sorted(process.exitcode or 0 for process in both)
     assert codes in ([0, 0], [0, 2]), "the second one finds the folder in use, or finished"
     assert_same(folder, whole)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import struct
 import tracemalloc
@@ -23,13 +24,15 @@ HEADER = "% evt {}\n% geometry 64x64\n% end\n"
 WRAPS = 10_000
 EVT3 = [evt3_y(1), *(word for _ in range(WRAPS) for word in (evt3_high(4095), evt3_high(0)))]
 EVT2 = [word for _ in range(200) for word in (evt2_high(0xFFFFFFF), evt2_high(0), evt2_event(3, 1, 2, 1))]
-FILES = {
-    "evt3": raw(
-        [evt3_high(0), evt3_y(1), evt3_low(5), evt3_x(1, 1), *EVT3, evt3_low(9), evt3_x(2, 1)], 2,
-        HEADER.format("3.0"),
-    ),
-    "evt2": raw([evt2_high(0), evt2_event(1, 1, 1, 1), *EVT2], 4, HEADER.format("2.0")),
-}  # fmt: skip
+
+
+def files(evt3: list[int], evt2: list[int]) -> dict[str, bytes]:
+    """Return a recording of each format, with words between its first and its last event."""
+    begin, end = [evt3_high(0), evt3_y(1), evt3_low(5), evt3_x(1, 1)], [evt3_low(9), evt3_x(2, 1)]
+    return {
+        "evt3": raw([*begin, *evt3, *end], 2, HEADER.format("3.0")),
+        "evt2": raw([evt2_high(0), evt2_event(1, 1, 1, 1), *evt2], 4, HEADER.format("2.0")),
+    }
 
 
 def design(data: dict[str, Any], **more: Any) -> Any:
@@ -44,6 +47,7 @@ def design(data: dict[str, Any], **more: Any) -> Any:
 
 def refusal(data: dict[str, Any], folder: Path, **more: Any) -> str:
     """Return the sentence that refuses recordings, and check the memory that it took."""
+    importlib.import_module("numba")  # whose code objects are no part of what a file asks for
     tracemalloc.start()
     try:
         with pytest.raises(RecordingError) as refused:
@@ -54,12 +58,13 @@ def refusal(data: dict[str, Any], folder: Path, **more: Any) -> str:
     return str(refused.value)
 
 
-@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize("kind", ["evt3", "evt2"])
 def test_times_that_wrap_again_and_again(tmp_path: Path, kind: str) -> None:
     for label in ("felt", "silk"):
         (tmp_path / "all" / label).mkdir(parents=True)
         for k in range(2):
-            (tmp_path / "all" / label / f"{k}.raw").write_bytes(FILES[kind])
+            content = files(EVT3, EVT2) if (label, k) == ("felt", 0) else files([], EVT2[:3])
+            (tmp_path / "all" / label / f"{k}.raw").write_bytes(content[kind])
     data: dict[str, Any] = {"kind": "event_files", "folder": "all", "label_from": "folder", "repair": True}
     data["columns"] = {"fabric": "folder"}
     text = refusal(data, tmp_path, preprocessing={"bin_ms": 1.0})

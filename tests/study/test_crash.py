@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import pandas as pd
@@ -16,12 +19,16 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
-from dse.study import results
+from dse.study import results, workers
 from dse.study.results import Study
 from tests import tiny_study
+from tests.in_process import InProcess
 from tests.waiting import PATIENCE_S, until
 
 ROOT = Path(__file__).resolve().parents[2]
+CHILDREN = multiprocessing.get_context("forkserver")
+LAZY = ("optuna", "optuna.storages.journal", "pyarrow.parquet", "scipy.stats", "numba", "moocore")
+"""What a study imports only when it needs it."""
 N_RUNS = 8
 """Six designs, of which the front gets a second repeat; at least this many runs in all."""
 
@@ -48,17 +55,28 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
     return results.open(folder / "results" / "tiny")
 
 
-def start(folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
-    code = f"import sys; from tests.tiny_study import run_folder; sys.exit(run_folder({str(folder)!r}))"
-    if limit is not None:  # the largest file that the process and its workers may write
-        code = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); {code}"
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+def study_process(folder: Path, limit: int | None, told: Path, cache: str) -> None:
+    """Run the study of a folder without worker processes; write what it says to a file."""
+    os.environ["DSE_CACHE"] = cache
+    workers.Loky = InProcess  # type: ignore[assignment, misc]
+    os.dup2(os.open(told, os.O_WRONLY | os.O_CREAT), 2)
+    if limit is not None:  # the largest file that the process may write
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    sys.exit(tiny_study.run_folder(str(folder)))
+
+
+def start(folder: Path, limit: int | None = None) -> ForkServerProcess:
+    """Start a process that runs a study: a fork of one that has imported everything."""
+    CHILDREN.set_forkserver_preload([__name__, *LAZY])
+    cache = os.environ["DSE_CACHE"]  # those of the server are older
+    process = CHILDREN.Process(target=study_process, args=(folder, limit, folder / "told", cache))
+    process.start()
+    return process
+
+
+def killed(process: ForkServerProcess) -> None:
+    process.kill()
+    process.join()
 
 
 def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
@@ -66,8 +84,8 @@ def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
     return {str(path): (path.stat().st_ino, path.stat().st_mtime_ns) for path in records}
 
 
-def wait_until(process: subprocess.Popen[str], condition: Callable[[], bool]) -> None:
-    until(lambda: process.poll() is not None or condition(), "the study to come so far")
+def wait_until(process: ForkServerProcess, condition: Callable[[], bool]) -> None:
+    until(lambda: process.exitcode is not None or condition(), "the study to come so far")
 
 
 def assert_same(folder: Path, whole: Study) -> None:
@@ -78,17 +96,16 @@ def assert_same(folder: Path, whole: Study) -> None:
 
 
 def test_kill_9_at_random_moments(tmp_path: Path, whole: Study) -> None:
-    folder = prepare(tmp_path / "killed", jobs=2)
+    folder = prepare(tmp_path / "killed")
     rng = random.Random(2)
     kept: dict[str, tuple[int, int]] = {}
-    for wanted in (0, 3, 6):
+    for wanted in (0, 1, 3, 4, 6):
         process = start(folder)
         wait_until(
             process, lambda n=wanted: len(finished_runs(folder)) >= n and (folder / "results").exists()
         )
         time.sleep(rng.uniform(0, 0.06))
-        process.kill()
-        process.communicate()
+        killed(process)
         after = finished_runs(folder)
         assert kept.items() <= after.items(), "a finished run was lost or made twice"
         kept = after
@@ -108,8 +125,7 @@ def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> Non
         tiny_study.make_space(folder, model=model, search={"sampler": "grid"}, execution={"jobs": 1})
     process = start(folders[1])
     wait_until(process, lambda: len(finished_runs(folders[1])) >= 2)
-    process.kill()
-    process.communicate()
+    killed(process)
     kept = finished_runs(folders[1])
     assert 2 <= len(kept) < 6
     gate.touch()
@@ -124,8 +140,11 @@ def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> Non
 
 def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole: Study) -> None:
     folder = prepare(tmp_path / "stopped")
-    process = start(folder)
-    wait_until(process, lambda: len(finished_runs(folder)) >= 2)
+    code = f"import sys; from tests.tiny_study import run_folder; sys.exit(run_folder({str(folder)!r}))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    until(lambda: process.poll() is not None or len(finished_runs(folder)) >= 2, "two finished runs")
     os.killpg(process.pid, signal.SIGINT)
     _, told = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
@@ -146,8 +165,9 @@ def test_a_full_disk_while_data_are_prepared(
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     folder = prepare(tmp_path / "full")
     process = start(folder, limit=4_000)  # the offsets of the spikes' rows take 6 kB
-    _, told = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 2
+    process.join(PATIENCE_S)
+    told = (folder / "told").read_text()
+    assert process.exitcode == 2
     assert told.count("\n") == 1
     assert f"{tmp_path / 'cache'}: cannot be written: File too large; free some space and run" in told
     assert [path.name for path in (tmp_path / "cache").iterdir()] == [".lock"], "nothing half-written"
@@ -162,8 +182,7 @@ def test_kill_9_while_data_are_prepared(
     folder = prepare(tmp_path / "killed")
     process = start(folder)
     wait_until(process, lambda: any((tmp_path / "cache").glob(".writing-*")))
-    process.kill()
-    process.communicate()
+    killed(process)
     assert tiny_study.run_folder(str(folder)) == 0
     assert not list((tmp_path / "cache").glob(".writing-*"))
     assert_same(folder, whole)
@@ -172,8 +191,9 @@ def test_kill_9_while_data_are_prepared(
 def test_a_full_disk_stops_the_study_and_fails_no_design(tmp_path: Path, whole: Study) -> None:
     folder = prepare(tmp_path / "full")
     process = start(folder, limit=6_000)
-    _, told = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 2
+    process.join(PATIENCE_S)
+    told = (folder / "told").read_text()
+    assert process.exitcode == 2
     assert told.count("\n") == 1
     assert "cannot be written: File too large; free some space and run the same command again" in told
     stopped = finished_runs(folder)

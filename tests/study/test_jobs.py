@@ -65,15 +65,15 @@ def peak_bytes(cohort: jobs.TrainingJob) -> Iterator[int]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc: the peak cannot be read")
-def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path) -> None:
+def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path, workers: None) -> None:
     data = made(48, 200, 1600, 0.02)
     save(data, tmp_path / "data")
     runs = tuple(run(tmp_path, SNN((450,)), k, epochs=1, batch_size=16) for k in range(4))
     demands = [jobs.demand(one, data) for one in runs]
     assert len({one.key for one in demands}) == 1
     said = sum(one.memory_bytes for one in demands) + max(one.workspace_bytes for one in demands)
-    with Workers(1) as workers:
-        [(_, peak)] = workers.stream(peak_bytes, [jobs.TrainingJob(runs, "cpu")])
+    with Workers(1) as worker:
+        [(_, peak)] = worker.stream(peak_bytes, [jobs.TrainingJob(runs, "cpu")])
     assert isinstance(peak, int), peak
     assert peak <= said
     assert said < 3 * peak  # a bound that is of use

@@ -299,7 +299,7 @@ def dies_after_one(job: Job) -> Iterator[Any]:
 
 
 def test_what_a_killed_worker_had_evaluated_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], forked: None
 ) -> None:
     space = load_space(write_space(tmp_path, ONE, NO_AXIS, PRECISION))
     plain, asked = Workers.stream, []

@@ -20,6 +20,7 @@ from dse.study.results import Study
 from dse.study.workers import Workers
 from tests import tiny_study
 
+WORKERS = True
 RATES = [0.1, 0.2, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9]
 
 

@@ -164,7 +164,9 @@ def test_the_same_command_again_trains_nothing(finished: Study, copied: Path) ->
     assert_same(again, finished)
 
 
-def test_one_worker_and_another_order_of_axes_give_the_same_designs(finished: Study, tmp_path: Path) -> None:
+def test_one_worker_and_another_order_of_axes_give_the_same_designs(
+    finished: Study, tmp_path: Path, workers: None
+) -> None:
     model = {"kind": "fake", "true_rate": {"choice": [0.8, 0.2]}, "hidden": {"choice": [[16], [8], [4]]}}
     space = make_space(tmp_path, model=model, search={"sampler": "grid", "batch": 6})
     other = explore.run(space, tmp_path / "results", jobs=1, progress=False)
@@ -399,7 +401,9 @@ def test_failures_are_recorded_and_the_rest_goes_on(
     assert_same(again, found)
 
 
-def test_what_the_machine_did_fails_no_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_machine_did_fails_no_design(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], forked: None
+) -> None:
     moods = ["memory", "fine", "killed_twice", "killed"]
     space = make_space(
         tmp_path,
@@ -493,7 +497,7 @@ def test_what_differs_in_data_repeat_or_share_trains_apart(tmp_path: Path) -> No
     assert first[0][0] != first[0][1], "repeats must order batches differently"
 
 
-def test_a_guilty_member_fails_alone(tmp_path: Path) -> None:
+def test_a_guilty_member_fails_alone(tmp_path: Path, forked: None) -> None:
     moods = ["fine", "killed", "diverged", "misshapen", "forgotten", "raise", "crowded"]
     changes: dict[str, Any] = {
         "model": {**TOGETHER, "hidden": {"choice": [[4], [8]]}, "true_rate": 0.5, "mood": {"choice": moods}},

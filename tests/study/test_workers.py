@@ -18,6 +18,8 @@ from dse.study.executors.work import THREADS, Failure
 from dse.study.workers import Workers
 from tests.waiting import PATIENCE_S, until
 
+WORKERS = True
+
 
 def square(x: int) -> int:
     return x * x

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
+from dse.cli.command_line import main
 from dse.config import ConfigError, load_space
 from dse.store import StoreError
 from dse.study import explore, results
@@ -22,7 +23,7 @@ from dse.study.executors.work import Failure
 from dse.study.workers import Workers
 from tests import tiny_study
 from tests.study.test_crash import assert_same, finished_runs
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import until
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -87,14 +88,9 @@ def test_a_worker_that_does_not_fit_is_one_line(workers: Workers, monkeypatch: p
         list(workers.stream(parts, ["a"]))  # one that has joined since
 
 
-def run_command(path: Path, *settings: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "dse", "run", str(path), "--results", str(path.parent), "--quiet"]
-    for setting in settings:
-        command += ["--set", setting]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-
-
-def test_what_a_user_writes_about_a_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_user_writes_about_a_cluster(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     space = {**tiny_study.plain(), "model": {"kind": "knn"}}
     path = tmp_path / "tiny.yaml"
@@ -112,9 +108,10 @@ def test_what_a_user_writes_about_a_cluster(tmp_path: Path, monkeypatch: pytest.
         explore.run(loaded(backend="dask", address="tcp://127.0.0.1:9"), tmp_path, progress=False)
     with pytest.raises(ConfigError, match=r"s\.json: there is no such scheduler file"):
         explore.run(loaded(backend="dask", scheduler_file="s.json"), tmp_path, progress=False)
-    found = run_command(path)
-    assert (found.returncode, found.stdout) == (2, "")
-    assert found.stderr.count("\n") == 1 and "s.json: there is no such scheduler file" in found.stderr
+    assert main(["run", str(path), "--results", str(tmp_path), "--quiet"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert "s.json: there is no such scheduler file" in printed.err
 
 
 @pytest.fixture
