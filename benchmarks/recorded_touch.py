@@ -74,6 +74,7 @@ _FAST = {
     "threshold": 5.0,
     "initial_rate": 0.2,
 }
+_UNSTRETCHED = {"dilation": [1, 1], "dilation_keeps_label": False}
 _MOVED = [-40, -16, 16, 32, 40]
 
 SETS = {
@@ -88,7 +89,7 @@ SETS = {
         "fabric_texture",
         {"hidden": 150, "true_rate": 0.5, "input_delays": [0, 2, 5], **_FAST},
         _deltas(1, 2, 4, 8, 16),
-        {},
+        _UNSTRETCHED,
         {"shifts": _MOVED, "leave_out": [{"column": "force", "folds": 3}]},
     ),
     "26 ridged textures": Recordings(
