@@ -79,8 +79,7 @@ def _fields(events: Array, unit_us: float, number: int) -> dict[str, Ints]:
         if events.ndim != 2 or events.shape[1] != len(_FIELDS):
             raise RecordingError(
                 f"{where} must be a structured array with fields t, x, y and p, or (event, 4), got "
-                f"{events.dtype} "
-                f"of shape {events.shape}"
+                f"{events.dtype} of shape {events.shape}"
             )
         values = {name: events[:, k] for k, name in enumerate(_FIELDS)}
     else:

@@ -98,24 +98,23 @@ def look(path: Path, options: Options) -> Look:
     """
     notes = _Notes()
     if path.is_dir():
-        found = _folder(path, options, notes)
+        guess = _folder(path, options, notes)
     elif not path.is_file():
         raise RecordingError(f"{path}: no such file or folder")
     elif path.suffix.lower() in TABLES:
-        found = _table(path, options, notes)
+        guess = _table(path, options, notes)
     elif path.suffix.lower() == ".npz" or arrays.is_one(path):
-        found = _arrays(path, options, notes)
+        guess = _arrays(path, options, notes)
     else:
         raise RecordingError(
-            f"{path.name}: must be a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or "
-            "a folder of "
-            "event files"
+            f"{path.name}: must be a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a "
+            "folder of event files"
         )
-    if options.step_ms is not None and "step_ms" not in found.data:
+    if options.step_ms is not None and "step_ms" not in guess.data:
         raise RecordingError(f"{path.name}: --step-ms is for sampled signals and spikes, not for events")
     if options.step_ms is not None:
-        found = replace(found, data=found.data | {"step_ms": options.step_ms}, lacks_step=False)
-    return replace(found, assumed=tuple(notes.sentences))
+        guess = replace(guess, data=guess.data | {"step_ms": options.step_ms}, lacks_step=False)
+    return replace(guess, assumed=tuple(notes.sentences))
 
 
 # ---- tables
@@ -152,8 +151,7 @@ def _wide(path: Path, table: pd.DataFrame, starts: list[str], options: Options, 
     rest = [name for name in table.columns if name not in samples]
     notes.add(
         f"a row is a recording: {len(table)} rows; the columns {samples[0]} to {samples[-1]} are its "
-        "samples, "
-        f"{len(starts)} channel{'s' * (len(starts) > 1)} of {len(samples) // len(starts)}"
+        f"samples, {len(starts)} channel{'s' * (len(starts) > 1)} of {len(samples) // len(starts)}"
     )
     data = {"kind": "wide_table", "file": options.place(path), "step_ms": None, "samples": starts}
     columns, n_values = _label_candidates({name: table[name] for name in rest}, len(table))
@@ -177,8 +175,7 @@ def _long(
     number = numbered(t_ms, code) if recording is None else _codes(table[recording])
     notes.add(
         f"a row is a value of '{channel}' ({len(channels)} channels: {_some(channels)}) at '{time}' in "
-        f"{unit}; "
-        f"{_told_apart(recording, number)}"
+        f"{unit}; {_separation(recording, number)}"
     )
     step_ms, even = _step(t_ms, number * len(channels) + code, notes, options.step_ms)
     data: dict[str, Any] = {"kind": "long_table", "file": options.place(path), "step_ms": step_ms}
@@ -201,8 +198,7 @@ def _tidy(
     if time is None and recording is None:
         raise RecordingError(
             f"{path.name}: must have a column of times or one that tells recordings apart (--recording "
-            "NAME), got "
-            f"{_some(list(table.columns))}"
+            f"NAME), got {_some(list(table.columns))}"
         )
     t_ms = None if time is None else table[time].to_numpy(np.float64) * unit[1]
     if recording is not None:
@@ -224,7 +220,7 @@ def _tidy(
         )
     notes.add(
         f"a row is a sample of {len(channels)} channel{'s' * (len(channels) > 1)} ({_some(channels)}); "
-        f"{_told_apart(recording, number)}"
+        f"{_separation(recording, number)}"
     )
     data: dict[str, Any] = {"kind": "table", "file": options.place(path), "step_ms": None}
     data |= {"channels": channels, "recording": recording}
@@ -235,8 +231,8 @@ def _tidy(
         data |= {"step_ms": step_ms, "time": time, "time_unit": unit[0]}
         data |= {} if even else {"resample": "linear"}
     fixed = [name for name in rest if name not in changing]
-    found = _labelled(path, data, table, fixed, number, recording, options, notes)
-    return replace(found, lacks_step=lacks_step)
+    guess = _labelled(path, data, table, fixed, number, recording, options, notes)
+    return replace(guess, lacks_step=lacks_step)
 
 
 def _labelled(
@@ -335,7 +331,7 @@ def _changes(column: pd.Series[Any], number: Array) -> bool:
     return bool(column.groupby(number).nunique(dropna=False).max() > 1)
 
 
-def _told_apart(recording: str | None, number: Array) -> str:
+def _separation(recording: str | None, number: Array) -> str:
     how = (
         "a recording begins where time falls"
         if recording is None
@@ -396,9 +392,8 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
         )
     if "packed" in signal.lower():
         raise RecordingError(
-            f"{path.name}: '{signal}' seems to hold packed bits; describe them as `kind: raster, "
-            "packed: true` "
-            "(dse describe data raster)"
+            f"{path.name}: '{signal}' seems to hold packed bits; describe them as `kind: raster, packed: "
+            "true` (dse describe data raster)"
         )
     shape = shapes[signal]
     vectors = {name: shape[0] for name, shape in shapes.items() if len(shape) == 1 and name != signal}

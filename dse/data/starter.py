@@ -67,9 +67,8 @@ def label_of(look: Look, recordings: Recordings) -> str:
     ]
     if not candidates:
         raise RecordingError(
-            "no label column was found, with two values or more and each in several recordings; "
-            "--labels FILE "
-            "names a file of labels"
+            "no label column was found, with two values or more and each in several recordings; --labels "
+            "FILE names a file of labels"
         )
 
     def rank(name: str) -> tuple[bool, bool, int]:
@@ -203,9 +202,8 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
     shares = None if groups is None else _shares(labels, columns[groups])
     if shares is not None:
         assumed.append(
-            f"recordings with one value of '{groups}' stay in one part of the split, so that a "
-            f"{groups} is not "
-            "recognised in place of the class"
+            f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} is "
+            "not recognised in place of the class"
         )
         return {"stratified": {**shares, "group": groups, "seed": 1}}
     if groups is not None:
@@ -222,9 +220,8 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
         )
     if groups is None:
         assumed.append(
-            "recordings are drawn for training and validation one by one: if some were made in one "
-            "session or by "
-            "one person, name their column with --group"
+            "recordings are drawn for training and validation one by one: if some were made in one session "
+            "or by one person, name their column with --group"
         )
     return {"stratified": {**shares, "seed": 1}}
 

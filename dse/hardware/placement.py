@@ -253,9 +253,8 @@ def _assumptions(
             assumptions.append("no synapse stores an individual delay")
         assumptions.append(
             f"{low} to {high} cores if a core holds {few} to {many} thousand 8-bit weights, as in compiler "
-            "logs, "
-            f"scaled by the bits per synapse; energies and times assume {n_cores}, with full core memories; "
-            "input neurons may need a few more"
+            f"logs, scaled by the bits per synapse; energies and times assume {n_cores}, with full core "
+            "memories; input neurons may need a few more"
         )
         if low <= rules.cores < high:
             assumptions.append(f"it may not fit: up to {high} cores in practice; the chip has {rules.cores}")

@@ -87,10 +87,9 @@ def shape_of(array: Array) -> tuple[int, ...]:
 def pickled(file: str, name: str) -> str:
     """Return the sentence for an array of Python objects."""
     return (
-        f"{file}: array '{name}' holds Python objects, such as recordings of different lengths, which "
-        "are not "
-        "read as they may run code; lay the recordings end to end and add their borders (key offsets), or "
-        "write them with dse.data.from_arrays"
+        f"{file}: array '{name}' holds Python objects, such as recordings of different lengths, which are "
+        "not read as they may run code; lay the recordings end to end and add their borders (key offsets), "
+        "or write them with dse.data.from_arrays"
     )
 
 

@@ -81,8 +81,7 @@ def on_grid(
             k = int((steps <= 0).argmax())
             raise RecordingError(
                 f"{where}: times must rise, got {times[k]:g} ms and then {times[k + 1]:g} ms in sample "
-                f"{k + 1} "
-                f"of recording '{name(i)}'"
+                f"{k + 1} of recording '{name(i)}'"
             )
         grid = grid_of(times[0], times[-1], step_ms)
         if len(grid) < 2:
