@@ -1,11 +1,14 @@
-"""What a bundle takes in every form: time, instructions, modelled energy, decisions that differ.
+"""What a bundle takes in every form: time, energy, decisions that differ.
 
     python -m benchmarks.targets BUNDLE RECORDINGS [BUNDLE RECORDINGS ...] [--core cortex_m4] [--csv FILE]
 
-A row per net and form: the engine in float32 and in integers, C on this machine, C on an emulated core. Times
-are of this machine per recording, without preparation, of C with its compilation; the emulated core's
-time is cycles / clock of the profile below. Decisions are compared with those in integers. `dse measure` and
-`python -m benchmarks.stream` measure the stream, step by step.
+A row per net and form: the engine in float32 and in integers, C on this machine, C on an emulated core, the
+stream. `ms` is the mean time of an inference: of the engine per recording of one batch, without preparation;
+of C and of the stream up to the answer, encoder and preprocessing included, without compilation
+(`dse measure`). That of the emulated core is cycles / clock of its profile, without the encoder; `predicted`
+is what the cost model says of the same recordings. `uJ` is modelled for the core, elsewhere measured; empty
+without a counter. Decisions are compared with those in integers; of targets that the bundle was verified for
+they are those of its verdict, and nothing is run again.
 """
 
 from __future__ import annotations
@@ -22,10 +25,13 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.instructions import work_of
 from dse.deploy import bundle
 from dse.deploy.bundle import Bundle
-from dse.deploy.reference import Reference, answered, decided, of_recordings
-from dse.deploy.targets.c99 import C99
+from dse.deploy.decide import decided
+from dse.deploy.measure import measure
+from dse.deploy.reference import Reference, answered, of_recordings
+from dse.deploy.verdict import Verdict
 from dse.hardware.profile import load
 from dse.records import Network
 from dse.registry import known
@@ -34,7 +40,8 @@ CHIPS = {"cortex_m4": "mcu_m4", "cortex_m7": "mcu_m7", "cortex_m33": "mcu_m33"}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("paths", nargs="+", help="bundle and recordings, in turns")
     parser.add_argument("--core", choices=CHIPS, default="cortex_m4")
     parser.add_argument("--csv", help="file for the rows")
@@ -50,8 +57,8 @@ def main() -> None:
         table.to_csv(options.csv, index=False)
     shown = Table(*table.columns)
     for values in table.itertuples(index=False):
-        shown.add_row(*(f"{x:.4g}" if isinstance(x, float) else str(x) for x in values))
-    Console().print(shown)
+        shown.add_row(*("" if pd.isna(x) else f"{x:.4g}" if isinstance(x, float) else str(x) for x in values))
+    Console(width=140).print(shown)
 
 
 def rows(folder: str, data_file: str, core: str) -> Iterator[dict[str, object]]:
@@ -62,24 +69,49 @@ def rows(folder: str, data_file: str, core: str) -> Iterator[dict[str, object]]:
     for arithmetic in ("float32", "integer"):
         ms, differ = _engine(made, reference, data_file, arithmetic)
         yield {"net": name, "form": f"engine, {arithmetic}", "ms": ms / n, "differ": differ}
-    chip = load(CHIPS[core])
-    for target in (C99(), known("targets")[core]()):
-        with tempfile.TemporaryDirectory() as place:
-            code = Path(place) / "code"
-            code.mkdir()
-            target.write(made, code)
-            began = time.perf_counter()
-            verdict = target.verify(made, code, reference)
-            elapsed_ms = (time.perf_counter() - began) * 1e3
-        row = {"net": name, "form": target.label, "differ": verdict.decisions_differ}
-        figures = verdict.figures
-        if "cycles_per_inference" in figures:
-            cycles = figures["cycles_per_inference"]
-            row |= {"ms": cycles / chip.clock_mhz.value / 1e3, "uJ": cycles * chip.cycle_nj.value / 1e3}
-            row |= {"instructions": figures["instructions_per_inference"]}
-        else:
-            row |= {"ms": elapsed_ms / n}
-        yield row
+    stream, c99 = measure(made, data_file, rest_s=0.1)
+    in_c = _verdict(made, Path(folder), "c99", reference)
+    yield {"net": name, "form": "C here", **_taken(c99), "differ": in_c.decisions_differ}
+    chip, figures = load(CHIPS[core]), _verdict(made, Path(folder), core, reference)
+    cycles = figures.figures["cycles_per_inference"]
+    predicted = _predicted(made, reference, CHIPS[core])
+    yield {
+        "net": name,
+        "form": known("targets")[core].label,
+        "ms": cycles / chip.clock_mhz.value / 1e3,
+        "uJ": cycles * chip.cycle_nj.value / 1e3,
+        "differ": figures.decisions_differ,
+        "cycles": cycles,
+        "predicted": f"{predicted / cycles - 1:+.1%}",
+    }
+    quantiles = {f"step_us_p{q}": float(np.percentile(stream.step_us, q)) for q in (50, 99)}
+    yield {"net": name, "form": "stream", **_taken(stream), **quantiles}
+
+
+def _taken(times: object) -> dict[str, object]:
+    """Return mean time and energy of an inference."""
+    us, energy = times.inference_us, times.energy_uj  # type: ignore[attr-defined]
+    return {"ms": float(np.mean(us)) / 1e3, "uJ": np.nan if energy is None else energy}
+
+
+def _verdict(made: Bundle, folder: Path, name: str, reference: Reference) -> Verdict:
+    """Return the verdict that a bundle states of a target, or that of a run."""
+    stated = made.targets.get(name)
+    if stated is not None and stated.n_recordings == reference.n_recordings:
+        return stated
+    target = known("targets")[name]()
+    with tempfile.TemporaryDirectory() as place:
+        target.write(made, Path(place))
+        verdict: Verdict = target.verify(made, Path(place), reference)
+    return verdict
+
+
+def _predicted(made: Bundle, reference: Reference, profile: str) -> float:
+    """Return the cycles of an inference that the cost model predicts for these recordings."""
+    bits = int((made.evidence.get("precision") or {}).get("weight_bits", 8))
+    figures = load(profile).at("value")
+    work = work_of(made, reference, bits)
+    return figures["wait_factor"] * sum(figures[kind] * n for kind, n in work.items())
 
 
 def _engine(made: Bundle, reference: Reference, data_file: str, arithmetic: str) -> tuple[float, float]:

@@ -51,6 +51,11 @@ class Bins:
         self._words = np.zeros((1, (n + 63) // 64), np.uint64)
         self._counts = np.zeros((1, n if pooling.counts_needed else 0), np.uint8)
         self._channels = np.empty(n, np.int32)
+        p = pooling
+        self._pools = (
+            p.poles, p.only, p.first_x, p.n_x, p.first_y, p.n_y, p.width, p.height, *p.crop,
+            self._words, self._counts,
+        )  # fmt: skip
         self._spikes: list[tuple[Ints, Ints]] = []
         self._n_events = 0
         self._end_us = 0  # of the present bin
@@ -70,8 +75,10 @@ class Bins:
                 yield self._done()
                 continue
             low = self._add(block, low, until)
-        yield from self._skip_to(int(block.t_us[-1]))
-        self._passed_us = int(block.t_us[-1]) + 1
+        last_us = int(block.t_us[-1])
+        if last_us >= self._end_us or last_us >= self._stop_us:
+            yield from self._skip_to(last_us)
+        self._passed_us = last_us + 1
 
     def advance(self, t_us: int) -> Iterator[Bin]:
         """Yield the bins that have ended at a time before which all events are known."""
@@ -101,14 +108,11 @@ class Bins:
 
     def _add(self, block: Block, low: int, until: int) -> int:
         """Count events of the present bin; return the first that is of a later one."""
-        p = self._pooling
         end, in_crop = _count(
-            block.t_us, block.x, block.y, block.polarity, low, until, self._end_us,
-            p.poles, p.only, p.first_x, p.n_x, p.first_y, p.n_y, p.width, p.height, *p.crop,
-            self._words, self._counts,
-        )  # fmt: skip
+            block.t_us, block.x, block.y, block.polarity, low, until, self._end_us, *self._pools
+        )
         if self._every_event:
-            event, channels = channels_of(block, low, end, p)
+            event, channels = channels_of(block, low, end, self._pooling)
             t_us = block.t_us[event] - self._begin_us
             self._spikes.append((channels, t_us.astype(np.int32)))
         self._n_events += in_crop

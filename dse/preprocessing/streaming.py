@@ -127,6 +127,9 @@ def without_quiet(counts: Ints, channels: Ints, pooling: Pooling) -> tuple[Ints,
 
 def within(t_us: Ints, begin_us: int, stop_us: int) -> tuple[int, int]:
     """Return first and last + 1 of the events with begin <= t < stop."""
+    n = len(t_us)
+    if n and t_us[0] >= begin_us and t_us[-1] < stop_us:  # nearly all blocks of a stream
+        return 0, n
     borders = np.array([min(begin_us, _LATEST), min(stop_us, _LATEST)], dtype=np.int64)
     low, high = np.searchsorted(t_us, borders)
     return int(low), int(high)
