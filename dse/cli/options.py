@@ -58,6 +58,19 @@ def add_duty(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_repeats(parser: argparse.ArgumentParser) -> None:
+    """Declare `--repeats`."""
+    from dse.study.repeats import CHOICES
+
+    parser.add_argument(
+        "--repeats",
+        choices=CHOICES,
+        default="mean",
+        help="of a design that was trained several times (seeds, folds): means of all its runs (default), or "
+        "every number of its last run, or of the one with the least accuracy",
+    )
+
+
 def add_targets(parser: argparse.ArgumentParser, required: bool = False) -> None:
     """Declare `--target` and `--verify`."""
     parser.add_argument(

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.dashboard.budgets import groups_of
 from dse.figures.front import numbers
 from dse.records import Array
+from dse.skyline.table import groups_of
 
 if TYPE_CHECKING:
     import pandas

@@ -13,6 +13,7 @@ from dse.skyline.admissible import honest
 from dse.skyline.constraints import ExpressionError, split_budgets
 from dse.skyline.pareto import non_dominated
 from dse.skyline.pick import economy
+from dse.skyline.table import groups_of
 
 if TYPE_CHECKING:
     import pandas
@@ -95,16 +96,6 @@ def _can_be_named(column: str) -> bool:
     except ExpressionError:
         return False
     return [budget.column for budget in budgets] == [column]
-
-
-def groups_of(points: pandas.DataFrame, columns: Sequence[str]) -> list[Array]:
-    """Return the row numbers, ascending, of each combination of values."""
-    by = [name for name in columns if name in points.columns]
-    if not by or not len(points):
-        return [np.arange(len(points))]
-    number = np.asarray(points.groupby(by, sort=False, dropna=False).ngroup())
-    order = np.argsort(number, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
 
 
 def _alike(costs: Array) -> Array:

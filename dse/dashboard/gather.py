@@ -11,8 +11,8 @@ import numpy as np
 from dse.dashboard.bins import gather_bins
 from dse.dashboard.budgets import contenders, gather_budgets
 from dse.dashboard.definition import Definition, definition_for, load
-from dse.dashboard.importance import gather_importance
 from dse.figures.front import design_columns, interval, numbers
+from dse.figures.importance import gather_importance
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
 from dse.skyline.admissible import admissible, honest
@@ -45,6 +45,7 @@ def gather_page(
     hardware: Sequence[str] = (),
     definition: Definition | None = None,
     marks: Sequence[Mapping[str, Any]] = (),
+    repeats: str = "mean",
 ) -> dict[str, Any]:
     """Gather the content of a page, as plain values that JSON can hold.
 
@@ -124,6 +125,7 @@ def gather_page(
         "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
         "budgets": budgets
         | {
+            "repeats": repeats,
             "contenders": place[whole["contenders"]].tolist(),
             "whole": place[of_fronts].tolist() if len(keep) < len(points) else [],
             "stands_for": (len(points) - n_whole) / (len(keep) - n_whole) if len(keep) < len(points) else 1,

@@ -41,11 +41,13 @@ class PageRequest:
     n_draws: number of samples of recordings, seeds and the hardware's uncertain numbers, which show how
         certain each point's place on the front is; 0: no samples.
     hardware: names or files of profiles to price the points on; empty: the profiles of the study.
+    repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
     """
 
     definition: Definition | None = None
     n_draws: int = 0
     hardware: tuple[str, ...] = ()
+    repeats: str = "mean"
 
 
 def load_definition(folder: Path, name: str) -> Definition:
@@ -81,7 +83,7 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
 
     request = request or PageRequest()
     _check(study, request)
-    points = _with_recordings(study, study.points(request.hardware))
+    points = _with_recordings(study, study.points(request.hardware, request.repeats))
     page = _gathered(study, _with_failures(study, points), request) | _progress(study.folder)
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
@@ -173,7 +175,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
         stamps = [stamp(path) for path in tables]
         if stamps != last_stamps:
             study = results.open(folder)
-            designs.points = study.points(request.hardware)
+            designs.points = study.points(request.hardware, request.repeats)
             designs.shown = _with_recordings(study, designs.points)
             page = _gathered(study, _with_failures(study, designs.shown), request)
             last_stamps, last_page = stamps, page
@@ -313,11 +315,12 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         table,
         name=study.space["study"],
         objectives=study.objectives,
-        notes=[*study.warnings, *lacks],
+        notes=[*study.warnings, *lacks, *_of_runs(request)],
         results=str(study.folder),
         hardware=request.hardware,
         definition=request.definition,
         marks=marks,
+        repeats=request.repeats,
     )
     rows = [] if audit is None else [plain_cell(row.columns) for row in audit.rows]
     written = {
@@ -325,6 +328,14 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         "design_notes": notes.plain(study.folder),
     }
     return page | {"audit": rows} | written
+
+
+def _of_runs(request: PageRequest) -> list[str]:
+    """Return a note if the numbers of a design are not the means of its runs."""
+    which = {"last": "last run", "worst": "run of least accuracy"}.get(request.repeats)
+    return (
+        [f"The numbers of a design are those of its {which} alone; details are of all runs."] if which else []
+    )
 
 
 def _written_at(path: Path) -> str | None:
@@ -377,6 +388,8 @@ def _check(study: Study, request: PageRequest) -> None:
     pricing.profiles(study.folder, request.hardware)
     if not request.n_draws:
         return
+    if request.repeats != "mean":
+        raise StoreError(f"--repeats {request.repeats} is one run of each design: --draws samples all runs")
     names = {name for name, _ in study.objectives}
     if not names & {*DRAWN, *resampling.ACCURACIES}:
         text = (

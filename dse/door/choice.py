@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dse.skyline.constraints import named_columns
+from dse.skyline.constraints import ExpressionError, named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, contestants, pick, sure_pick
 from dse.store import StoreError
 from dse.study import pricing, resampling
+from dse.study.repeats import over_repeats
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def choose(
     contacts_per_hour: float | None = None,
     battery_mwh: float | None = None,
     targets: Sequence[str] = (),
+    repeats: str = "mean",
 ) -> Choice:
     """Return the best design point of a study, or of a table, within budgets.
 
@@ -58,6 +60,7 @@ def choose(
         contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
         battery_mwh: capacity of the battery.
         targets: names of targets whose memory and cycles budgets may name; empty: those of the study.
+        repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
 
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
@@ -68,6 +71,11 @@ def choose(
     if targets and not is_study:
         raise StoreError(f"{results}: only designs of a study's folder have targets")
     [points] = pricing.tables([results], list(hardware))
+    if repeats != "mean":
+        if confidence is not None:
+            raise ExpressionError(f"repeats {repeats} is one run of each design: samples are over all runs")
+        pricing.check_studies([results], "repeats needs")
+        points = over_repeats(Path(results), points, repeats)
     points = pricing.on_duty(points, contacts_per_hour, battery_mwh)
     remarks: list[str] = []
     if is_study and not targets:
@@ -90,7 +98,9 @@ def choose(
         notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes, *remarks]
         return Choice(None, picked.nearest, notes, goals, list(targets))
     row = picked.row.copy()
-    corrected = _corrected(row, Path(results), points, budgets, maximise, ties, draws) if is_study else []
+    corrected = []
+    if is_study and repeats == "mean":  # one run is no sample of seeds
+        corrected = _corrected(row, Path(results), points, budgets, maximise, ties, draws)
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
         *picked.notes,

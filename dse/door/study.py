@@ -16,6 +16,7 @@ from dse.door.plots import Plots
 from dse.skyline.front import Skyline
 from dse.store import StoreError
 from dse.study import results
+from dse.study.repeats import checked
 
 if TYPE_CHECKING:
     import optuna
@@ -83,6 +84,7 @@ class Study(results.Study):
         contacts_per_hour: float | None = None,
         battery_mwh: float | None = None,
         targets: str | Sequence[str] = (),
+        repeats: str = "mean",
     ) -> Skyline:
         """Return the non-dominated points and notes on what was left out.
 
@@ -98,6 +100,7 @@ class Study(results.Study):
             battery_mwh: capacity of the battery.
             targets: names of targets, for columns ram_bytes and cycles; points that none can hold are left
                 out.
+            repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
 
         Raises:
             ExpressionError: an unknown column, or a condition that cannot be read.
@@ -110,7 +113,7 @@ class Study(results.Study):
         share = arguments.amount(confidence, "confidence", high=1)
         hours = arguments.amount(contacts_per_hour, "contacts_per_hour")
         battery = arguments.amount(battery_mwh, "battery_mwh")
-        if share is None and draws is None and not targets:
+        if share is None and draws is None and not targets and repeats == "mean":
             points = self._on_duty(chips, hours, battery)
             from dse.skyline import front
 
@@ -118,6 +121,7 @@ class Study(results.Study):
         skyline, _ = front_of(
             [self.folder], goals, conditions, groups, hardware=chips, contacts_per_hour=hours,
             battery_mwh=battery, draws=draws, confidence=share,
+            repeats=checked(repeats),
         )  # fmt: skip
         rows, notes = skyline.rows, list(skyline.notes)
         if names := arguments.texts(targets, "targets"):
@@ -138,6 +142,7 @@ class Study(results.Study):
         contacts_per_hour: float | None = None,
         battery_mwh: float | None = None,
         targets: str | Sequence[str] = (),
+        repeats: str = "mean",
     ) -> Choice:
         """Return the best point within the budgets (`row`), or None and the nearest ones (`nearest`).
 
@@ -151,6 +156,7 @@ class Study(results.Study):
             contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
             battery_mwh: capacity of the battery.
             targets: names of targets whose memory and cycles budgets may name.
+            repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
 
         Raises:
             ExpressionError: an unknown column, or a budget that cannot be read.
@@ -166,6 +172,7 @@ class Study(results.Study):
             contacts_per_hour=arguments.amount(contacts_per_hour, "contacts_per_hour"),
             battery_mwh=arguments.amount(battery_mwh, "battery_mwh"),
             targets=arguments.texts(targets, "targets"),
+            repeats=checked(repeats),
         )
 
     def best(self, *budgets: str, **options: Any) -> pandas.Series[Any]:

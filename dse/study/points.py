@@ -133,7 +133,7 @@ def _parts(
         chips: list[Profile | None] = [*profiles] or [None]
         for chip, start in itertools.product(chips, range(0, total, step)):
             some = _between(answered, start, min(start + step, total))
-            rows = _rows(some)
+            rows = columns_of(some)
             n = len(rows["accuracy"])
             design = {name: _repeated(value, n) for name, value in about.items()}
             costs = {"hardware": _repeated(chip.name, n)} | priced(some, chip) if chip else {}
@@ -308,7 +308,7 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     return pieces
 
 
-def _rows(answers: Sequence[Answered]) -> dict[str, Array]:
+def columns_of(answers: Sequence[Answered]) -> dict[str, Array]:
     """Return the columns of all answers, one after the other; every row has the columns of its design."""
     names = dict.fromkeys(name for piece in answers for name in piece.columns)
     return {name: _column(answers, name) for name in names}

@@ -61,13 +61,19 @@ class Study:
             except registry.PluginError as error:
                 raise store.StoreError(f"{self.folder / 'search_space.yaml'}: {error}") from None
 
-    def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
+    def points(self, hardware: Sequence[str] = (), repeats: str = "mean") -> pandas.DataFrame:
         """Return one row per design point: a trial, a time of its answer, and a hardware profile.
 
         Args:
             hardware: names or files of profiles to price the points on; empty: the profiles of the study.
+            repeats: numbers are means over a design's runs, or those of its 'last' or 'worst' run alone.
         """
-        return pricing.points(self.folder, hardware) if hardware else _table(self.folder / "points.parquet")
+        table = pricing.points(self.folder, hardware) if hardware else _table(self.folder / "points.parquet")
+        if repeats == "mean":
+            return table
+        from dse.study.repeats import over_repeats
+
+        return over_repeats(self.folder, table, repeats)
 
     def runs(self, trial: int) -> list[dict[str, Any]]:
         """Return the records of a trial's runs, repeat 0 first.

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.dashboard.importance import gather_importance
 from dse.dashboard.write import write_page
+from dse.figures.importance import gather_importance
 from dse.skyline.front import skyline
 from dse.skyline.pick import pick
 from tests.dashboard.page import Page

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dse.cli.answer import Answer
 from dse.cli.numbers import draws, port
-from dse.cli.options import add_hardware
+from dse.cli.options import add_hardware, add_repeats
 from dse.config import ConfigError, Fault
 from dse.dashboard.study import PageRequest, load_definition, page_server, write_page
 
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="page definition (parts, axes, budgets): study (default), paper, deployment, or a YAML file",
     )
     add_hardware(parser)
+    add_repeats(parser)
     parser.add_argument(
         "--draws",
         type=draws,
@@ -61,7 +62,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         faults += error.faults
     if faults:
         raise ConfigError(faults)
-    request = PageRequest(page, arguments.draws, tuple(arguments.hardware))
+    request = PageRequest(page, arguments.draws, tuple(arguments.hardware), arguments.repeats)
     if arguments.html:
         from dse.study import results
 

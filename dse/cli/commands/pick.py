@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dse.cli.answer import Answer, add_format
 from dse.cli.fronts import columns, records
 from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_duty, add_hardware, add_targets
+from dse.cli.options import add_duty, add_hardware, add_repeats, add_targets
 
 if TYPE_CHECKING:
     from dse.skyline.goals import Goal
@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_hardware(parser)
     add_duty(parser)
+    add_repeats(parser)
     parser.add_argument(
         "--confidence",
         type=fraction,
@@ -75,6 +76,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         contacts_per_hour=arguments.contacts_per_hour,
         battery_mwh=arguments.battery_mwh,
         targets=arguments.target,
+        repeats=arguments.repeats,
     )
     goals, notes = choice.goals, choice.notes
     if choice.row is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import front_answer
 from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_duty, add_hardware
+from dse.cli.options import add_duty, add_hardware, add_repeats
 
 if TYPE_CHECKING:
     import pandas
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_hardware(parser)
     add_duty(parser)
+    add_repeats(parser)
     parser.add_argument(
         "--draws",
         type=draws,
@@ -96,6 +97,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         battery_mwh=arguments.battery_mwh,
         draws=arguments.draws,
         confidence=arguments.confidence,
+        repeats=arguments.repeats,
     )
     rows = skyline.rows
     if arguments.notes:
@@ -125,6 +127,7 @@ def _large(arguments: argparse.Namespace) -> Path | None:
         arguments.battery_mwh,
         arguments.confidence,
         arguments.notes,
+        arguments.repeats != "mean",
     )
     if len(arguments.results) > 1 or any(others) or file.suffix != ".parquet" or not file.is_file():
         return None

@@ -8,20 +8,25 @@ Source: Breiman, Machine Learning 45, 2001.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dse import registry
-from dse.dashboard.budgets import groups_of
-from dse.figures import full_read_outs
+from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip
 from dse.figures.front import numbers
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label
 from dse.records import Array
+from dse.registry import param, register
 from dse.skyline.admissible import honest
+from dse.skyline.table import groups_of
 
 if TYPE_CHECKING:
     import pandas
+    import plotly.graph_objects
 
 MIN_DESIGNS = 10
 """Fewest designs of a task that a forest is fitted to."""
@@ -34,6 +39,75 @@ MAX_SLICES = 6
 
 _N_FOLDS, _N_TREES, _N_SHUFFLES = 4, 40, 3  # a served page is gathered again while its study runs
 _DIGITS = 4
+
+
+_MOST_BARS = 12
+
+
+@dataclass(frozen=True)
+class Importance:
+    """The importance of parameters for an objective, the most important first.
+
+    objective: its column. names: of the parameters. importance, se: (parameter,) of each.
+    r2: explained variance of designs left out. n: number of designs.
+    """
+
+    objective: str
+    names: tuple[str, ...]
+    importance: Array
+    se: Array
+    r2: float
+    n: int
+
+
+@register("figures", "importance")
+@dataclass(frozen=True)
+class ImportanceFigure:
+    """Which parameters matter for an objective: permutation importance of a random forest."""
+
+    objective: str = param("", doc="column of an objective (default: the first one)", axis=False)
+    hardware: str = hardware_key()
+    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
+
+    def gather(self, results: Results) -> Importance:
+        goals = dict(results.objectives)
+        objective = self.objective or next(iter(goals))
+        points = of_task(on_one_chip(results.points(), self.hardware), self.task)
+        if objective not in points:
+            raise ValueError(f"objective must be a column of the points, got '{objective}'")
+        ranked = gather_importance(points, {objective: goals.get(objective, "min")})
+        if not ranked:
+            raise ValueError(f"{objective} needs {MIN_DESIGNS} designs that differ in it and in a parameter")
+        of = ranked[0]["parameters"][:_MOST_BARS]
+        names = tuple(one["column"] for one in of)
+        values = np.array([[one["importance"], one["se"]] for one in of])
+        return Importance(objective, names, values[:, 0], values[:, 1], ranked[0]["r2"], ranked[0]["n"])
+
+    def draw(self, record: Importance) -> plotly.graph_objects.Figure:
+        return draw_importance(record)
+
+
+def draw_importance(record: Importance) -> plotly.graph_objects.Figure:
+    """Draw a bar per parameter with its standard error, the most important on top."""
+    import plotly.graph_objects as go
+
+    names = [html.escape(label(name)[0], quote=False) for name in record.names]
+    bars = go.Bar(
+        x=record.importance,
+        y=names,
+        orientation="h",
+        marker_color=OKABE_ITO_LIGHT[0],
+        error_x={"type": "data", "array": record.se, "thickness": 1},
+    )
+    share = max(0.0, record.r2)
+    of = f"{axis_title(record.objective)}; all explain {share:.0%} of {record.n} designs"
+    title = f"loss of explained variance of {of}"
+    layout = {
+        "xaxis": {"title": {"text": title}, "rangemode": "tozero"},
+        "yaxis": {"autorange": "reversed", "automargin": True},
+        "showlegend": False,
+    }
+    return go.Figure([bars], layout)
 
 
 def gather_importance(points: pandas.DataFrame, objectives: Mapping[str, str]) -> list[dict[str, Any]]:
