@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from dse import registry, store
@@ -71,7 +72,19 @@ class WithHistograms(SmallStudy):
         return [store.record_arrays(learnt)] if name == "weights.npz" else super().arrays(trial, name)
 
 
-STUDIES: dict[str, type[SmallStudy]] = {"histograms": WithHistograms}
+class OfManyDesigns(SmallStudy):
+    """Four times the designs, of other sizes."""
+
+    def points(self):
+        points = super().points()
+        more = [
+            points.assign(**{"trial": points["trial"] + 3 * k, "model.hidden": points["model.hidden"] + k})
+            for k in range(4)
+        ]
+        return pd.concat(more, ignore_index=True)
+
+
+STUDIES: dict[str, type[SmallStudy]] = {"histograms": WithHistograms, "importance": OfManyDesigns}
 ARRAYS = {
     "signal": np.arange(24.0).reshape(2, 4, 3),
     "spikes": np.eye(6, dtype=np.uint8).reshape(2, 3, 6),
