@@ -51,7 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of samples for --confidence and the corrected accuracy (default: 200)",
     )
-    parser.add_argument("--export", metavar="DIR", help="write the picked design to this folder as a bundle")
+    parser.add_argument(
+        "--export",
+        metavar="DIR",
+        help="write the picked design to this folder as a bundle; one in RESULTS/bundles is shown on the page of "
+        "the study, with the verdicts on its targets",
+    )
     add_targets(parser)
     add_format(parser)
 

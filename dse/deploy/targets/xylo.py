@@ -35,6 +35,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
@@ -104,13 +105,28 @@ class Xylo:
         shutil.copyfile(_RUN, folder / _SCRIPT)
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        """Run xylo.json in xylosim, and compare."""
+        """Run xylo.json in xylosim, and compare; figures say how near hidden neurons come to their cap."""
         if find_spec("xylosim") is None:
             return Verdict("not verified", "xylosim is not installed")
         network = bundle.fitted
         assert isinstance(network, Network)
         fired, _ = run_script(sys.executable, _RUN, [folder / _SPECIFICATION], network, reference)
-        return compare(reference, Run.of_fired(bundle, reference, fired))
+        return compare(reference, Run.of_fired(bundle, reference, fired), spike_counts(network, fired))
+
+
+def spike_counts(network: Network, fired: Sequence[Ints]) -> dict[str, float]:
+    """Return the most spikes of a hidden neuron in a step, and in how many steps of neurons they are capped.
+
+    Args:
+        network: its neurons spike up to `most_spikes` times in a step; what is beyond stays in the potential.
+        fired: (n_spikes, 3) recording, step and neuron of each layer.
+    """
+    most, capped = 0, 0
+    for layer, spikes in zip(network.layers[:-1], fired, strict=False):
+        counts = np.unique(np.asarray(spikes).reshape(-1, 3), axis=0, return_counts=True)[1]
+        most = max(most, int(counts.max(initial=0)))
+        capped += int(np.count_nonzero(counts >= _population(layer).most_spikes))
+    return {"most_spikes_per_step": float(most), "capped_steps": float(capped)}
 
 
 def specification(network: Network) -> dict[str, Any]:
