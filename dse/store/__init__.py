@@ -11,7 +11,7 @@
             and precision_*.npz, what it measured at other precisions
         checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
         racing/             which designs stopped early, and the audit of that (dse.study.racing)
-        bundles/<name>/     exported designs (`dse pick --export`): the page shows their verdicts, and offers them
+        bundles/<name>/     exported designs: the page shows their verdicts (dse.dashboard.verdicts)
         front_repeats.json  which designs were repeated because their place on the front was undecided
 
 Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any

@@ -54,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--export",
         metavar="DIR",
-        help="write the picked design to this folder as a bundle; one in RESULTS/bundles is shown on the page of "
-        "the study, with the verdicts on its targets",
+        help="write the picked design to this folder as a bundle; the page of the study shows those in "
+        "RESULTS/bundles, with the verdicts on their targets",
     )
     add_targets(parser)
     add_format(parser)
