@@ -1,0 +1,47 @@
+"""The iCub's skin on 20 materials: the authors' test part.
+
+Their file holds (recording, 6, 10, step): the patch of 6 x 10 taxels over 75 steps, in float32. The result is
+(recording, step, taxel), taxel = 10 * row + column, as stored: the plugin `icub_roboskin` puts it back into
+the order of time. Labels number the materials.
+
+Source: Taunyazov et al., IROS 2020; Gao et al., IROS 2020.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dse.recordings import RecordingError
+from dse.records import Array
+
+FILES = ("icub_test.npy", "labels_test.npy")
+_PATCH = (6, 10, 75)
+
+
+def convert(source: Path) -> dict[str, Array]:
+    """Return the arrays of the result, `signal` and `label`.
+
+    Raises:
+        RecordingError: a file is no array of this layout.
+    """
+    signal, label = (_array(source / name) for name in FILES)
+    if signal.ndim != 4 or signal.shape[1:] != _PATCH or signal.dtype.kind != "f":
+        layout = f"floats of shape (recordings, {', '.join(map(str, _PATCH))})"
+        raise RecordingError(f"{source / FILES[0]}: must hold {layout}, got {signal.dtype} {signal.shape}")
+    label = label.reshape(-1)
+    whole = label.dtype.kind in "iuf" and np.isfinite(label).all() and (label == np.floor(label)).all()
+    fits = len(label) == len(signal) and whole and bool((label >= 0).all() and (label < 2**15).all())
+    if not fits:
+        text = f"one whole number for each of {len(signal)} recordings"
+        raise RecordingError(f"{source / FILES[1]}: must hold {text}, got {label.dtype} {label.shape}")
+    steps = signal.reshape(len(signal), -1, _PATCH[2]).transpose(0, 2, 1)
+    return {"signal": np.ascontiguousarray(steps, np.float32), "label": label.astype(np.int16)}
+
+
+def _array(path: Path) -> Array:
+    try:
+        return np.asarray(np.load(path, allow_pickle=False))
+    except (OSError, ValueError, EOFError) as error:
+        raise RecordingError(f"{path}: is no array: {str(error).splitlines()[0]}") from None
