@@ -116,7 +116,7 @@ SETS = {
             "output_voltage_decay": 0.03,
         },
         {},
-        {},
+        {**_UNSTRETCHED, "event_dropout": 0.0},
         {},
     ),
     "36 objects": Recordings(
@@ -258,6 +258,12 @@ CASES = (
         {**_CROSS_ENTROPY, "hidden": 60, "input_delays": [0, 30, 100]},
     ),
     Case("7 Braille letters", "CUBA-LIF, event dropout", _CROSS_ENTROPY, training=_DROPPED),
+    Case(
+        "7 Braille letters",
+        "CUBA-LIF, event dropout, dilation",
+        _CROSS_ENTROPY,
+        training={**_DROPPED, **_DILATED, "dilation": [0.9, 1.1]},
+    ),
     Case("7 Braille letters", "CUBA-LIF, delays", {**_CROSS_ENTROPY, "input_delays": [0], "max_delay": 62}),
     Case("7 Braille letters", "CUBA-LIF, one copy", {**_CROSS_ENTROPY, **_ONE_COPY}),
     Case(
@@ -313,7 +319,7 @@ IN_README = (
     "6 speeds: resonators, delays, event dropout",
     "6 speeds: small, resonators, delays",
     "26 ridged textures: small, resonators, cross-entropy",
-    "7 Braille letters: CUBA-LIF, event dropout",
+    "7 Braille letters: CUBA-LIF, event dropout, dilation",
     "7 Braille letters: few spikes, CUBA-LIF, spike rate",
     "7 Braille letters: pruned, 40 hidden, event dropout, taught",
     "36 objects: CUBA-LIF, spike rate",
