@@ -291,6 +291,27 @@ const Design = (() => {
       return needs.length ? `On the front with ${needs.join(", or ")}.` : "";
     }
 
+    // What would make a design the pick, each change alone: more of what is maximised, or a budget that excludes all with more.
+    function picking({ chosen, budgeted, columns, page, within, leftOut }) {
+      const gain = page.budgets.maximise;
+      if (!gain || !isRow(shown, chosen.row) || leftOut(chosen.row) || !within(chosen.row) || budgeted.picks.some(({ row }) => row === chosen.row)) return "";
+      const task = columns.task ? String(columns.task.values[chosen.row]) : "";
+      const pick = (budgeted.picks.find((one) => one.task === task) ?? budgeted.picks[0])?.row ?? -1;
+      const value = (column, row) => app.numbers(column)[row];
+      if (pick < 0 || (task && app.taskOf(pick) !== task) || !Number.isFinite(value(gain, chosen.row))) return "";
+      const better = budgeted.rivals.filter((row) => within(row) && (!task || app.taskOf(row) === task) && value(gain, row) > value(gain, chosen.row));
+      if (!better.length) return ""; // equals are told apart by what else is better
+      const budgets = Object.entries(page.budgets.columns).flatMap(([column, way]) => {
+        const at = value(column, chosen.row);
+        if (way !== "min" || !Number.isFinite(at) || !better.every((row) => value(column, row) > at)) return [];
+        const unit = 10 ** (Math.floor(Math.log10(Math.abs(at) || 1)) - 2);
+        const limit = Number((Math.ceil(at / unit - 1e-9) * unit).toPrecision(12)); // never below the design
+        return better.every((row) => value(column, row) > limit) ? [`${columns[column].label} at most ${number(limit)} ${columns[column].unit}`.trim()] : [];
+      });
+      const more = `with ${columns[gain].label} above ${number(value(gain, pick), true)}`;
+      return `The pick ${[more, ...budgets.map((text) => `under the budget ${text}`)].join(", or ")}.`;
+    }
+
     function renderHead() {
       const { chosen, columns, page, state, objectives: aims } = shown;
       const has = (column) => chosen.value(column) !== null;
@@ -298,7 +319,7 @@ const Design = (() => {
       heading.textContent = clip(trial === null ? `Point ${chosen.key}` : `Trial ${number(trial)}`, 60);
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
-      win.textContent = winning(shown);
+      win.textContent = [winning(shown), picking(shown)].filter(Boolean).join(" ");
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
       const measured = [...new Set([...aims, ...Object.keys(page.budgets.columns)])];
       list(objectives, measured.filter(has));

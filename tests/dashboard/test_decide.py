@@ -305,6 +305,12 @@ def test_what_would_put_a_design_on_the_front(opened):
     )
     page.tab.fill("#budget-1", "25")
     assert "Within the budgets with energy at most 25 (now 30)." in page.tab.inner_text("#design")
+    # Row 1 (0.90, 20 µJ, 40 000 weights) is second to row 0 (0.95, 50 µJ, 90 000 weights) alone.
+    page = opened(points(), "chosen=1")
+    assert (
+        "The pick with accuracy above 0.950, or under the budget energy at most 20 µJ, "
+        "or under the budget weights at most 40\u202f000." in page.tab.inner_text("#design")
+    )
 
 
 def test_the_table_has_one_row_per_trial_on_demand(opened):
