@@ -3,8 +3,8 @@
     python -m benchmarks.targets BUNDLE RECORDINGS [BUNDLE RECORDINGS ...] [--core cortex_m4] [--csv FILE]
 
 A row per net and form: the engine in float32 and in integers, C on this machine, C on an emulated core, the
-stream. `ms` is the mean time of an inference: of the engine per recording of one batch, without preparation;
-of C and of the stream up to the answer, encoder and preprocessing included, without compilation
+stream. `ms` is the time of an inference: of the engine per recording of one batch, without preparation;
+of C and of the stream the median up to the answer, encoder and preprocessing included, without compilation
 (`dse measure`). That of the emulated core is cycles / clock of its profile, without the encoder; `predicted`
 is what the cost model says of the same recordings. `uJ` is modelled for the core, elsewhere measured; empty
 without a counter. Decisions are compared with those in integers; of targets that the bundle was verified for
@@ -89,9 +89,9 @@ def rows(folder: str, data_file: str, core: str) -> Iterator[dict[str, object]]:
 
 
 def _taken(times: object) -> dict[str, object]:
-    """Return mean time and energy of an inference."""
+    """Return the median time and the mean energy of an inference."""
     us, energy = times.inference_us, times.energy_uj  # type: ignore[attr-defined]
-    return {"ms": float(np.mean(us)) / 1e3, "uJ": np.nan if energy is None else energy}
+    return {"ms": float(np.median(us)) / 1e3, "uJ": np.nan if energy is None else energy}
 
 
 def _verdict(made: Bundle, folder: Path, name: str, reference: Reference) -> Verdict:
