@@ -45,7 +45,10 @@ _OTHERS = {
     "accuracy_corrected": ("", "accuracy of a pick, corrected for being the best of many"),
     "power_mw": ("mW", "mean power at the given inferences per hour, idle time included"),
     "battery_h": ("h", "how long the given battery lasts at power_mw"),
-    "origin": ("", "of a network that was trained on elsewhere and imported: the trial and file it is from"),
+    "origin": (
+        "",
+        "of an imported network: the trial and file that it is from; told: measured elsewhere",
+    ),
     "target": ("", "target whose memory and cycles stand beside it"),
     "ram_bytes": ("bytes", "memory of the exported classifier on a target"),
     "table_bytes": ("bytes", "constants of the exported classifier on a target"),

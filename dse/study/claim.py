@@ -13,6 +13,7 @@ from dse import store
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.recordings import PLACES
 from dse.study import environment
+from dse.study.journal import read_journal
 from dse.study.results import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
@@ -26,8 +27,8 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
 
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
     trials, other precisions of trained networks, targets, limits, when a search stops, and hardware after
-    the first. The device may not: another one rounds differently. Until a run has finished, any search space
-    may replace the one before.
+    the first. The device may not: another one rounds differently. Until a run has finished or a design was
+    asked for, any search space may replace the one before.
 
     A damaged copy of the search space is written anew if the finished runs were trained as this one says.
 
@@ -41,7 +42,8 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
     now = yaml.safe_load(space.to_yaml())
     files = [Path(plugin.source) for plugin in space.plugins if plugin.source.endswith(".py")]
     copies = {file: folder / "plugins" / f"{number}_{file.name}" for number, file in enumerate(files)}
-    if next(folder.glob("artefacts/*/repeat_*"), None) is None:
+    begun = next(folder.glob("artefacts/*/repeat_*"), None) is not None
+    if not begun and not any(entry.enqueued for entry in read_journal(folder / "journal.log")):
         store.remove(folder / "journal.log")
         if not _trains_the_same(path, now, copies):
             for name in _UNFINISHED:
@@ -55,7 +57,7 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
             notes.append(f"{error}; it is written anew: the finished runs fit this search space")
         faults = [
             Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was started with {old!r}; {_HINT}")
-            for key, old, new in _changes(before, now)
+            for key, old, new in changes(before, now)
             if (not key.startswith("execution.") or key == "execution.device")
             and key not in _PLACES
             and not (key == "search.n_trials" and _count(new) >= _count(old))
@@ -84,11 +86,11 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
 def _trains_the_same(path: Path, now: Any, copies: Mapping[Path, Path]) -> bool:
     """Return whether trainings that a folder has begun may go on."""
     try:
-        changes = _changes(plain_space(path), now)
+        differing = changes(plain_space(path), now)
         same = all(copy.is_file() and store.read_sealed_text(copy) == _text(x) for x, copy in copies.items())
     except store.StoreError:
         return False
-    return same and all(x.startswith("execution.") and x != "execution.device" for x, *_ in changes)
+    return same and all(x.startswith("execution.") and x != "execution.device" for x, *_ in differing)
 
 
 def _text(file: Path) -> str:
@@ -144,12 +146,12 @@ def _check_runs(space: SearchSpace, folder: Path) -> None:
             raise ConfigError([Fault(str(space.source), 0, f"{text}; {_HINT}") for text in texts])
 
 
-def _changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:
+def changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:
     """Return (dotted key, old, new) for every difference of two nested mappings."""
     if not (isinstance(before, dict) and isinstance(now, dict)):
         return [] if before == now else [(name, before, now)]
     keys = dict.fromkeys([*before, *now])
-    return [c for k in keys for c in _changes(before.get(k), now.get(k), f"{name}.{k}" if name else str(k))]
+    return [c for k in keys for c in changes(before.get(k), now.get(k), f"{name}.{k}" if name else str(k))]
 
 
 def _count(n_trials: int | None) -> float:

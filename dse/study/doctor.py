@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from dse import store
 from dse.audit import record
@@ -192,8 +193,13 @@ def _space(folder: Path) -> SearchSpace:
     return load_space(folder / _SPACE)
 
 
-def write_tables(folder: Path) -> None:
-    """Write the tables from the records of the runs and the journal, and the profiles that price them."""
+def write_tables(folder: Path, ledger: Ledger | None = None) -> dict[int, dict[str, Any]]:
+    """Write the tables from runs and journal, and the profiles that price them; return trial -> its row.
+
+    Args:
+        folder: of the study, which the caller has locked.
+        ledger: its journal, if it is open.
+    """
     space = _space(folder)
     profiles = load_all(space.hardware, space.source.parent)
     runs: dict[int, list[RunRecord]] = {}
@@ -201,9 +207,12 @@ def write_tables(folder: Path) -> None:
         if (found := load_record(run)) is not None:
             runs.setdefault(found.trial, []).append(found)
     trials = {trial: sorted(of, key=lambda x: x.repeat) for trial, of in sorted(runs.items())}
-    excluded = [entry for entry in Ledger(folder / _JOURNAL, space).entries if entry.excluded]
+    entries = (ledger or Ledger(folder / _JOURNAL, space)).entries
     pricing.keep(profiles, folder)
+    table = tables.trials_table(space, trials, [entry for entry in entries if entry.excluded])
     with store.published(folder / _TABLES[0]) as path:
-        store.write_table(path, tables.trials_table(space, trials, excluded))
+        store.write_table(path, table)
     with store.published(folder / _TABLES[1]) as path:
         points.write_points(path, space, folder, trials, profiles)
+    rows = table.to_dict("records")
+    return {int(row["trial"]): {str(name): store.plain_cell(x) for name, x in row.items()} for row in rows}

@@ -260,11 +260,11 @@ def _search(
     sampler: Sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
         space, [direction for _, direction in space.objectives]
     )
-    excluding = None if before is None else _Excluding(space, ledger, runs, before, sampler)
+    excluding = None if before is None else Excluding(space, ledger, runs, before, sampler)
     if excluding is not None:
         sampler = excluding.sampler
     if hasattr(sampler, "inform"):
-        sampler.inform([x.design for x in took.earlier], [_values(space, x.records) for x in took.earlier])
+        sampler.inform([x.design for x in took.earlier], [values_of(space, x.records) for x in took.earlier])
     number, n_before = 0, 0
     while True:
         if excluding is not None:
@@ -281,7 +281,7 @@ def _search(
             if n_missing > 0 and not entries and (why := took.stop(number)):
                 return why
             if n_missing > 0:
-                known = {design_key(e.design) for e in entries}
+                known = {design_key(e.design) for e in ledger.entries if not e.excluded}  # `dse ask` too
                 proposed = sampler.ask(len(entries) + n_missing)
                 new = [d for d in proposed if design_key(d) not in known][:n_missing]
                 with ledger.together():
@@ -307,7 +307,7 @@ def _search(
                 if not entry.is_reported and not runs.is_untrained(entry.trial):
                     records = runs.of(entry.trial)[: settings.repeats]
                     stopped = any(one.stopped_at_epoch is not None for one in records)
-                    values = _values(space, records)
+                    values = values_of(space, records)
                     missed = None if excluding is None or values is None else excluding.missed(entry, records)
                     ledger.tell(entry.trial, values, missed, _at_rungs(space, records), stopped=stopped)
         ended = _of_batch(ledger, number)
@@ -407,7 +407,7 @@ def _of_batch(ledger: Ledger, number: int) -> list[Entry]:
     return [entry for entry in ledger.batch(number) if not entry.excluded]
 
 
-class _Excluding:
+class Excluding:
     """Which designs are not trained, given what is known before: written down, and known to the sampler."""
 
     def __init__(
@@ -475,7 +475,7 @@ def _repeat_front(
         short = [
             e
             for e in ledger.entries
-            if e.trial in front and len(runs.of(e.trial)) < repeats and not runs.is_untrained(e.trial)
+            if e.trial in front and len(runs.of(e.trial)) < repeats and not runs.is_settled(e.trial)
         ]
         if not short:
             return
@@ -503,9 +503,7 @@ def _repeat_undecided(
     while True:
         repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
         for n in sorted(set(repeats.values())):
-            again = [
-                e for e in ledger.entries if repeats.get(e.trial) == n and not runs.is_untrained(e.trial)
-            ]
+            again = [e for e in ledger.entries if repeats.get(e.trial) == n and not runs.is_settled(e.trial)]
             report.expect(sum(n - len(runs.of(e.trial)) for e in again))
             runs.complete(again, n, results_tables.refresh)
         spent = sum(n - search.repeats for n in repeats.values())
@@ -518,7 +516,7 @@ def _repeat_undecided(
             (trial, n)
             for _, trial in undecided
             for n in [repeats.get(trial, search.repeats) + step]
-            if n <= search.repeats_on_front and not runs.is_untrained(trial)
+            if n <= search.repeats_on_front and not runs.is_settled(trial)
         ]
         if search.front_trainings is not None:
             short = short[: max(0, search.front_trainings - spent) // step]
@@ -559,7 +557,7 @@ def _at_rungs(space: SearchSpace, records: Sequence[RunRecord]) -> dict[int, flo
     return values
 
 
-def _values(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
+def values_of(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
     """Return the objectives of a trial's full read-out, None if it failed or lacks one of them.
 
     Those of a trial that stopped early are as they were then.

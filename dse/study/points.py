@@ -124,6 +124,8 @@ def _parts(
 ) -> Iterator[dict[str, Array]]:
     """Yield the columns of n points of a trial at a time on every profile; None: of all its points."""
     for trial, runs in sorted(trials.items()):
+        if runs[0].told:
+            yield from _told(space, runs[0], [chip.name for chip in profiles])
         if not all(record.finished for record in runs):
             continue
         answered = answers(folder, runs)
@@ -138,6 +140,18 @@ def _parts(
             design = {name: _repeated(value, n) for name, value in about.items()}
             costs = {"hardware": _repeated(chip.name, n)} | priced(some, chip) if chip else {}
             yield design | {"point": np.arange(start, start + n)} | rows | costs
+
+
+def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterator[dict[str, Array]]:
+    """Yield the one point of a trial that was measured elsewhere, on the chip that it was measured for."""
+    numbers = record.measured
+    chip = next(iter(numbers.hardware), None)
+    if chip is None or chip in chips:
+        about = tables.named(space, record.trial, record.design, 1, record.origin)
+        row = {**about, "point": 0, **tables.summary([numbers], chip)}
+        row |= {} if chip is None else {"hardware": chip}
+        row |= {"phi": np.nan, "theta": np.nan, "read_out_ms": np.nan}
+        yield {name: _repeated(value, 1) for name, value in row.items()}
 
 
 def _between(answered: Sequence[Answered], start: int, stop: int) -> list[Answered]:

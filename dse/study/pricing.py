@@ -22,7 +22,7 @@ from dse.skyline.table import read as read_table
 from dse.store import StoreError
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
-from dse.study.record import load_records
+from dse.study.record import TOLD, load_records
 
 if TYPE_CHECKING:
     import pandas
@@ -56,6 +56,13 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     if faults:
         raise ConfigError(faults)
     return notes
+
+
+def differences(one: Path, other: Path, name: str) -> list[str]:
+    """Return a sentence if two studies have other numbers of a chip."""
+    if _figures(profile(one, name)) == _figures(profile(other, name)):
+        return []
+    return [f"hardware {name}: the numbers differ from those in {one}"]
 
 
 def _figures(chip: Profile) -> object:
@@ -127,7 +134,9 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     folder = Path(folder)
     chips = profiles(folder, hardware)
     table = read_table(folder)
-    if "hardware" in table:
+    if "origin" in table:  # costs that were told are those of one chip
+        table = table[table["origin"].ne(TOLD)]
+    if "hardware" in table and len(table):
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     of_hardware = registry.columns("hardware")
     table = table.drop(columns=[name for name in table if name in of_hardware])
@@ -283,6 +292,10 @@ def drawn(
     figures_of = {name: chip.draws(n_draws) for name, chip in chips.items()}
     for indices in rows.groupby("trial", sort=False).indices.values():
         of_trial = rows.iloc[indices]
+        if "origin" in rows and of_trial["origin"].iloc[0] == TOLD:  # it stands as it was told
+            for column in columns:
+                samples[column][:, indices] = of_trial[column].to_numpy(np.float64, na_value=np.nan)
+            continue
         answers = _answers(folder, of_trial)
         places = _places(folder, answers, of_trial)
         for name, chip in chips.items():

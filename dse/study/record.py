@@ -15,6 +15,8 @@ from dse.store import StoreError
 
 STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""
+TOLD = "told"
+"""The status of a run that was measured elsewhere (`dse tell`): it has numbers, and no files."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ class RunRecord:
     files: names of its artefacts.
     taken_from: study and trial that trained it, where it was taken over; with `weights`, the name of a file,
         where it was trained on and imported.
+    told: whether its numbers were measured elsewhere (`dse tell`).
     """
 
     trial: int
@@ -97,6 +100,7 @@ class RunRecord:
     rungs: Mapping[int, Numbers] = field(default_factory=dict)
     files: tuple[str, ...] = ()
     taken_from: Mapping[str, Any] = field(default_factory=dict)
+    told: bool = False
 
     @property
     def failed(self) -> bool:
@@ -105,8 +109,8 @@ class RunRecord:
 
     @property
     def finished(self) -> bool:
-        """Whether the run trained to its end."""
-        return self.numbers is not None
+        """Whether the run trained to its end, and is no told one."""
+        return self.numbers is not None and not self.told
 
     @property
     def last(self) -> Numbers:
@@ -119,7 +123,9 @@ class RunRecord:
 
     @property
     def origin(self) -> str:
-        """What an imported network was before; '' of all others."""
+        """What an imported network was before, or that a run was told; '' of all others."""
+        if self.told:
+            return TOLD
         taken = self.taken_from
         return f"trial {taken['trial']}, {taken['weights']}" if "weights" in taken else ""
 
@@ -151,6 +157,8 @@ class RunRecord:
         if self.numbers is None:
             needs = {} if self.needs_bytes is None else {"needs_bytes": self.needs_bytes}
             return {**about, "status": "failed", "reason": self.reason, "details": self.details, **needs}
+        if self.told:
+            return {**about, "status": TOLD, "reason": "", **self.numbers.to_plain()}
         return {
             **about,
             "sections": self.sections,
@@ -193,6 +201,7 @@ class RunRecord:
                 rungs={int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()},
                 files=tuple(plain.get("files", ())),
                 taken_from=plain.get("taken_from", {}),
+                told=plain["status"] == TOLD,
             )
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise StoreError(f"{where}: key {error} is missing or invalid") from error

@@ -28,7 +28,7 @@ from dse.skyline.table import group_numbers, numbers
 from dse.study import pricing
 from dse.study.fronts import GROUPS
 from dse.study.precision import as_trained
-from dse.study.record import RunRecord, load_records
+from dse.study.record import TOLD, RunRecord, load_records
 
 if TYPE_CHECKING:
     import pandas
@@ -60,6 +60,8 @@ def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
     for places in groups:
         of_trial = rows.iloc[places]
         records = load_records(folder, int(trials[places[0]]))[: repeats[places[0]]]
+        if records[0].told:  # single answers are not known: it stands as it was told
+            continue
         right = [_right(folder, record, of_trial) for record in records]
         of_runs = np.stack(
             [_resampled(record, *answers, n_draws) for record, answers in zip(records, right, strict=True)]
@@ -232,6 +234,8 @@ def _largest_se(folder: Path, rows: pandas.DataFrame) -> Floats:
     trials = rows["trial"].to_numpy(np.int64)
     for places in rows.groupby("trial", sort=False).indices.values():
         record = store.read_record(store.run_folder(folder, int(trials[places[0]]), 0))
+        if record["status"] == TOLD:
+            continue
         n = max(int(record["samples"]["validation"]), 1)
         se[places] += wilson_se(np.rint(np.nan_to_num(accuracy[places]) * n), n)
     return se

@@ -174,10 +174,27 @@ def _copy(earlier: Earlier, repeat: int, trial: int, target: Path) -> None:
     """Publish an earlier run as one of this study, with where it was trained."""
     source = store.run_folder(earlier.folder, earlier.trial, repeat)
     record = store.read_record(source)
-    about = {key: x for key, x in record.items() if key not in ("schema", "version", "study", "files")}
     taken = {"study": str(record["study"]), "trial": earlier.trial, "version": record.get("version")}
+    copy_run(source, trial, target, taken)
+
+
+def copy_run(source: Path, trial: int, target: Path, taken_from: Mapping[str, Any] | None = None) -> None:
+    """Publish a run again, as one of another trial.
+
+    Args:
+        source: folder of the run.
+        trial: number of the other trial.
+        target: folder of the other run.
+        taken_from: where it was trained, if that is to be recorded.
+
+    Raises:
+        StoreError: the run is damaged, or cannot be written.
+    """
+    record = store.read_record(source)
+    about = {key: x for key, x in record.items() if key not in ("schema", "version", "study", "files")}
+    taken = {} if taken_from is None else {"taken_from": dict(taken_from)}
     files = {name: _copier(source / name) for name in record["files"]}
-    store.save_run(target, about | {"trial": trial, "taken_from": taken}, files)
+    store.save_run(target, about | {"trial": trial} | taken, files)
 
 
 def _copier(source: Path) -> Any:

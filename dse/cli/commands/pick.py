@@ -90,6 +90,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         essential = [name for name in ("trial", *(name for name, _ in goals), *missed) if name in shown]
         return Answer(records(choice.nearest), notes, shown, essential, code=_NOTHING_FEASIBLE)
     row: dict[str, Any] = {str(name): value for name, value in choice.row.items()}
+    if arguments.export and row.get("origin") == "told":
+        text = f"trial {row['trial']} was measured elsewhere (`dse tell`): there is no network to export"
+        raise StoreError(f"{arguments.results}: {text}")
     if arguments.export:
         from dse.cli import verdicts
         from dse.deploy.export import export

@@ -1,0 +1,170 @@
+"""A study driven from outside: designs that the sampler proposes, and values that are measured elsewhere.
+
+A design that is asked for is on the disk, with its number, before it is returned. Values that are told become
+the record of a run without files (`dse.study.record.TOLD`), and the tables mark them. A design that is never
+told is trained by the next `dse run`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dse import registry, store
+from dse.config import ConfigError, Fault, SearchSpace, load_space
+from dse.config.space import Design
+from dse.hardware.profile import load_all
+from dse.search.proposals import Sampler
+from dse.study import warm
+from dse.study.claim import claim
+from dse.study.doctor import write_tables
+from dse.study.explore import Excluding, values_of
+from dse.study.journal import Entry
+from dse.study.known import KnownBefore
+from dse.study.ledger import Ledger
+from dse.study.progress import Silent
+from dse.study.record import Numbers, RunRecord, load_record
+from dse.study.results import plain_space
+from dse.study.runs import Runs
+from dse.study.workers import Workers
+
+_SPACE, _JOURNAL = "search_space.yaml", "journal.log"
+
+
+def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int, Design]], list[str]]:
+    """Propose designs to be measured elsewhere; return each with its number, and notes.
+
+    Args:
+        space: what to explore.
+        results: folder of studies; that of this one is made in it.
+        n: number of designs; fewer are returned where the space has no more.
+
+    Raises:
+        ConfigError, StoreError: as in `dse.study.explore.run`.
+    """
+    folder = Path(results) / space.study
+    profiles = load_all(space.hardware, space.source.parent)
+    earlier = warm.earlier_trials(space)
+    with store.exclusive(folder), Workers(1) as workers:
+        store.sweep(folder)
+        notes = claim(space, folder)
+        ledger = Ledger(folder / _JOURNAL, space)
+        runs = Runs(space, folder, profiles, workers, Silent())
+        runs.recall(ledger.entries)
+        settings = space.search
+        sampler: Sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
+            space, [direction for _, direction in space.objectives]
+        )
+        excluding = None
+        if space.limits is not None:
+            excluding = Excluding(space, ledger, runs, KnownBefore(space, profiles, runs.shape), sampler)
+            sampler = excluding.sampler
+        if hasattr(sampler, "inform"):
+            sampler.inform([x.design for x in earlier], [values_of(space, x.records) for x in earlier])
+        number = 1 + max((entry.batch for entry in ledger.entries), default=-1)
+        for batch in range(number):
+            entries = [entry for entry in ledger.batch(batch) if not entry.excluded]
+            if excluding is not None:
+                excluding.end(batch, entries)
+            sampler.tell([e.design for e in entries], [e.values for e in entries])
+        designs = sampler.ask(n)
+        with ledger.together():
+            if excluding is not None:
+                excluding.record(number)
+            first = len(ledger.entries)
+            ledger.ask(number, designs, enqueued=True)
+        if len(designs) < n:
+            notes.append(f"the sampler found {len(designs)} designs that are new")
+        return list(enumerate(designs, first)), [*notes, *ledger.notes]
+
+
+def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") -> dict[str, Any]:
+    """Record the values of a design that was asked for; return its row of the table of trials.
+
+    Args:
+        folder: of the study.
+        trial: number of the design.
+        told: column -> value; every objective among them.
+        failed: instead of values, why there are none.
+
+    Raises:
+        ConfigError: every fault of the values.
+        StoreError: the design was not asked for or has a result, or the folder is in use.
+    """
+    plain_space(folder / _SPACE)  # raises if it is none
+    space = load_space(folder / _SPACE)
+    load_all(space.hardware, space.source.parent)
+    with store.exclusive(folder):
+        ledger = Ledger(folder / _JOURNAL, space)
+        entry = _asked(folder, ledger, trial)
+        if not failed:
+            _check(space, folder, told)
+        run = store.run_folder(folder, trial, 0)
+        record = RunRecord(
+            trial=trial,
+            repeat=0,
+            design=entry.design,
+            seed=space.seed,
+            reason=failed,
+            numbers=None if failed else _numbers(space, told),
+            told=not failed,
+        )
+        store.remove(run)  # of a `tell` that was interrupted
+        store.save_run(run, record.to_plain(), {})
+        ledger.tell(trial, None if failed else values_of(space, [record]))
+        return write_tables(folder, ledger)[trial]
+
+
+def _asked(folder: Path, ledger: Ledger, trial: int) -> Entry:
+    """Return the entry of a design that waits for its values."""
+    waiting = [entry.trial for entry in ledger.entries if not entry.is_reported]
+    shown = ", ".join(map(str, waiting[:10])) + (" and more" if len(waiting) > 10 else "")
+    hint = f"designs that wait for values: {shown or 'none; `dse ask` proposes one'}"
+    if not 0 <= trial < len(ledger.entries):
+        raise store.StoreError(f"{folder}: design {trial} was never asked for; {hint}")
+    entry = ledger.entries[trial]
+    if entry.excluded:
+        raise store.StoreError(f"{folder}: design {trial} is excluded: {entry.excluded}; {hint}")
+    run = store.run_folder(folder, trial, 0)
+    trained = load_record(run) if run.exists() else None
+    if entry.is_reported or (trained is not None and not trained.told):
+        raise store.StoreError(f"{folder}: design {trial} has its result; {hint}")
+    return entry
+
+
+def _check(space: SearchSpace, folder: Path, told: Mapping[str, float]) -> None:
+    """Check values that are told.
+
+    Raises:
+        ConfigError: every fault.
+    """
+    declared = registry.columns()
+    objectives = [name for name, _ in space.objectives]
+    known = sorted({*declared, *objectives, "accuracy"})
+    texts = [f"objective {name} is missing" for name in objectives if name not in told]
+    for name, value in told.items():
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f". Did you mean '{near[0]}'?" if near else ""
+            texts.append(f"unknown column '{name}'; `dse describe objectives` has all{hint}")
+        elif not math.isfinite(value):
+            texts.append(f"{name} must be finite, got {value:g}")
+        elif name.startswith("accuracy") and not 0 <= value <= 1:
+            texts.append(f"{name} must be within 0 and 1, got {value:g}")
+    if texts:
+        raise ConfigError([Fault(str(folder), 0, text) for text in texts])
+
+
+def _numbers(space: SearchSpace, told: Mapping[str, float]) -> Numbers:
+    """Return values as the numbers of a run: costs are those on the first chip, which it fits unless told."""
+    of_chips = registry.columns("hardware").keys() if space.hardware else set()
+    chip = {"fits": True, **{name: value for name, value in told.items() if name in of_chips}}
+    chip["fits"] = bool(chip["fits"])
+    ends = {f"{name}{end}": value for name, value in chip.items() for end in ("_low", "_high")}
+    chip = {name: value for name, value in ends.items() if name in of_chips} | chip
+    columns = {name: value for name, value in told.items() if name not in of_chips}
+    first = [profile.name for profile in load_all(space.hardware, space.source.parent)][:1]
+    return Numbers(columns, {name: chip for name in first})

@@ -1,0 +1,118 @@
+"""A study driven from outside, and two studies as one: what is recorded, refused and read back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from dse.cli.command_line import main
+from dse.study import explore, results
+from dse.study.journal import read_journal
+from dse.study.results import Study
+from tests import tiny_study
+
+TOLD = ["accuracy=0.9", "n_weights=20", "energy_uj=0.5"]
+
+
+@pytest.fixture(autouse=True)
+def fake_model() -> Iterator[None]:
+    tiny_study.register()
+    yield
+    tiny_study.unregister()
+
+
+def run(folder: Path, into: str = "results", **changes: Any) -> Study:
+    space = tiny_study.make_space(folder, execution={"jobs": 1}, **changes)
+    return explore.run(space, folder / into, progress=False)
+
+
+def test_designs_are_asked_for_told_and_on_the_front(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "results/tiny"
+    settings = {"sampler": "grid", "batch": 4, "repeats_on_front": 2}
+    space = str(tiny_study.make_space(tmp_path, execution={"jobs": 1}, search=settings).source)
+
+    def dse(*arguments: str, code: int = 0) -> str:
+        assert main(list(arguments)) == code
+        printed = capsys.readouterr()
+        return printed.err if code else printed.out
+
+    asked = json.loads(dse("ask", space, "--n", "2", "--results", str(folder.parent), "--json"))["rows"]
+    asked += json.loads(dse("ask", space, "--results", str(folder.parent), "--json"))["rows"]
+    hidden_and_rate = [(row["trial"], *row["design"].values()) for row in asked]
+    assert hidden_and_rate == [(0, 4, 0.2), (1, 4, 0.8), (2, 8, 0.2)], "as the grid has them"
+
+    tell = ("tell", str(folder))
+    never = dse(*tell, "3", *TOLD, code=2)
+    assert "design 3 was never asked for; designs that wait for values: 0, 1, 2" in never
+    faults = dse(*tell, "1", "accuracy=1.2", "n_weights=nan", "enrgy_uj=3", code=2).splitlines()
+    assert [fault.split(": ", 1)[1] for fault in faults] == [
+        "objective energy_uj is missing",
+        "accuracy must be within 0 and 1, got 1.2",
+        "n_weights must be finite, got nan",
+        "unknown column 'enrgy_uj'; `dse describe objectives` has all. Did you mean 'energy_uj'?",
+    ]
+    assert "'accuracy' must be COLUMN=VALUE" in dse(*tell, "1", "accuracy", code=2).replace(":", "")
+    assert "needs values" in dse(*tell, "1", code=2)
+    row = json.loads(dse(*tell, "1", *TOLD, "--json"))["rows"][0]
+    assert (row["status"], row["origin"], row["accuracy"], row["energy_uj"]) == ("told", "told", 0.9, 0.5)
+    assert "design 1 has its result" in dse(*tell, "1", *TOLD, code=2)
+    dse(*tell, "0", "--failed", "the board was lost")
+
+    study = run(tmp_path, search=settings)
+    status = study.trials.set_index("trial")["status"].to_dict()
+    assert status == {0: "failed", 1: "told", **dict.fromkeys(range(2, 6), "finished")}
+    assert read_journal(folder / "journal.log")[1].values == (0.9, 20.0, 0.5)
+    points = study.points()
+    assert points[points["trial"] == 1]["origin"].tolist() == ["told"]
+    assert 1 in set(study.skyline().rows["trial"])
+    assert (study.trials.set_index("trial")["repeats"] == 2).sum() >= 1, "others are repeated"
+    best = ["pick", str(folder), "--budget", "n_weights <= 20"]
+    assert "trial 1 was measured elsewhere" in dse(*best, "--export", str(tmp_path / "bundle"), code=2)
+    shares = json.loads(dse("skyline", str(folder), "--draws", "20", "--json"))["rows"]
+    assert any(row["trial"] == 1 for row in shares)
+    elsewhere = json.loads(dse("skyline", str(folder), "--hardware", "op_4.6_0.9", "--json"))["rows"]
+    assert all(row["trial"] != 1 for row in elsewhere), "its costs are those of one chip"
+
+
+def test_two_studies_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def search(**more: Any) -> dict[str, Any]:
+        return {"sampler": "grid", "batch": 2, **more}
+
+    first = run(tmp_path, "a", search=search(n_trials=2)).folder
+    second = run(tmp_path, "b", search=search(repeats_on_front=2)).folder
+    into = tmp_path / "c" / "tiny"
+    assert main(["merge", str(second), str(first), "--into", str(into), "--json"]) == 2
+    assert "search.repeats_on_front" in capsys.readouterr().err
+    second = run(tmp_path, "d", search=search()).folder
+    assert main(["merge", str(first), str(second), "--into", str(into), "--json"]) == 0
+    [counts] = json.loads(capsys.readouterr().out)["rows"]
+    assert {k: counts[k] for k in ("designs", "in_both", "runs")} == {"designs": 6, "in_both": 2, "runs": 6}
+    one, whole = results.open(into), results.open(second)
+    for mine, theirs in ((one.trials, whole.trials), (one.points(), whole.points())):
+        pd.testing.assert_frame_equal(mine.drop(columns="train_s"), theirs.drop(columns="train_s"))
+    before = sorted(path.stat().st_mtime_ns for path in into.rglob("record.json"))
+    run(tmp_path, "c", search=search())
+    assert sorted(path.stat().st_mtime_ns for path in into.rglob("record.json")) == before
+    assert main(["doctor", str(into)]) == 0
+    capsys.readouterr()
+
+    other = run(tmp_path, "e", search=search(n_trials=1), training={"epochs": 3}).folder
+    tiny_study.write_recordings(tmp_path / "tiny.npz", seed=1)
+    moved = run(tmp_path, "f", search=search(n_trials=1)).folder
+    for a, b, c, fault in (
+        (first, other, "g", "training.epochs is 3, but 2 in "),
+        (first, moved, "g", "its runs were trained on other recordings than those in "),
+        (first, first, "g", "a study cannot be merged with itself"),
+        (first, second, "c/tiny", "exists already"),
+        (first, tmp_path / "nothing", "g", "is not the folder of a study"),
+    ):
+        assert main(["merge", str(a), str(b), "--into", str(tmp_path / c)]) == 2
+        assert fault in capsys.readouterr().err
+    assert not (tmp_path / "g").exists() and not list(tmp_path.rglob(".writing-*"))
