@@ -49,7 +49,7 @@ class Population:
             return np.arange(len(answers)), answers
 
         def records(folder, trial):
-            return [SimpleNamespace(trial=trial, repeat=repeat) for repeat in range(self.repeats)]
+            return [SimpleNamespace(told=False, trial=trial, repeat=repeat) for repeat in range(self.repeats)]
 
         monkeypatch.setattr(resampling, "_right", right)
         monkeypatch.setattr(resampling, "load_records", records)
