@@ -9,12 +9,12 @@ const Studies = (() => {
 
   function view(root, app) {
     const { element, number, many, clip } = app;
-    const [studies, gains] = [element("div"), element("div")];
+    const [studies, gains] = [element("div"), element("details")];
     root.append(studies, gains);
 
-    const isText = (value) => typeof value === "string";
+    const isText = (value) => typeof value === "string" && !/^[\d+−–]/.test(value); // counts are written, and stand right
     function table(label, headings, rows) {
-      const cell = (value) => element("td", { className: isText(value) ? "text" : "", textContent: isText(value) ? clip(value, 60) : number(value, true) });
+      const cell = (value) => element("td", { className: isText(value) ? "text" : "", textContent: typeof value === "string" ? clip(value, 60) : number(value, true) });
       const head = element("tr", {}, ...headings.map((textContent, k) => element("th", { scope: "col", className: isText(rows[0]?.[k]) ? "text" : "", textContent })));
       const scroll = element("div", { className: "scroll", tabIndex: 0 }, element("table", {}, element("thead", {}, head),
         element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map(cell))))));
@@ -38,7 +38,7 @@ const Studies = (() => {
       const [errors, shown] = [lines.some((one) => typeof one.gain_se === "number"), Object.keys(lines[0]).filter((key) => !["hardware", "gain", "gain_se"].includes(key))];
       const beyond = (one) => (errors && typeof one.gain_se === "number" ? ` ${app.error(one.gain_se)}` : "");
       const signed = (one) => (typeof one.gain === "number" ? `${one.gain > 0 ? "+" : one.gain < 0 ? "−" : ""}${number(Math.abs(one.gain), true)}${beyond(one)}` : "–");
-      gains.replaceChildren(element("h2", {}, "Best within a budget ", element("small", { textContent: "the second study less the first" })),
+      gains.replaceChildren(element("summary", {}, "Best within a budget ", element("small", { textContent: "the second study less the first" })),
         table("Best within a budget", [...shown, "gain"], lines.map((one) => [...shown.map((key) => one[key]), signed(one)])));
     }
 
