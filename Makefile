@@ -23,10 +23,16 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: quickstart test test-gpu faults peers setup lint types kernels format clean
+.PHONY: example quickstart test test-gpu faults peers setup lint types kernels format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
+
+# The shipped study, made anew: some minutes.
+example: $(STUDY)
+	rm -rf results/example
+	$(BIN)/dse run search_spaces/example.yaml --quiet
+	rm -rf results/example/checkpoints results/example/page.html results/example/.lock
 
 # Types are checked while one process compiles kernels. Test files with studies and pages come first
 # (tests/conftest.py), and wait much: there are more processes than cores.

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import os
-import pkgutil
 import sys
 from collections.abc import Sequence
-from types import ModuleType
 
 import dse
-from dse.cli import commands
 from dse.cli.answer import Answer, show
+from dse.cli.commands import commands_by_name
 from dse.config import ConfigError
 
-GROUPS = ("begin", "search", "choose", "deploy", "look up")  # the order of `dse --help`
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained; 2 bad input, every fault on stderr; 3 no design "
     "point meets the budgets; 4 a target that was faithful is so no longer; 130 stopped by Ctrl-C"
@@ -57,15 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return _BAD_INPUT
     return answer.code
-
-
-def commands_by_name() -> dict[str, ModuleType]:
-    """Return the modules of `dse.cli.commands` by the name of their command, in the order of `dse --help`."""
-    modules = {
-        name: importlib.import_module(f"{commands.__name__}.{name}")
-        for _, name, _ in pkgutil.iter_modules(commands.__path__)
-    }
-    return dict(sorted(modules.items(), key=lambda item: (GROUPS.index(item[1].GROUP), item[0])))
 
 
 def _users_mistakes() -> tuple[type[Exception], ...]:

@@ -29,6 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--schema", action="store_true", help="print the JSON Schema of search spaces, for editors"
     )
+    parser.add_argument(
+        "--markdown", action="store_true", help="print all of it as one page of Markdown: docs/reference.md"
+    )
     add_format(parser)
 
 
@@ -42,6 +45,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
         from dse.config.schema import schema_text
 
         return Answer([], text=schema_text())
+    if arguments.markdown:
+        from dse.cli.handbook import markdown
+
+        return Answer([], text=markdown())
     if arguments.section is None:
         rows = [
             *sections(),

@@ -1,0 +1,64 @@
+"""The documentation: every block runs, shows what it prints; every link leads somewhere; the site is built.
+
+`WRITE_DOCS=1 pytest tests/docs` writes the outputs and the reference anew.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from dse.cli.handbook import markdown
+from tests.docs import pages
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.glob("*.md") if path.name != "reference.md")
+
+
+def write_or_compare(path: Path, text: str) -> None:
+    if os.environ.get("WRITE_DOCS"):
+        path.write_text(text, encoding="utf-8")
+    assert pages.masked(path.read_text(encoding="utf-8")) == pages.masked(text), (
+        f"{path}: WRITE_DOCS=1 pytest tests/docs"
+    )
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_every_block_runs_and_prints_what_is_shown(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(ROOT / "results" / "example", tmp_path / "results" / "example")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    write_or_compare(path, pages.performed(path.read_text(encoding="utf-8"), pages.syntax))
+
+
+def test_the_reference_is_what_the_code_declares() -> None:
+    write_or_compare(DOCS / "reference.md", markdown())
+
+
+def test_every_page_is_in_the_menu_and_every_link_leads_somewhere() -> None:
+    menu = re.findall(
+        r"[\w/]+\.md", str(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
+    )
+    assert sorted(menu) == sorted(path.name for path in DOCS.glob("*.md"))
+    for path in PAGES:
+        links = re.findall(r"\]\((?!https?://|#)([^)#]+)", path.read_text(encoding="utf-8"))
+        assert [link for link in links if not (path.parent / link).exists()] == [], path
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("material")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    assert (tmp_path / "tutorial" / "index.html").is_file()

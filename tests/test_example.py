@@ -1,0 +1,52 @@
+"""The shipped study, results/example: today's code reads it, as it was made from its search space."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import dse
+from dse.cli import main
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLE = ROOT / "results" / "example"
+MOST_BYTES = 4_000_000
+
+
+def test_it_is_small() -> None:
+    sizes = [
+        path.stat().st_size for path in EXAMPLE.rglob("*") if path.is_file() and path.name != "page.html"
+    ]
+    assert 100_000 < sum(sizes) <= MOST_BYTES
+
+
+def test_commands_read_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """If a format changes: make it anew, as CONTRIBUTING says."""
+    shutil.copytree(EXAMPLE, tmp_path / "example")
+    monkeypatch.chdir(tmp_path)
+
+    def document(*arguments: str) -> dict[str, list[dict[str, object]]]:
+        assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+        return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+
+    front = document("skyline", "example", "--draws", "5")["rows"]
+    assert {row["task"] for row in front} == {"texture", "profile"}
+    assert len({row["family"] for row in front}) >= 3
+    (row,) = document("pick", "example", "--budget", "family == 'snn'", "--export", "bundle")["rows"]
+    assert float(str(row["accuracy"])) > 0.5 and Path("bundle/bundle.json").is_file()
+    assert main(["dashboard", "example", "--html", "page.html"]) == 0
+    assert Path("page.html").stat().st_size > 1_000_000
+
+
+def test_it_is_the_study_of_its_search_space() -> None:
+    study = dse.open(EXAMPLE)
+    trials = study.trials
+    assert set(trials["status"]) == {"finished"}
+    assert len(trials) == dse.load_space("example", {}).n_designs
+    points = study.points()
+    assert set(points["hardware"]) == {"mcu_m4", "loihi1_silicon", "spinnaker2"}
