@@ -10,11 +10,13 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
+from dse import registry
 from dse.cli.handbook import markdown
 from tests.docs import pages
 
@@ -29,6 +31,14 @@ def write_or_compare(path: Path, text: str) -> None:
     assert pages.masked(path.read_text(encoding="utf-8")) == pages.masked(text), (
         f"{path}: WRITE_DOCS=1 pytest tests/docs"
     )
+
+
+@pytest.fixture(autouse=True)
+def no_component_stays() -> Iterator[None]:
+    """Components that a page registers are gone after it."""
+    components = registry._outside()
+    yield
+    registry._replace(components)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)

@@ -48,7 +48,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if arguments.markdown:
         from dse.cli.handbook import markdown
 
-        return Answer([], text=markdown())
+        return Answer([], text=markdown().rstrip("\n"))
     if arguments.section is None:
         rows = [
             *sections(),
