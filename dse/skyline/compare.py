@@ -142,4 +142,4 @@ def _best(rows: pd.DataFrame, column: str) -> pd.Series:
     """Return the row with the largest value; a row of NaN where there is none."""
     if rows.empty:
         return pd.Series(np.nan, rows.columns)
-    return rows.loc[rows[column].idxmax()]
+    return rows.iloc[int(rows[column].fillna(-np.inf).to_numpy().argmax())]

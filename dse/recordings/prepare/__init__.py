@@ -91,7 +91,7 @@ def prepare(name: str, source: Path, out: Path) -> Path:
     if missing := [file for file in public.files if not (source / file).is_file()]:
         raise RecordingError(f"{source}: has no {missing[0]}; {name} needs {', '.join(public.files)}")
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **dict(public.convert(source)))
+    np.savez_compressed(buffer, **dict(public.convert(source)))  # type: ignore[arg-type]
     target, content = out / public.file, buffer.getvalue()
     if target.exists() and target.read_bytes() != content:
         raise RecordingError(f"{target}: is another file than is made from {source}; move it away first")
