@@ -41,6 +41,9 @@ SETTINGS = {
     "training.lr_every": "5",
     "training.average_epochs": "1",
     "training.dropout": "0",
+    "training.event_dropout": "0",
+    "training.dilation": "[1, 1]",
+    "model.loss": "spike_rate",
     "training.silent_epochs": "0",
 }
 

@@ -156,7 +156,7 @@ def recorded() -> bool:
 
 def braille() -> Dataset:
     """Return the recorded Braille letters."""
-    any_model = {"hidden": "40", "true_rate": "0.4", "threshold": "5.0", "input_delays": "[0]"}
+    any_model = {"hidden": "40", "true_rate": "0.4", "loss": "spike_rate", "input_delays": "[0]"}
     space = dse.load_space("braille", {f"model.{key}": value for key, value in any_model.items()})
     return dataset.build(space.resolve({}), space.source.parent)[0]
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from dse.store import StoreError
 from dse.study import points as _points
-from dse.study import pricing
 from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
@@ -56,6 +55,8 @@ def over_repeats(folder: Path, table: pandas.DataFrame, repeats: str) -> pandas.
         StoreError: an artefact is damaged, or the points have changed.
     """
     import pandas
+
+    from dse.study import pricing
 
     if checked(repeats) == "mean" or table.empty:
         return table

@@ -40,12 +40,13 @@ def test_joint_front_hypervolumes_and_gains():
 
 def test_tasks_are_apart_and_a_budget_that_only_one_meets_has_no_gain():
     other = table((0, 0.9, 7.0), task="speed")
+    second = table((0, 0.7, 2.0), (1, 0.75, 2.5), (2, 1.0, 5.0))
     result = compare(
-        {"a": pd.concat([FIRST, other]), "b": pd.concat([SECOND, other])}, GOALS, "accuracy > 0.6"
+        {"a": pd.concat([FIRST, other]), "b": pd.concat([second, other])}, GOALS, "accuracy > 0.6"
     )
-    assert result.summary.groupby("task")["on_joint_front"].sum().to_dict() == {"speed": 2, "texture": 3}
+    assert result.summary.groupby("task")["on_joint_front"].sum().to_dict() == {"speed": 2, "texture": 4}
     texture = result.gains.query("task == 'texture'").set_index("budget")
-    assert pd.isna(texture.loc["energy_uj <= 2", "gain"])
+    assert pd.isna(texture.loc["energy_uj <= 2.5", "gain"])
     assert result.summary.query("task == 'speed'")["hypervolume"].tolist() == [1.0, 1.0]
 
 

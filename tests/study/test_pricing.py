@@ -85,9 +85,7 @@ def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(
     assert answered(capsys, "skyline", str(folder))["rows"] == own
 
 
-def test_a_page_has_the_shares_of_the_skyline_and_refuses_draws_of_nothing(
-    results: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_page_has_the_shares_of_the_skyline(results: Path, tmp_path: Path, capsys: Captured) -> None:
     rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
     page = tmp_path / "page.html"
     assert main(["dashboard", str(results), "--html", str(page), "--draws", "50"]) == 0
@@ -109,12 +107,9 @@ def test_a_page_has_the_shares_of_the_skyline_and_refuses_draws_of_nothing(
     assert main(["dashboard", str(results), "--hardware", "none_such"]) == 2
     bare = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"))
     assert main(["run", str(bare), "--results", str(tmp_path / "results"), "--quiet", "--json"]) == 0
-    capsys.readouterr()
-    arguments = ["dashboard", str(tmp_path / "results" / "tiny"), "--draws", "5"]
-    assert main(arguments) == main([*arguments, "--html", str(tmp_path / "none.html")]) == 2
-    said = capsys.readouterr()
-    assert said.err.count("nothing to sample: the study has no hardware") == 2 and said.out == ""
-    assert not (tmp_path / "none.html").exists()
+    study = str(tmp_path / "results" / "tiny")
+    assert main(["dashboard", study, "--html", str(page), "--draws", "5"]) == 0, "recordings are drawn"
+    assert 0 < max(held(page)["columns"]["front_probability"]["values"]) <= 1
 
 
 def test_draws_say_how_sure_each_point_of_the_front_is(results: Path, capsys: Captured) -> None:
