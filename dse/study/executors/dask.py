@@ -244,9 +244,11 @@ class Dask:
 
 
 async def _kill(cluster: LocalCluster) -> None:
+    """Kill the workers at once; to close them takes as long as the tasks that they have."""
     for nanny in cluster.workers.values():
         nanny.auto_restart = False
-        await nanny.kill(timeout=0)
+        if nanny.process is not None and nanny.process.process is not None:
+            await nanny.process.process.kill()
 
 
 def _quiet() -> None:

@@ -30,9 +30,21 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture(scope="module")
 def workers() -> Iterator[Workers]:
-    """Two workers of a cluster of ours."""
+    """Two workers of a cluster of ours, which end with it."""
     with Workers(2, Dask(2, None, None)) as started:
         yield started
+        assert isinstance(started._executor, Dask)
+        processes = list(started._executor._client.run(os.getpid).values())
+    assert len(processes) == 2
+    until(lambda: not any(map(lives, processes)), "the workers to end")
+
+
+def lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def parts(job: str) -> Iterator[str]:
