@@ -27,7 +27,11 @@ _BLOCK = re.compile(
 )
 _PROGRESS = re.compile(r"preparing data: |\d+/\d+ trial ")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_MASKS = ((r"train_s +\S+", "train_s ..."), (r"\b\d+\.?\d* s\b", "... s"))
+_MASKS = (
+    (r"train_s +\S+", "train_s ..."),
+    (r"\b\d+\.?\d* s\b", "... s"),
+    (r"(ram_bytes|flash_bytes|compiler) +\S.*", r"\1 ..."),
+)
 
 
 class Terminal(io.StringIO):
