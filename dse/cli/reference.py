@@ -25,7 +25,8 @@ _LISTS = {
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
     "limits": "Conditions that each design must be able to meet, such as n_weights <= 20000 or fits; one "
     "that cannot, by what is known before training, is not trained, nor one that a measured design dominates "
-    "for certain. Axes, task and family may be named, and these columns:",
+    "for certain. Of several hardware profiles or targets, one has to do. Axes, task and family may be "
+    "named, and these columns, flash_bytes and ram_bytes with `targets: [cortex_m4]`:",
 }
 _SAMPLERS = "search.samplers"
 _FORMATS = "recordings.formats"
@@ -91,9 +92,11 @@ def names(section: str) -> list[Texts]:
         ]
     if section == "limits":
         before = {"exact": "known before training", "bound": "lower bound before training"}
+        of_targets = registry.columns_of_targets().values()
+        columns = registry.columns() | {name: x for known in of_targets for name, x in known.items()}
         return [
             {"name": name, "unit": column.unit, "doc": f"{before[column.known]}: {column.doc}"}
-            for name, column in registry.columns().items()
+            for name, column in sorted(columns.items())
             if column.known
         ]
     if section == "hardware":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -222,13 +222,16 @@ def objectives(
     return tuple(directions.items())
 
 
-def limits(raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], report: Report) -> tuple[str, ...]:
+def limits(
+    raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], targets: Sequence[str], report: Report
+) -> tuple[str, ...]:
     """Read conditions on what is known of a design before it is trained.
 
     Args:
         raw: a condition or a list of them, as written.
         axes: of the search space.
         profiles: hardware profiles of the search space.
+        targets: its targets.
         report: called with (path, sentence) for every mistake.
     """
     texts = [raw] if isinstance(raw, str) else [] if raw is None else raw
@@ -236,14 +239,16 @@ def limits(raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], report: 
         report(("limits",), f"limits must be a list of conditions, got {echo(raw)}")
         return ()
     for index, text in enumerate(texts):
-        for message in _limit_faults(text, axes, profiles):
+        for message in _limit_faults(text, axes, profiles, targets):
             report(("limits", index) if isinstance(raw, list) else ("limits",), message)
         if text in texts[:index]:
             report(("limits", index), f"limit '{text}' is stated twice")
     return tuple(texts)
 
 
-def _limit_faults(text: str, axes: Mapping[str, Axis], profiles: Sequence[str]) -> list[str]:
+def _limit_faults(
+    text: str, axes: Mapping[str, Axis], profiles: Sequence[str], targets: Sequence[str]
+) -> list[str]:
     """Return what is wrong with a limit, a sentence each."""
     try:
         tree = parse(text)
@@ -260,7 +265,17 @@ def _limit_faults(text: str, axes: Mapping[str, Axis], profiles: Sequence[str]) 
                 f"limit '{text}': column '{name}' is known only after training; {known_names('', known)}"
             )
         elif name not in known and name not in is_text:
-            faults.append(f"limit '{text}': unknown column '{name}'; {known_names(name, [*known, *is_text])}")
+            of_targets = registry.columns_of_targets()
+            able = [target for target, known_there in of_targets.items() if name in known_there]
+            unable = [target for target in targets if target in of_targets and target not in able]
+            if not able:
+                others = dict.fromkeys([*known, *is_text, *chain(*of_targets.values())])
+                faults.append(f"limit '{text}': unknown column '{name}'; {known_names(name, others)}")
+            elif unable or not targets:
+                faults.append(
+                    f"limit '{text}': column '{name}' needs targets that know it before training in section "
+                    f"'targets' ({', '.join(able)}), got {', '.join(unable) or 'none'}"
+                )
         elif name in of_hardware and not profiles:
             faults.append(
                 f"limit '{text}': column '{name}' needs a hardware profile in section 'hardware', got none"

@@ -98,7 +98,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     precision = goals.precision(data["precision"], report) if "precision" in data else None
     hardware = goals.hardware(data.get("hardware"), report, source.parent)
     targets = goals.targets(data["targets"], report) if "targets" in data else ()
-    limits = goals.limits(data["limits"], axes, hardware, report) if "limits" in data else None
+    limits = goals.limits(data["limits"], axes, hardware, targets, report) if "limits" in data else None
     if "model" in sections and sections["model"].good:
         goals.check_neurons(hardware, sections["model"], report, source.parent)
         goals.check_steps(sections, report)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import dse
 from dse.config import SearchSpace, load_space
 from dse.dataset import assemble, cache, dataset_key
 from dse.dataset.shape import Shape, announced
+from dse.deploy.export import bundle_of
+from dse.deploy.targets.cortex_m import CortexM4
 from dse.hardware.profile import load_all
 from dse.search.limits import Known
 from dse.search.space import design_at
@@ -22,6 +25,7 @@ from dse.study import explore
 from dse.study.journal import read_journal
 from dse.study.known import KnownBefore
 from dse.study.preview import preview
+from dse.study.results import Study
 from tests.tiny_study import REAL, write_recordings
 
 FIXED = ["loihi1_silicon", "truenorth"]
@@ -50,21 +54,47 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def known_rows(space: SearchSpace, design: dict[str, Any]) -> dict[str, Mapping[str, Known]]:
-    def shape_of(sections: Any) -> Shape:
-        base = space.source.parent
-        data = assemble.find(cache.usual_root(), dataset_key(sections, base))
-        assert data is not None
-        of_file = sections.data.channel_positions(base)
-        before = announced(sections, assemble.recordings(sections, base), of_file)
-        prepared = Shape.of(data)
-        assert before is not None
-        assert before.positions.tolist() == prepared.positions.tolist()
-        assert (before.n_outputs, before.step_ms) == (prepared.n_outputs, prepared.step_ms)
-        return prepared
+def shape_of(sections: Any, base: Path) -> Shape:
+    data = assemble.find(cache.usual_root(), dataset_key(sections, base))
+    assert data is not None
+    of_file = sections.data.channel_positions(base)
+    before = announced(sections, assemble.recordings(sections, base), of_file)
+    prepared = Shape.of(data)
+    assert before is not None
+    assert before.positions.tolist() == prepared.positions.tolist()
+    assert (before.n_outputs, before.step_ms) == (prepared.n_outputs, prepared.step_ms)
+    return prepared
 
-    known = KnownBefore(space, load_all(space.hardware, space.source.parent), shape_of)
+
+def known_rows(space: SearchSpace, design: dict[str, Any]) -> dict[str, Mapping[str, Known]]:
+    base = space.source.parent
+    known = KnownBefore(space, load_all(space.hardware, base), lambda x: shape_of(x, base))
     return dict(known._rows(design, needs_data=True))
+
+
+def check_memory(study: Study, space: SearchSpace, place: int) -> None:
+    """Of a design whose weights need 8 bits, a Cortex-M4 takes what is known before, and names of classes."""
+    sections = space.resolve(design_at(space, place))
+    least = CortexM4().least_footprint(sections, shape_of(sections, space.source.parent))
+    points = study.points()
+    bundle = bundle_of(study, points[(points["trial"] == place) & points["phi"].isna()].iloc[0])
+    as_trained = CortexM4().footprint(bundle)
+    assert least["ram_bytes"][0] <= as_trained["ram_bytes"] <= least["ram_bytes"][1]
+    if sections.model.pruned:  # type: ignore[attr-defined]
+        assert "flash_bytes" not in least
+        return
+    layers = [
+        replace(
+            layer,
+            weight=layer.weight * (3.9 / np.abs(layer.weight).max()),
+            recurrent=None if layer.recurrent is None else np.full_like(layer.recurrent, 3.9),
+            delay=None if layer.delay is None else np.zeros_like(layer.delay),
+        )
+        for layer in bundle.fitted.layers  # type: ignore[union-attr]
+    ]
+    wide = CortexM4().footprint(replace(bundle, fitted=replace(bundle.fitted, layers=tuple(layers))))
+    assert wide["ram_bytes"] == least["ram_bytes"][0]
+    assert wide["flash_bytes"] == least["flash_bytes"][0] + sum(map(len, bundle.classes))
 
 
 @pytest.mark.parametrize(
@@ -84,6 +114,7 @@ def test_training_measures_what_is_known(home: Path, model: dict[str, Any]) -> N
     study = explore.run(here, home / "results", progress=False)
     points = study.points()
     for place in range(here.n_designs or 0):
+        check_memory(study, here, place)
         for chip, row in known_rows(here, design_at(here, place)).items():
             rows = points[(points["trial"] == place) & (points["hardware"] == chip)]
             for name in set(row) & set(points.columns) - set(here.axes):
@@ -111,6 +142,23 @@ def test_designs_beyond_a_limit_are_written_down_and_not_trained(home: Path) -> 
         "model.input_delays is '[0, 2]', model.hidden is 3"
     )
     assert set(study.points()["trial"]) == set(table.index[table["status"] == "finished"])
+
+
+def test_memory_on_a_target_excludes_designs(home: Path) -> None:
+    model = {"hidden": {"choice": [3, 60, 200]}, "input_delays": [0]}
+    limits = ["ram_bytes <= 1024", "flash_bytes < 1e4"]  # two states of 4 bytes per neuron, and little else
+    here = space(home, model=model, limits=limits, targets=["cortex_m4", "cortex_m7"])
+    row = preview(here)
+    assert (row["excluded"], row["excluded_by"]) == (1, {limits[0]: 1, limits[1]: 0})
+    shape = Shape(np.zeros((4, 3), np.int32), 3, 16, 5.0)
+    known = KnownBefore(here, (), lambda _: shape)
+    (why,) = filter(None, (known.exclusion(design_at(here, place)) for place in range(3)))
+    assert why.limits == ("ram_bytes <= 1024",)
+    assert why.reason == "cannot meet ram_bytes <= 1024: ram_bytes is at least 1656 on cortex_m4"
+    assert KnownBefore(here, (), lambda _: None).exclusion(design_at(here, 2)) is None
+    floats = space(home, model=model | {"arithmetic": "float32"}, limits=limits[:1], targets=["c99"])
+    exclusion = KnownBefore(floats, (), lambda _: shape).exclusion(design_at(floats, 0))
+    assert exclusion is not None and exclusion.reason.endswith("ram_bytes has no value")
 
 
 def test_a_study_goes_on_under_other_limits(home: Path) -> None:
@@ -167,3 +215,15 @@ def test_a_fault_names_file_line_and_what_is_known(tmp_path: Path) -> None:
     assert any("Did you mean 'n_weights'?" in line for line in lines)
     assert any("column 'fits' needs a hardware profile" in line for line in lines)
     assert all(f"{tmp_path / 'real.yaml'}:" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("targets", "got"), [([], "none"), (["cortex_m4", "c99"], "c99"), (["xylo"], "xylo")]
+)
+def test_limits_on_memory_need_targets_that_know_it(tmp_path: Path, targets: list[str], got: str) -> None:
+    with pytest.raises(dse.ConfigError) as caught:
+        space(tmp_path, limits=["flash_bytes < 3"], targets=targets)
+    assert str(caught.value).endswith(
+        "limit 'flash_bytes < 3': column 'flash_bytes' needs targets that know it before training in section "
+        f"'targets' (cortex_m0plus, cortex_m33, cortex_m4, cortex_m7), got {got}"
+    )

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from dse.config.resolved import Sections
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c.bounds import UNITS_PER_STEP, Bounds, bounds
 from dse.deploy.c.confidence import simplest_fraction
@@ -228,6 +229,18 @@ def plan_of(bundle: Bundle) -> Plan:
     if not isinstance(network, Network):
         kind = bundle.sections.kinds["model"]
         raise Unsupported(f"family {kind} is no single spiking network")
+    frame = frame_of(bundle)
+    step_ms = frame.step_ms / network.steps_per_sample
+    rule = _rule(bundle, frame.n_steps * network.steps_per_sample, network.sizes[-1], step_ms)
+    return plan_on(frame, network, rule)
+
+
+def plan_on(frame: Frame, network: Network, rule: Rule) -> Plan:
+    """Return the plan of a network with what surrounds it.
+
+    Raises:
+        Unsupported: C cannot hold the network; the reason.
+    """
     if network.arithmetic != "integer":
         raise Unsupported(f"C needs a network in integer arithmetic, got {network.arithmetic} arithmetic")
     for layer in network.layers:
@@ -236,11 +249,9 @@ def plan_of(bundle: Bundle) -> Plan:
             raise Unsupported(f"C is written for {names}, got neuron {layer.neuron}")
     if max(*network.sizes, network.n_channels) > _MOST_CHANNELS:
         raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {max(network.sizes)}")
-    frame = frame_of(bundle)
-    network_steps = frame.n_steps * network.steps_per_sample
     layers, arriving = [], 1
     for layer in network.layers:
-        layers.append(_layer(layer, network_steps, arriving))
+        layers.append(_layer(layer, frame.n_steps * network.steps_per_sample, arriving))
         arriving = layers[-1].most_spikes
     if arriving > 1:
         raise Unsupported(f"C counts one spike of an output in a step, and these fire up to {arriving}")
@@ -249,7 +260,7 @@ def plan_of(bundle: Bundle) -> Plan:
         layers=tuple(layers),
         steps_per_sample=network.steps_per_sample,
         delays=network.delays,
-        rule=_rule(bundle, network_steps, network.sizes[-1], frame.step_ms / network.steps_per_sample),
+        rule=rule,
     )
 
 
@@ -261,7 +272,7 @@ def frame_of(bundle: Bundle) -> Frame:
     """
     if bundle.input is None:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
-    front_end, no_front_end, encoder, pools = _front_end(bundle, bundle.input)
+    front_end, no_front_end, encoder, pools = front_end_of(bundle.sections, bundle.input)
     trials = _trials(bundle)
     return Frame(
         n_channels=bundle.fitted.n_channels,
@@ -332,11 +343,10 @@ def _rule(bundle: Bundle, network_steps: int, n_outputs: int, step_ms: float) ->
     return Rule(first, n, None, Fraction(0), steps - 1)
 
 
-def _front_end(
-    bundle: Bundle, taken: Input
+def front_end_of(
+    sections: Sections, taken: Input
 ) -> tuple[FrontEnd, str, SendOnDeltaPlan | ReceptorsPlan | None, Pooling | None]:
     """Return what is pushed, why it is spikes where recordings are none, and what makes them in C."""
-    sections = bundle.sections
     encoder, preprocessing = sections.encoder, sections.preprocessing
     if encoder is not None and preprocessing is not None:
         return "spikes", "an encoder of pooled events is not written in C", None, None

@@ -11,15 +11,18 @@ from pathlib import Path
 from typing import ClassVar
 
 import dse
+from dse.config.resolved import Sections
+from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, counting_source, files, host, replay, source
 from dse.deploy.c.counting import CountingPlan, counting_plan_of
 from dse.deploy.c.footprint import footprint
+from dse.deploy.c.least import RAM, least_memory
 from dse.deploy.c.plan import Plan, Unsupported, plan_of
 from dse.deploy.reference import Reference
 from dse.deploy.targets import TargetError, Verdict, compare
 from dse.records import Network
-from dse.registry import register
+from dse.registry import Column, register
 
 
 @register("targets", "c99")
@@ -29,6 +32,7 @@ class C99:
 
     label: ClassVar[str] = "C99 for any processor"
     extra: ClassVar[str] = ""
+    known_before: ClassVar[tuple[Column, ...]] = (RAM,)
     use: ClassVar[str] = "`cc -O2 -Isrc main.c src/dse.c -o touch` there, then `./touch < recording.csv`"
 
     def refusal(self, bundle: Bundle) -> str:
@@ -50,6 +54,10 @@ class C99:
         sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
         instructions = _instructions(_Kind(_kind(plan), plan))
         return sizes if instructions is None else sizes | {"flash_bytes": instructions + _constants(plan)}
+
+    def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
+        """Return its memory before a design is trained (`dse.deploy.c.least`)."""
+        return least_memory(sections, shape)
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""

@@ -9,10 +9,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from dse.config.resolved import Sections
+from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.footprint import footprint
 from dse.deploy.c.host import Played
+from dse.deploy.c.least import FLASH, RAM, least_memory
 from dse.deploy.c.matrix import Matrix
 from dse.deploy.c.plan import Plan, Unsupported, plan_of
 from dse.deploy.reference import Reference
@@ -20,7 +23,7 @@ from dse.deploy.targets import Target, Verdict, compare, emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.emulator import CORES, FLAGS, Core, Machine, Program, compiled
 from dse.records import Array, Ints
-from dse.registry import register
+from dse.registry import Column, register
 
 _MEMORY = Path(__file__).parent / "memory"
 _APART = 16
@@ -37,6 +40,7 @@ class CortexM(Target):
 
     core: ClassVar[Core]
     profile: ClassVar[str] = ""
+    known_before: ClassVar[tuple[Column, ...]] = (RAM, FLASH)
     code_bytes: ClassVar[Mapping[str, float]] = code_size.CORTEX_M
     extra: ClassVar[str] = "targets"
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
@@ -54,6 +58,10 @@ class CortexM(Target):
         plan = plan_of(bundle)
         sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
         return sizes | {"flash_bytes": code_size.flash_bytes(plan, self.code_bytes)}
+
+    def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
+        """Return its memory before a design is trained (`dse.deploy.c.least`)."""
+        return least_memory(sections, shape, self.code_bytes)
 
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
