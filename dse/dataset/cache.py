@@ -227,7 +227,7 @@ def _files(folder: Path) -> dict[str, tuple[int, str]] | None:
         StoreError: `entry.json` cannot be read now.
     """
     try:
-        entry = read_json(folder / _ENTRY)
+        entry = read_json(folder / _ENTRY, needs_seal=True)
         if entry["key"] != folder.name:
             return None
         return {str(name): (int(size), str(digest)) for name, (size, digest) in entry["files"].items()}

@@ -109,7 +109,7 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         "data": chosen.data,
         "recordings": _recordings(study, chosen),
         "warnings": study.warnings,
-        "environment": store.read_json(study.folder / "environment.json"),
+        "environment": store.read_json(study.folder / store.ENVIRONMENT),
     }
     fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
     if setting.precision != precision.AS_TRAINED:

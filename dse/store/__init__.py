@@ -15,7 +15,7 @@
         front_repeats.json  which designs were repeated because their place on the front was undecided
 
 Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
-byte is an error when it is read. The journal has a checksum per line (`dse.study.journal`).
+byte, or of the seal, is an error when it is read. The journal has a checksum per line (`dse.study.journal`).
 
 A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
 therefore either complete or absent, and its presence is what makes the run finished.
@@ -53,11 +53,23 @@ from dse.store.files import (
 )
 from dse.store.plain import heads_document, heads_of, plain, plain_cell
 from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, save_run
-from dse.store.sealed import REMEDY, Damaged, StoreError, damaged, is_sealed, read_bytes, unreadable, verify
+from dse.store.sealed import (
+    ENVIRONMENT,
+    REMEDY,
+    Damaged,
+    StoreError,
+    damaged,
+    is_sealed,
+    read_bytes,
+    requires_seal,
+    unreadable,
+    verify,
+)
 from dse.store.tables import parquet, write_table
 
 __all__ = [
     "DAMAGED_ARCHIVE",
+    "ENVIRONMENT",
     "RECORD",
     "REMEDY",
     "SCHEMA",
@@ -88,6 +100,7 @@ __all__ = [
     "record_arrays",
     "record_of",
     "remove",
+    "requires_seal",
     "response_arrays",
     "response_of",
     "run_folder",

@@ -52,10 +52,11 @@ _SCALARS = (bool, int, float, str)
 _DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
 
 
-def save_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
-    """Write a compressed .npz, which is sealed."""
+def save_arrays(path: Path, arrays: Mapping[str, Array], *, compressed: bool = True) -> None:
+    """Write an .npz, which is sealed."""
+    save = np.savez_compressed if compressed else np.savez
     with path.open("wb") as file:
-        np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
+        save(file, **dict(arrays))  # type: ignore[arg-type]
     with zipfile.ZipFile(path, "a") as archive:
         archive.comment = BLANK
     seal(path)

@@ -154,7 +154,7 @@ def write_sealed_text(path: Path, text: str) -> None:
 
 
 def read_sealed_text(path: Path) -> str:
-    """Return the text of `write_sealed_text`, or of any text file.
+    """Return the text of `write_sealed_text`, or of any text file that needs no seal.
 
     Raises:
         Damaged: it is missing, or not what was written.
@@ -193,15 +193,15 @@ def write_sealed_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -
     seal(path)
 
 
-def read_json(path: Path) -> Any:
-    """Return the document of a JSON file, without its seal.
+def read_json(path: Path, *, needs_seal: bool | None = None) -> Any:
+    """Return the document of a JSON file, without its seal; `needs_seal` as in `read_bytes`.
 
     Raises:
         Damaged: it is missing, or not what was written.
         StoreError: it cannot be read now.
     """
     try:
-        document = json.loads(read_bytes(path))
+        document = json.loads(read_bytes(path, needs_seal=needs_seal))
     except (ValueError, RecursionError) as error:
         raise damaged(path, f"cannot be read: {error}") from None
     if not isinstance(document, dict):

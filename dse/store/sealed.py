@@ -3,14 +3,17 @@
 The seal is `dse-sha256:` and 64 hexadecimal digits, at a place that the format of the file leaves free: the
 first member of a JSON object, a comment in the first line of text, the comment of an .npz archive, the last
 metadata of a Parquet file. The digest is that of the file with zeros for digits. So a change of a byte shows,
-and other programs read the file as before. A file without a seal was written by an earlier version, and is
-read as it is.
+and other programs read the file as before.
+
+`environment.json` says of every session of a study whether it wrote seals. If all did, a file without a seal
+is damaged; otherwise an earlier version wrote it, and it is read as it is.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import mmap
 import os
 import re
@@ -25,6 +28,9 @@ BLANK = _MARK + _ZEROS
 _SEAL = re.compile(re.escape(_MARK))
 # The seal lies within so many bytes of the beginning or of the end of a file.
 _NEAR = 1 << 16
+
+ENVIRONMENT = "environment.json"
+_DEEPEST = 6  # folders of a study above a file: checkpoints/<epochs>/artefacts/<trial>/repeat_<k>
 
 # The machine is short of something, and the file is none the worse.
 _MACHINE = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EPERM, errno.EINTR, errno.ESTALE)
@@ -67,8 +73,25 @@ def is_sealed(content: bytes | mmap.mmap) -> bool:
     return _place(content) is not None
 
 
-def read_bytes(path: Path) -> bytes:
+def requires_seal(path: Path) -> bool:
+    """Return whether a file is in a study whose sessions all wrote seals."""
+    for folder in path.parents[:_DEEPEST]:
+        if (folder / ENVIRONMENT).is_file():
+            try:
+                document = json.loads((folder / ENVIRONMENT).read_bytes())
+                sessions = document["rows"] if isinstance(document, dict) else document
+                return bool(sessions) and all(session.get("sealed") is True for session in sessions)
+            except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                return False  # damaged itself: nobody knows, and runs of an earlier version are not lost
+    return False
+
+
+def read_bytes(path: Path, *, needs_seal: bool | None = None) -> bytes:
     """Return the content of a file after its seal is checked.
+
+    Args:
+        path: of the file.
+        needs_seal: whether a file without a seal is damaged; None: as its study says (`requires_seal`).
 
     Raises:
         Damaged: the file is missing, or its content is not what was sealed.
@@ -79,7 +102,7 @@ def read_bytes(path: Path) -> bytes:
         content = path.read_bytes()
     except OSError as error:
         raise unreadable(path, error) from None
-    _check(path, content)
+    _check(path, content, needs_seal)
     return content
 
 
@@ -116,9 +139,11 @@ def _check_kind(path: Path) -> None:
         raise damaged(path, "is not a file")
 
 
-def _check(path: Path, content: bytes | mmap.mmap) -> None:
+def _check(path: Path, content: bytes | mmap.mmap, needs_seal: bool | None = None) -> None:
     place = _place(content)
     if place is None:
+        if requires_seal(path) if needs_seal is None else needs_seal:
+            raise damaged(path, "is damaged (its checksum is missing)")
         return
     begin = place + len(_MARK)
     if content[begin : begin + len(_ZEROS)] != _digest(content, place).encode():

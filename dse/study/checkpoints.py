@@ -14,8 +14,6 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dse import store
 from dse.records import Array
 from dse.store import Damaged
@@ -139,8 +137,4 @@ def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | No
 
 
 def _writer(state: Mapping[str, Array]) -> Callable[[Path], None]:
-    def write(path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **dict(state))  # type: ignore[arg-type]
-
-    return write
+    return lambda path: store.save_arrays(path, state, compressed=False)

@@ -77,10 +77,17 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
     store.write_sealed_text(path, space.to_yaml())
     for file, copy in copies.items():
         store.write_sealed_text(copy, _text(file))
-    store.write_json(
-        folder / "environment.json", [*_sessions(folder / "environment.json", notes), environment.describe()]
-    )
+    sessions = _sessions(folder / store.ENVIRONMENT, notes)
+    is_sealed = bool(sessions) or not _has_unsealed_runs(folder)
+    now_here = {**environment.describe(), "sealed": is_sealed}
+    store.write_json(folder / store.ENVIRONMENT, [*sessions, now_here])
     return notes
+
+
+def _has_unsealed_runs(folder: Path) -> bool:
+    """Return whether an earlier version, which wrote no seals, has trained runs."""
+    records = [path for path in folder.glob(f"artefacts/*/repeat_*/{store.RECORD}") if path.is_file()]
+    return any(not store.is_sealed(path.read_bytes()) for path in records)
 
 
 def _trains_the_same(path: Path, now: Any, copies: Mapping[Path, Path]) -> bool:

@@ -18,7 +18,7 @@ from dse.study.ledger import Ledger
 from dse.study.record import RunRecord, load_record
 from dse.study.results import plain_space
 
-_SPACE, _JOURNAL, _ENVIRONMENT = "search_space.yaml", "journal.log", "environment.json"
+_SPACE, _JOURNAL = "search_space.yaml", "journal.log"
 _TABLES = ("trials.parquet", "points.parquet")
 _AGAIN = "`dse run` with the study's search space"
 
@@ -102,9 +102,12 @@ def _texts(folder: Path) -> Iterator[Damage]:
     if fault := _fault(folder / _SPACE, plain_space):
         remedy = f"{_AGAIN} writes it again once it has compared it with the finished runs"
         yield Damage(_SPACE, fault, "nothing: runs hold their settings", remedy, None)
+    sessions = folder / store.ENVIRONMENT
+    if fault := _fault(sessions, _list):
+        remedy, cost = "an empty one is written", "when and where earlier sessions ran"
+        yield Damage(store.ENVIRONMENT, fault, cost, remedy, lambda: store.write_json(sessions, []))
     removed = f"it is removed; {_AGAIN} writes it again"
     for name, read, cost in (
-        (_ENVIRONMENT, _list, "when and where earlier sessions ran"),
         (store.WARNINGS, _list, "warnings, until they are found again"),
         (record.FILE, record.read, "the audit, until `dse audit` is run again"),
     ):

@@ -7,7 +7,8 @@ A line is the JSON object of an operation of Optuna and three members that Optun
     sum     the beginning of the SHA-256 of the line before it
 
 So a line that was changed, lost, doubled or moved is known by its number, and later trials keep theirs.
-A journal of an earlier version begins with lines without them, which are read as they are.
+A journal of an earlier version begins with lines without them, which are read as they are, unless all
+sessions of the study wrote them (`dse.store.requires_seal`).
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def read(path: Path) -> Lines:
         raise store.unreadable(path, error) from None
     logs: list[Log] = []
     faults: list[str] = []
-    n, n_bad, fault, is_sealed = 0, 0, "", False
+    n, n_bad, fault, is_sealed = 0, 0, "", store.requires_seal(path)
     *lines, torn = content.split(b"\n")
     for number, line in enumerate(lines, start=1):
         if fault:

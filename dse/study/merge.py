@@ -23,7 +23,7 @@ from dse.study.record import RunRecord, load_record
 from dse.study.results import plain_space
 from dse.study.warm import copy_run
 
-_SPACE, _JOURNAL, _ENVIRONMENT = "search_space.yaml", "journal.log", "environment.json"
+_SPACE, _JOURNAL = "search_space.yaml", "journal.log"
 _MAY_DIFFER = ("study", "search.n_trials", "search.batch", "search.stop", "search.from", "targets", "limits")
 
 
@@ -186,7 +186,7 @@ def _written(space: SearchSpace, studies: Sequence[_Study], folder: Path) -> dic
 
 def _write_lists(studies: Sequence[_Study], folder: Path) -> None:
     """Write the sessions and the warnings of both studies."""
-    for name in (_ENVIRONMENT, store.WARNINGS):
+    for name in (store.ENVIRONMENT, store.WARNINGS):
         items: dict[str, Any] = {}
         for path in (study.folder / name for study in studies):
             for item in store.read_json(path) if path.exists() else ():

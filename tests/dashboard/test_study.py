@@ -132,7 +132,7 @@ def test_the_bundle_has_the_targets_of_the_search_space(
         ("arrays", 200, b""),
         ("stubborn", 422, b"A target of the search space cannot be written on the machine"),
     ):
-        (copy / "search_space.yaml").write_text(f"{space}targets: [{target}]\n")
+        store.write_sealed_text(copy / "search_space.yaml", f"{space}targets: [{target}]\n")
         with serving(copy) as server:
             answer, _, body = ask(server, query())
         assert (answer, text in body) == (status, True), body
@@ -186,7 +186,7 @@ def test_a_damaged_artefact_is_said_without_its_path(folder: Path, temporary: Pa
 def test_a_point_that_was_not_evaluated_is_a_conflict(folder: Path, temporary: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
     points = results.open(copy).points()
-    points.assign(phi=points["phi"] + 1).to_parquet(copy / "points.parquet")
+    store.write_table(copy / "points.parquet", points.assign(phi=points["phi"] + 1))
     with serving(copy) as server:
         status, _, body = ask(server, query())
     assert status == 409

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -41,6 +42,13 @@ def _drop(content: bytearray, rng: random.Random) -> None:
     content[:] = b"".join(lines)
 
 
+def unsealed(content: bytes) -> bytes:
+    """Return the content of a file as if an earlier version had written it, without its seal or checksums."""
+    if content[:2] == b"PK":  # the comment of an archive: its length, and its text
+        return content[: content.rindex(b"dse-sha256:") - 2] + bytes(2)
+    return re.sub(rb',"sum":"[0-9a-f]{16}"', b"", content).replace(b"dse-sha256:", b"dse-none:::")
+
+
 INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
     "flip": _flip, "digit": _digit, "cut": _cut, "zero": _zero, "double": _double, "drop": _drop,
 }  # fmt: skip
@@ -48,7 +56,7 @@ INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
 
 def damage(path: Path, rng: random.Random) -> str:
     """Damage a file; return how."""
-    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null"])
+    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null", "unseal"])
     if kind in INSIDE:
         content = bytearray(path.read_bytes())
         if content:
@@ -58,6 +66,8 @@ def damage(path: Path, rng: random.Random) -> str:
         path.unlink()
     elif kind == "empty":
         path.write_bytes(b"")
+    elif kind == "unseal":
+        path.write_bytes(unsealed(path.read_bytes()))
     elif kind == "null":
         path.write_text(rng.choice(("null", "[]", "{}", "3\n", "~\n")))
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import yaml
 
 from dse import store
 from dse.study.results import Study, plain_space
+from tests.faults.damage import unsealed
 
 DOCUMENT = {"name": "Stoff", "numbers": [1, 2.5, None]}
 ARRAYS = {"x": np.arange(50), "name": np.array("wool")}
@@ -26,7 +28,8 @@ def _write_table(path: Path) -> None:
 
 
 def _read_table(path: Path) -> pd.DataFrame:
-    path.rename(path.with_name("trials.parquet"))
+    with contextlib.suppress(FileNotFoundError):
+        path.rename(path.with_name("trials.parquet"))
     return Study(path.parent).trials
 
 
@@ -68,7 +71,7 @@ def test_a_change_of_any_byte_is_an_error_or_changes_nothing_that_is_read(tmp_pa
         path.write_bytes(damaged)
         try:
             assert repr(read(path)) == expected, (kind, place)
-            n_read += 1  # the word `dse-sha256` itself was hit: a file of an earlier version
+            n_read += 1  # the word `dse-sha256` itself was hit, outside of a study
         except store.Damaged as error:
             assert str(error).startswith(f"{tmp_path}/")
     assert n_read < 40
@@ -85,6 +88,22 @@ def test_other_programs_read_sealed_files(tmp_path: Path) -> None:
     with np.load(tmp_path / "x.npz") as archive:
         assert {key: archive[key].tolist() for key in archive.files} == {"x": [*range(50)], "name": "wool"}
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "x.parquet"), TABLE)
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_removed_seal_is_an_error_in_a_study_that_has_always_had_seals(tmp_path: Path, name: str) -> None:
+    write, read = FORMS[name]
+    write(tmp_path / name)
+    (tmp_path / name).write_bytes(unsealed((tmp_path / name).read_bytes()))
+
+    def write_sessions(*sessions: Any) -> None:
+        store.write_json(tmp_path / store.ENVIRONMENT, sessions)
+
+    write_sessions({"sealed": True}, {"sealed": True})
+    with pytest.raises(store.Damaged, match="its checksum is missing"):
+        read(tmp_path / name)
+    write_sessions({"started": "2025"}, {"sealed": True})  # begun by an earlier version
+    read(tmp_path / name)
 
 
 def test_files_of_earlier_versions_are_read_as_they_are(tmp_path: Path) -> None:
