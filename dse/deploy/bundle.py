@@ -53,6 +53,13 @@ _PLUGINS = "plugins"
 class Bundle(Classifier):
     """A classifier as its folder holds it."""
 
+    def __repr__(self) -> str:
+        """Return one line: the arrays of a network fill pages."""
+        accuracy = self.record.get("accuracy")
+        measured = f", accuracy {accuracy:.3f}" if isinstance(accuracy, float) else ""
+        targets = "".join(f", {name}: {verdict.kind}" for name, verdict in self.targets.items())
+        return f"<Bundle {self.record.get('family')}: {len(self.classes)} classes{measured}{targets}>"
+
     def stream(self, source: Iterable[Block | Array], windows: Windows | None = None) -> Iterator[Decision]:
         """Yield decisions as samples or events arrive.
 

@@ -194,6 +194,7 @@ class Study(results.Study):
             text = f"no design point meets {' and '.join(conditions) or 'every condition'}"
             if missed and len(choice.nearest):
                 nearest = choice.nearest.iloc[0]
+                missed = [x for x in missed if nearest[x] > 0] or missed  # a strict limit may be missed by 0
                 misses = [f"{name.removeprefix('missed ')} by {nearest[name]:.4g}" for name in missed]
                 text += f"; the nearest misses {', '.join(misses)}"
             raise NothingFeasible(text, choice.nearest)

@@ -146,7 +146,8 @@ def _nearest(rows: pd.DataFrame, limits: Sequence[Budget], ranking: Floats) -> p
     shortfall = np.zeros(len(rows))
     for limit, miss in missed.items():
         shortfall += miss / (abs(limit.limit) or 1.0)
-    table = rows.assign(**{f"missed {limit}": miss for limit, miss in missed.items()}, shortfall=shortfall)
+    beside = {f"missed {limit}": miss for limit, miss in missed.items()} | {"shortfall": shortfall}
+    table = pd.concat([rows, pd.DataFrame(beside, index=rows.index)], axis=1)  # one by one, pandas warns
     nearest = table.iloc[np.lexsort((*ranking, shortfall))]
     if "trial" not in nearest.columns:
         return nearest

@@ -1,0 +1,100 @@
+"""The notebooks of docs/notebooks: every cell runs in IPython, and what it shows is shown as in Jupyter."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dse import registry
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
+Shown = list[tuple[Any, str]]
+"""The value of each cell, and its HTML or text."""
+
+
+def code_of(path: Path) -> list[dict[str, Any]]:
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return [cell for cell in cells if cell["cell_type"] == "code"]
+
+
+@pytest.fixture
+def performed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Shown]]:
+    """Return a function that runs a notebook in a folder that lies in a clone as its own does."""
+    shells = pytest.importorskip("IPython.core.interactiveshell")
+    config = pytest.importorskip("traitlets.config").Config()
+    config.HistoryManager.enabled = False
+    shutil.copytree(ROOT / "results" / "example", tmp_path / "results" / "example")
+    (tmp_path / "docs" / "notebooks").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "docs" / "notebooks")
+    monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])  # a shell puts its own there
+    components = registry._outside()
+    shell = shells.InteractiveShell(config=config)
+
+    def run(name: str) -> Shown:
+        shown = []
+        for cell in code_of(ROOT / "docs" / "notebooks" / f"{name}.ipynb"):
+            result = shell.run_cell("".join(cell["source"]))
+            result.raise_error()
+            formats = shell.display_formatter.format(result.result)[0]
+            shown.append((result.result, formats.get("text/html", formats.get("text/plain", ""))))
+        return shown
+
+    yield run
+    registry._replace(components)
+
+
+def test_own_sensor(performed: Callable[[str], Shown], capsys: pytest.CaptureFixture[str]) -> None:
+    shown = performed("own_sensor")
+    reports = [line for line in capsys.readouterr().out.splitlines() if ": accuracy " in line]
+    assert [line.split(":")[0] for line in reports] == ["trial 0", "trial 1"]
+    (study, page), (best, _), (accuracy, _) = shown[3:6]
+    assert len(study) == 2 and "<circle" in page and "n_weights" in page
+    assert best["n_weights"] <= 100
+    assert accuracy > 0.8
+
+
+def test_microcontroller(performed: Callable[[str], Shown], capsys: pytest.CaptureFixture[str]) -> None:
+    shown = performed("microcontroller")
+    picked, _ = shown[1]
+    assert picked["ram_bytes"] <= 8192 and picked["hardware_latency_ms"] <= 100 < picked["cycles"]
+    printed = capsys.readouterr().out
+    assert "; the nearest misses flash_bytes<=5000 by " in printed
+    assert "#define DSE_CLASSES 6u" in printed
+    bundle, text = shown[4]
+    assert sorted(bundle.targets) == ["c99", "cortex_m4"]
+    assert text.startswith("<Bundle snn: 6 classes, accuracy 0.958, c99: ") and "\n" not in text
+
+
+def test_own_neuron(performed: Callable[[str], Shown]) -> None:
+    pytest.importorskip("torch")
+    trials, _ = performed("own_neuron")[-1]
+    assert trials["model.rise"].tolist() == [0.0, 0.3]
+    assert (trials["accuracy"] > 0.8).all()
+    assert trials["spikes_per_inference"].nunique() == 2
+
+
+def test_reading_a_front(performed: Callable[[str], Shown], monkeypatch: pytest.MonkeyPatch) -> None:
+    renderers = pytest.importorskip("plotly.io").renderers
+    monkeypatch.setattr(renderers, "render_on_display", False)  # plotly asks for nbformat, which Jupyter has
+    (_, page), (front, table), _, (figure, _), _, (summary, _), (gains, _) = performed("reading_a_front")
+    assert "<svg" in page and "<table" in table
+    assert (front["front_probability"] >= 0.5).all()
+    assert {trace.name for trace in figure.data} >= {"texture front"}
+    assert summary["study"].tolist() == ["example", "spiking"]
+    assert gains["gain"].notna().any()
+
+
+def test_notebooks_are_stored_without_outputs_and_are_linked() -> None:
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert len(NOTEBOOKS) == 4
+    for path in NOTEBOOKS:
+        assert f"(notebooks/{path.name})" in index
+        assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code_of(path))
