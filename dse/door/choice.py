@@ -126,15 +126,22 @@ def _corrected(
     """Add to a row its accuracy corrected for having been chosen as the best, and return a note on it."""
     if name not in resampling.ACCURACIES:
         return []
-    among = contestants(points, budgets, name, ties)
+    among, stopped = contestants(points, budgets, name, ties), points.iloc[:0]
     try:
-        gained = resampling.optimism_of(folder, among, name, draws)
+        if name == "accuracy":
+            chips = [str(x) for x in points["hardware"].dropna().unique()] if "hardware" in points else []
+            rows = resampling.stopped_rows(folder, open_study(folder).trials, chips)
+            if len(rows):
+                stopped = contestants(rows.reindex(columns=points.columns), budgets, name, ties)
+        gained = resampling.optimism_of(folder, among, name, draws, stopped)
     except StoreError as error:
         return [f"no corrected {name}: {error}"]
     row[f"{name}_corrected"] = row[name] - gained
+    n_stopped = stopped["trial"].nunique()
+    beside = f" and {n_stopped} that racing stopped" if n_stopped else ""
     return [
-        f"{name} {row[name]:.3f} is the best of {len(among)} points of {among['trial'].nunique()} designs; "
-        f"corrected for that choice it is {row[f'{name}_corrected']:.3f}"
+        f"{name} {row[name]:.3f} is the best of {len(among)} points of {among['trial'].nunique()} designs"
+        f"{beside}; corrected for that choice it is {row[f'{name}_corrected']:.3f}"
     ]
 
 
