@@ -65,7 +65,7 @@ from dse.store.sealed import (
     unreadable,
     verify,
 )
-from dse.store.tables import parquet, write_table
+from dse.store.tables import is_made_from, parquet, write_table
 
 __all__ = [
     "DAMAGED_ARCHIVE",
@@ -85,6 +85,7 @@ __all__ = [
     "fitted_of",
     "heads_document",
     "heads_of",
+    "is_made_from",
     "is_sealed",
     "is_temporary",
     "load_arrays",

@@ -7,29 +7,51 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.store.sealed import BLANK, seal
+from dse.store.sealed import BLANK, StoreError, seal, verify
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
     import pyarrow.parquet
 
+_MADE_FROM = "made_from"
+
 
 @contextlib.contextmanager
-def parquet(path: Path, schema: pyarrow.Schema) -> Iterator[pyarrow.parquet.ParquetWriter]:
-    """Yield the writer of a Parquet file, which is sealed when the block ends without an error."""
+def parquet(
+    path: Path, schema: pyarrow.Schema, made_from: str = ""
+) -> Iterator[pyarrow.parquet.ParquetWriter]:
+    """Yield the writer of a Parquet file, which is sealed when the block ends without an error.
+
+    Args:
+        path: of the file.
+        schema: of its columns.
+        made_from: digest of all that the table follows from; '' where nobody asks.
+    """
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetWriter(path, schema) as writer:
         yield writer
-        writer.add_key_value_metadata({"seal": BLANK.decode()})
+        writer.add_key_value_metadata({_MADE_FROM: made_from, "seal": BLANK.decode()})
     seal(path)
 
 
-def write_table(path: Path, table: pandas.DataFrame) -> None:
-    """Write a table without its index."""
+def write_table(path: Path, table: pandas.DataFrame, made_from: str = "") -> None:
+    """Write a table without its index; `made_from` as in `parquet`."""
     import pyarrow
 
     content = pyarrow.Table.from_pandas(table, preserve_index=False)
-    with parquet(path, content.schema) as writer:
+    with parquet(path, content.schema, made_from) as writer:
         writer.write_table(content)
+
+
+def is_made_from(path: Path, digest: str) -> bool:
+    """Return whether a table is whole, and was made from what has a digest."""
+    import pyarrow.parquet
+
+    try:
+        verify(path)
+        metadata = pyarrow.parquet.read_metadata(path).metadata or {}
+    except (StoreError, pyarrow.ArrowException, OSError):
+        return False
+    return bool(metadata.get(_MADE_FROM.encode()) == digest.encode())

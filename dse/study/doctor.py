@@ -215,7 +215,6 @@ def write_tables(folder: Path, ledger: Ledger | None = None) -> dict[int, dict[s
     table = tables.trials_table(space, trials, [entry for entry in entries if entry.excluded])
     with store.published(folder / _TABLES[0]) as path:
         store.write_table(path, table)
-    with store.published(folder / _TABLES[1]) as path:
-        points.write_points(path, space, folder, trials, profiles)
+    points.write_points(folder / _TABLES[1], space, folder, trials, profiles)
     rows = table.to_dict("records")
     return {int(row["trial"]): {str(name): store.plain_cell(x) for name, x in row.items()} for row in rows}

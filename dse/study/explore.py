@@ -234,8 +234,8 @@ class _Tables:
                 trained = {design_key(entry.design) for entry in entries if not entry.excluded}
                 excluded = [entry for entry in excluded if design_key(entry.design) not in trained]
             store.write_table(path, tables.trials_table(self._space, runs, excluded))
-        with store.published(self._folder / "points.parquet") as path:
-            points.write_points(path, self._space, self._folder, runs, self._profiles)
+        path = self._folder / "points.parquet"
+        points.write_points(path, self._space, self._folder, runs, self._profiles)
 
 
 def _search(

@@ -8,7 +8,10 @@ Numbers are means over a trial's runs, as in `dse.study.trials`.
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import itertools
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+import dse
 from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
@@ -71,7 +75,7 @@ def write_points(
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
 ) -> None:
-    """Write the table of `points_table` as Parquet.
+    """Write the table of `points_table` as Parquet, unless the file is that table already.
 
     More rows than `IN_MEMORY` are written block by block, in memory for a block and the answers of a trial.
 
@@ -85,6 +89,51 @@ def write_points(
     Raises:
         StoreError: an artefact is damaged.
     """
+    made_from = _digest(space, folder, trials, profiles)
+    if store.is_made_from(path, made_from):
+        return
+    with store.published(path) as temporary:
+        _write(temporary, made_from, space, folder, trials, profiles)
+
+
+def _digest(
+    space: SearchSpace,
+    folder: Path,
+    trials: Mapping[int, Sequence[RunRecord]],
+    profiles: Sequence[Profile],
+) -> str:
+    """Return a digest of all that the table of points follows from: runs, search space, chips and code.
+
+    A record holds the checksums of the files of its run, but of its evaluations at other precisions.
+    """
+    digest = hashlib.sha256(_code())
+    plain = [space.to_plain(), sorted(registry.loaded_plugins()), [chip.text for chip in profiles]]
+    digest.update(json.dumps(plain, default=store.plain).encode())
+    for trial, records in sorted(trials.items()):
+        for record in records:
+            run = store.run_folder(folder, trial, record.repeat)
+            for path in (run / store.RECORD, *sorted(run.glob("precision_*.npz"))):
+                with contextlib.suppress(OSError):  # a record that is lost is in memory yet
+                    digest.update(f"{trial} {path.name} {store.checksum(path)}".encode())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _code() -> bytes:
+    """Return a digest of the code of `dse`: other code may make another table of the same runs."""
+    home = Path(dse.__file__).parent
+    files = sorted(home.rglob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
+
+
+def _write(
+    path: Path,
+    made_from: str,
+    space: SearchSpace,
+    folder: Path,
+    trials: Mapping[int, Sequence[RunRecord]],
+    profiles: Sequence[Profile],
+) -> None:
     parts: list[dict[str, Array]] = []
     kinds: dict[
         tuple[tuple[str, str], ...], dict[str, Array]
@@ -98,7 +147,7 @@ def write_points(
         parts = parts if n_rows <= IN_MEMORY else []
         parts.append(part)
     if n_rows <= IN_MEMORY:
-        store.write_table(path, _table(parts, space))
+        store.write_table(path, _table(parts, space), made_from)
         return
     import pyarrow
 
@@ -111,7 +160,7 @@ def write_points(
                 for i, name in enumerate(schema.names):
                     if frame[name].dtype == object:
                         schema = schema.set(i, schema.field(i).with_type(pyarrow.string()))
-                writer = opened.enter_context(store.parquet(path, schema))
+                writer = opened.enter_context(store.parquet(path, schema, made_from))
             writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
 
 

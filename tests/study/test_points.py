@@ -386,3 +386,35 @@ def test_a_table_written_in_blocks_holds_the_same_points(
     written = pd.read_parquet(tmp_path / "points.parquet")
     assert len(written) == 16
     pd.testing.assert_frame_equal(written, whole)
+
+
+def test_a_table_is_written_again_only_where_it_would_differ(
+    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, chips = tmp_path / "points.parquet", [OPERATIONS, LOIHI]
+    trials = {2: [published(tmp_path, trial=2)], 5: [published(tmp_path, trial=5)]}
+
+    def is_written() -> bool:
+        before = path.stat().st_ino if path.exists() else None
+        points.write_points(path, space, tmp_path, trials, chips)
+        return path.stat().st_ino != before
+
+    assert is_written() and not is_written()
+    store.remove(store.run_folder(tmp_path, 5, 0))
+    trials[5] = [published(tmp_path, trial=5, accuracy=0.75)]
+    assert is_written() and not is_written()
+    chips.pop()
+    assert is_written() and not is_written()
+    store.save_arrays(store.run_folder(tmp_path, 2, 0) / "precision_4_0.0.npz", {"schema": np.array("none")})
+    assert is_written() and not is_written()
+    del trials[2]
+    assert is_written() and not is_written()
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    assert is_written() and not is_written()
+    pd.read_parquet(path).to_parquet(path)  # of an earlier version
+    assert is_written() and not is_written()
+    monkeypatch.setattr(points, "_code", lambda: b"of another version")
+    assert is_written() and not is_written()
+    assert pd.read_parquet(path)["accuracy"].tolist() == [0.75]
