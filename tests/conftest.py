@@ -190,6 +190,12 @@ class WarmTab:
 
 
 @pytest.fixture(scope="session")
+def page_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of every page that tests open: for another address Chromium compiles the library anew."""
+    return tmp_path_factory.mktemp("page") / "page.html"
+
+
+@pytest.fixture(scope="session")
 def warm_tab(chromium: Any) -> Iterator[WarmTab]:
     """The warm tab of the session."""
     warm = WarmTab(chromium)

@@ -37,7 +37,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(params=["disk", "server"])
 def opened(
-    request: pytest.FixtureRequest, results: Path, new_tab: Callable[..., Any], tmp_path: Path
+    request: pytest.FixtureRequest, results: Path, new_tab: Callable[..., Any], page_path: Path
 ) -> Iterator[Any]:
     """A tab with the study's page; it may complain of nothing."""
     faults: list[str] = []
@@ -45,13 +45,12 @@ def opened(
     tab.is_served = request.param == "server"
     tab.on("pageerror", lambda error: faults.append(str(error)))
     tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)
-    path = tmp_path / "page.html"
     with contextlib.ExitStack() as held:
         if tab.is_served:
             tab.goto(held.enter_context(served(page_server(results, "127.0.0.1", 0))).url)
         else:
-            assert main(["dashboard", str(results), "--html", str(path)]) == 0
-            tab.goto(path.as_uri())
+            assert main(["dashboard", str(results), "--html", str(page_path)]) == 0
+            tab.goto(page_path.as_uri())
         tab.wait_for_function("document.querySelector('#plot')?.data?.length > 0")
         yield tab
         tab.goto("about:blank")

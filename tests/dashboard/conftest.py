@@ -15,9 +15,22 @@ from tests.dashboard.page import Page
 
 
 @pytest.fixture
-def opened(new_tab, tmp_path):
-    """Return a function that writes a page with details of trials and opens it."""
+def shown(new_tab, page_path):
+    """Return a function that opens what was written to `page_path`; the browser may complain of no page."""
     pages = []
+
+    def show(fragment="", *, size=(1280, 720), scheme="light"):
+        tab = pages[0].tab if pages else new_tab(size, scheme)
+        pages.append(Page(tab, page_path))
+        return pages[-1].open(fragment)
+
+    yield show
+    assert [fault for page in pages for fault in page.faults] == []
+
+
+@pytest.fixture
+def opened(shown, page_path):
+    """Return a function that writes a page with details of trials and opens it."""
 
     def open_page(
         documents=None, fragment="", *, frame=None, name="fabric", scheme="light", size=(1280, 720)
@@ -28,9 +41,7 @@ def opened(new_tab, tmp_path):
             str(trial): base64.b64encode(gzip.compress(json.dumps(document).encode())).decode()
             for trial, document in documents.items()
         }
-        path = write_filled("page", page | {"details": packed}, tmp_path / f"page{len(pages)}.html")
-        pages.append(Page(new_tab(size, scheme), path))
-        return pages[-1].open(fragment)
+        write_filled("page", page | {"details": packed}, page_path)
+        return shown(fragment, size=size, scheme=scheme)
 
-    yield open_page
-    assert [fault for page in pages for fault in page.faults] == []
+    return open_page

@@ -29,6 +29,14 @@ CLOUD = """([x, y]) => {
 }"""
 
 
+READY = "document.querySelector('#plot')?.data || !document.querySelector('#state').hidden"
+
+FOLLOW = """(fragment) => new Promise((done) => {
+  addEventListener("hashchange", () => requestAnimationFrame(() => setTimeout(done)), { once: true });
+  location.hash = fragment;
+})"""
+
+
 class Page:
     """A page opened from disk, and every complaint of the browser about it."""
 
@@ -43,11 +51,16 @@ class Page:
             self.faults.append(f"fetched {url}")
 
     def open(self, fragment=""):
-        self.tab.goto(f"{self.path.as_uri()}#{fragment}")
-        self.tab.wait_for_function(
-            "document.querySelector('#plot')?.data || !document.querySelector('#state').hidden"
-        )
+        """Open the page, and then follow a link of it: at one address Chromium keeps what it has compiled."""
+        self.tab.goto(self.path.as_uri())
+        self.tab.wait_for_function(READY)
+        if fragment:
+            self.tab.evaluate(FOLLOW, fragment)
         return self
+
+    def link(self):
+        """Return what follows the # in the page's own link."""
+        return self.tab.evaluate("location.hash.slice(1)")
 
     def cells(self, column):
         return self.tab.eval_on_selector_all(

@@ -15,7 +15,6 @@ from dse.dashboard.write import write_page
 from dse.figures.importance import gather_importance
 from dse.skyline.front import skyline
 from dse.skyline.pick import pick
-from tests.dashboard.page import Page
 from tests.page_data import OBJECTIVES, points
 
 TIES = [(name, way) for name, way in OBJECTIVES.items() if name != "accuracy"]
@@ -48,18 +47,25 @@ def designs(n=400, seed=3):
     return pd.concat(chips, ignore_index=True)
 
 
+@pytest.fixture(scope="module")
+def written():
+    """The pages of this module by their tables: importances take longer than a browser."""
+    return {}
+
+
 @pytest.fixture
-def opened(new_tab, tmp_path):
+def opened(shown, page_path, written):
     """Return a function that writes a page of a table and opens it."""
-    pages = []
 
-    def open_page(frame, fragment="", size=(1280, 720)):
-        path = write_page(frame, tmp_path / f"p{len(pages)}.html", name="made", objectives=OBJECTIVES)
-        pages.append(Page(new_tab(size), path))
-        return pages[-1].open(fragment)
+    def open_page(frame, fragment="", size=(1280, 720), scheme="light"):
+        table = frame.to_csv()
+        if table not in written:
+            write_page(frame, page_path, name="made", objectives=OBJECTIVES)
+            written[table] = page_path.read_bytes()
+        page_path.write_bytes(written[table])
+        return shown(fragment, size=size, scheme=scheme)
 
-    yield open_page
-    assert [fault for page in pages for fault in page.faults] == []
+    return open_page
 
 
 def budgets_of(page):
@@ -135,8 +141,7 @@ def test_a_filter_is_set_by_keyboard_holds_in_every_view_and_is_undone(opened):
     assert "model.hidden >= 40" in budgets_of(page) and 'encoder.kind in ["send_on_delta"]' in budgets_of(
         page
     )
-    page.tab.reload()
-    page.open(page.tab.evaluate("location.hash.slice(1)"))
+    page.open(page.link())
     assert page.tab.inner_text("#feasible").startswith(f"{len(chosen)} of")
     for name in ("encoder.kind", "model.hidden"):
         page.tab.click(f"button[aria-label='remove the filter of {name}']")
@@ -335,13 +340,11 @@ def test_what_is_shown_as_csv(opened):
 
 
 @pytest.mark.parametrize(("scheme", "size"), [("light", (1280, 720)), ("dark", (390, 844))])
-def test_axe_finds_nothing(new_tab, tmp_path, scheme, size):
+def test_axe_finds_nothing(opened, scheme, size):
     axe = pytest.importorskip("axe_playwright_python", reason="no axe-core")
     script = (Path(axe.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
-    path = write_page(designs(200), tmp_path / "page.html", name="made", objectives=OBJECTIVES)
-    page = Page(new_tab(size, scheme), path).open(
-        "task=texture&hardware=small+chip&chosen=4&compare=4,8&f.model.hidden=30~&b.energy_uj=20"
-    )
+    link = "task=texture&hardware=small+chip&chosen=4&compare=4,8&f.model.hidden=30~&b.energy_uj=20"
+    page = opened(designs(), link, size, scheme)
     page.tab.evaluate(script)
     found = page.tab.evaluate("async () => (await axe.run()).violations")
     assert [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in found] == []

@@ -466,17 +466,14 @@ def test_every_figure_fits_its_panel(opened):
             assert page.overflow() <= 0
 
 
-def test_beside_its_study_the_line_that_exports_a_design_runs(opened, tmp_path):
+def test_beside_its_study_the_line_that_exports_a_design_runs(shown, page_path, tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     (tmp_path / "real.yaml").write_text(tiny_study.REAL)
     found = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "its results", progress=False)
     results = str(found.folder.relative_to(tmp_path))
     page = gather_page(found.points(), name="real", objectives=found.objectives, results=results)
-    path = write_filled("page", page, tmp_path / "page.html")
-    shown = opened()  # a browser whose complaints count
-    shown.path = path
-    shown.open("chosen=0.3")
-    line = shown.tab.text_content("#design .export code")
+    write_filled("page", page, page_path)
+    line = shown("chosen=0.3").tab.text_content("#design .export code")
     assert line.startswith("python -c ")
     subprocess.run(
         line.replace("python", sys.executable, 1), shell=True, check=True, cwd=tmp_path, capture_output=True

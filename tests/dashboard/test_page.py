@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from dse.dashboard.write import write_page
-from tests.dashboard.page import HOSTILE, SPOT, Page
+from tests.dashboard.page import HOSTILE, SPOT
 from tests.page_data import OBJECTIVES, failed, points
 
 # Where a point lies in space is plotly's to say; what follows from pointing at it and pressing is ours.
@@ -27,17 +27,14 @@ PRESSED_IN_SPACE = """(row) => {
 
 
 @pytest.fixture
-def opened(new_tab, tmp_path):
+def opened(shown, page_path):
     """Return a function that writes a page of a table and opens it."""
-    pages = []
 
     def open_page(frame, *, name="fabric", fragment=""):
-        path = write_page(frame, tmp_path / f"page{len(pages)}.html", name=name, objectives=OBJECTIVES)
-        pages.append(Page(new_tab(), path))
-        return pages[-1].open(fragment)
+        write_page(frame, page_path, name=name, objectives=OBJECTIVES)
+        return shown(fragment)
 
-    yield open_page
-    assert [fault for page in pages for fault in page.faults] == []
+    return open_page
 
 
 def test_front_is_drawn_with_bars_and_listed(opened):
@@ -58,7 +55,7 @@ def test_axes_change_and_the_link_restores_the_view(opened):
     page.tab.select_option("#x", "n_weights")
     page.tab.click("#front tbody tr:nth-child(2)")
     assert page.traces()[2]["x"] == [10_000, 40_000, 90_000]
-    page.tab.reload()
+    page.open(page.link())
     assert page.tab.input_value("#x") == "n_weights"
     assert page.tab.inner_text("#design h2") == "Trial 1"
 

@@ -13,7 +13,7 @@ import pytest
 from dse.dashboard.definition import Definition
 from dse.dashboard.write import write_page
 from dse.figures.labels import OKABE_ITO_LIGHT
-from tests.dashboard.page import HOSTILE, Page
+from tests.dashboard.page import HOSTILE
 from tests.page_data import ACCURACY, ENERGY, OBJECTIVES, points
 
 AXES = ["↑ accuracy", "↓ energy (µJ)", "↓ weights", "model.hidden", "φ"]
@@ -40,14 +40,10 @@ class View:
     def __init__(self, page):
         self.page, self.tab = page, page.tab
 
-    def open(self, fragment=""):
-        self.tab.goto(f"{self.page.path.as_uri()}#{fragment}")
-        return self.in_sight()
-
     def again(self):
-        """Load the page anew from its own link, once that tells of the last budget."""
+        """Open the page anew with its own link, once that tells of the last budget."""
         self.tab.wait_for_timeout(150)
-        self.tab.reload()
+        self.page.open(self.page.link())
         return self.in_sight()
 
     def in_sight(self):
@@ -130,18 +126,14 @@ def share(column, value):
 
 
 @pytest.fixture
-def opened(new_tab, tmp_path):
+def opened(shown, page_path):
     """Return a function that writes a page of a table and opens its parallel coordinates."""
-    views = []
 
     def open_view(frame, *, fragment="", size=(1280, 720), name="fabric", definition=None):
-        path = tmp_path / f"page{len(views)}.html"
-        write_page(frame, path, name=name, objectives=OBJECTIVES, definition=definition)
-        views.append(View(Page(new_tab(size), path)))
-        return views[-1].open(fragment)
+        write_page(frame, page_path, name=name, objectives=OBJECTIVES, definition=definition)
+        return View(shown(fragment, size=size)).in_sight()
 
-    yield open_view
-    assert [fault for view in views for fault in view.page.faults] == []
+    return open_view
 
 
 def test_a_brush_is_the_budget_of_its_slider_and_box(opened):

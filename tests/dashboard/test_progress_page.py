@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 
 import pandas as pd
@@ -50,13 +49,13 @@ def told(frame, **more):
 
 
 @pytest.fixture
-def opened(new_tab, tmp_path):
+def opened(new_tab, page_path):
     """Return a function that writes a page with some progress and opens it."""
-    faults, n_opened = [], itertools.count()
+    faults = []
 
     def open_page(frame, progress):
         page = gather_page(frame, name="fabric", objectives=OBJECTIVES)
-        path = write_filled("page", page | {"progress": progress}, tmp_path / f"page{next(n_opened)}.html")
+        path = write_filled("page", page | {"progress": progress}, page_path)
         tab = new_tab()
         tab.on("pageerror", lambda error: faults.append(str(error)))
         tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)

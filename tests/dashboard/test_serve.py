@@ -607,22 +607,47 @@ QUICKLY = """(() => {
 })();"""
 
 
-@pytest.fixture
-def tab(chromium):
-    """A tab; nothing that its page complains about may be left at the end.
-
-    The browser itself logs requests that find nobody: the page may ask once more after its server has gone.
-    """
+@pytest.fixture(scope="module")
+def only_tab(chromium):
+    """The tab of all tests: it has compiled the drawing library, at one address as often as it is opened."""
     context = chromium.new_context(viewport={"width": 1280, "height": 720})
     context.set_default_timeout(PATIENCE_MS)
     context.add_init_script(QUICKLY)
     tab = context.new_page()
-    tab.faults = []
     tab.on("pageerror", lambda error: tab.faults.append(str(error)))
     tab.on("console", lambda line: tab.faults.append(line.text) if line.type == "error" else None)
     yield tab
     context.close()
-    assert [fault for fault in tab.faults if "Failed to load resource: net::ERR_" not in fault] == []
+
+
+@pytest.fixture
+def tab(only_tab):
+    """A tab; nothing that its page complains about may be left at the end.
+
+    The browser itself logs requests that find nobody: the page may ask once more after its server has gone.
+    """
+    only_tab.faults = []
+    yield only_tab
+    only_tab.goto("about:blank")
+    assert [fault for fault in only_tab.faults if "Failed to load resource: net::ERR_" not in fault] == []
+
+
+@pytest.fixture(scope="module")
+def long_served(tmp_path_factory):
+    """A folder that is served, at `url`, to all tests that write its table and look."""
+    folder = Folder(tmp_path_factory.mktemp("served"))
+    folder.write(points())
+    with running(folder.live()) as server:
+        folder.url = server.url
+        yield folder
+
+
+@pytest.fixture
+def watched(tab, long_served):
+    """The folder of a study that the tab shows."""
+    long_served.write(points())
+    tab.goto(long_served.url)
+    return long_served
 
 
 def trials(tab):
@@ -633,76 +658,64 @@ def hears(tab, condition, **arguments):
     tab.wait_for_function(condition, **arguments)
 
 
-def test_rows_come_in_and_nothing_jumps(tab, folder):
-    folder.write(points())
-    with running(folder.live()) as server:
-        tab.goto(server.url)
-        tab.select_option("#x", "n_weights")
-        tab.check("#lx")
-        tab.click("#front th button[title=energy_uj]")
-        tab.click("#front tbody tr:nth-child(3)")
-        tab.focus("#front tbody tr:nth-child(2)")
-        assert trials(tab) == ["3", "1", "2", "0"]
-        assert tab.inner_text("#design h2") == "Trial 2"
-        tab.evaluate("Plotly.relayout('plot', {'yaxis.range': [0.4, 1.1]})")
-        # A trial that was asked for earlier ends now: its rows come before those that are there.
-        early = points(trial=-1, accuracy=0.97, energy_uj=3.0, n_weights=1).iloc[:1]
-        folder.write(pd.concat([early, points()], ignore_index=True))
-        hears(tab, "document.querySelectorAll('#front tbody tr').length === 1")
-        assert trials(tab) == ["-1"]
-        folder.write(pd.concat([early.assign(accuracy=0.3), points()], ignore_index=True))
-        hears(tab, "document.querySelectorAll('#front tbody tr').length === 5")
-        assert trials(tab) == ["-1", "3", "1", "2", "0"]
-        assert tab.inner_text("#design h2") == "Trial 2"
-        assert tab.input_value("#x") == "n_weights"
-        assert tab.is_checked("#lx")
-        assert tab.get_attribute("#front th[aria-sort=ascending] button", "title") == "energy_uj"
-        assert tab.evaluate("document.getElementById('plot').layout.yaxis.range") == [0.4, 1.1]
-        assert tab.inner_text("#live") == "live"
+def test_rows_come_in_and_nothing_jumps(tab, watched):
+    tab.select_option("#x", "n_weights")
+    tab.check("#lx")
+    tab.click("#front th button[title=energy_uj]")
+    tab.click("#front tbody tr:nth-child(3)")
+    tab.focus("#front tbody tr:nth-child(2)")
+    assert trials(tab) == ["3", "1", "2", "0"]
+    assert tab.inner_text("#design h2") == "Trial 2"
+    tab.evaluate("Plotly.relayout('plot', {'yaxis.range': [0.4, 1.1]})")
+    # A trial that was asked for earlier ends now: its rows come before those that are there.
+    early = points(trial=-1, accuracy=0.97, energy_uj=3.0, n_weights=1).iloc[:1]
+    watched.write(pd.concat([early, points()], ignore_index=True))
+    hears(tab, "document.querySelectorAll('#front tbody tr').length === 1")
+    assert trials(tab) == ["-1"]
+    watched.write(pd.concat([early.assign(accuracy=0.3), points()], ignore_index=True))
+    hears(tab, "document.querySelectorAll('#front tbody tr').length === 5")
+    assert trials(tab) == ["-1", "3", "1", "2", "0"]
+    assert tab.inner_text("#design h2") == "Trial 2"
+    assert tab.input_value("#x") == "n_weights"
+    assert tab.is_checked("#lx")
+    assert tab.get_attribute("#front th[aria-sort=ascending] button", "title") == "energy_uj"
+    assert tab.evaluate("document.getElementById('plot').layout.yaxis.range") == [0.4, 1.1]
+    assert tab.inner_text("#live") == "live"
 
 
-def test_budgets_stay_and_count_what_comes(tab, folder):
-    folder.write(points())
-    with running(folder.live()) as server:
-        tab.goto(server.url)
-        box = tab.locator(".budget", has_text="weights").locator("input:not([type=range])")
-        box.fill("15")
-        box.press("Enter")
-        hears(tab, "location.hash.includes('b.n_weights=15')")
-        feasible = tab.inner_text("#tally span:first-child")
-        more = points(trial=9, accuracy=0.99, energy_uj=1.0, n_weights=2).iloc[:1]
-        folder.write(pd.concat([points(), more], ignore_index=True))
-        hears(tab, f"document.querySelector('#tally span').textContent !== {json.dumps(feasible)}")
-        assert box.input_value() == "15"
-        assert "Trial 9" in tab.inner_text("#pick"), "the new trial is the pick"
-        assert "n_weights <= 15" in tab.inner_text("#command")
+def test_budgets_stay_and_count_what_comes(tab, watched):
+    box = tab.locator(".budget", has_text="weights").locator("input:not([type=range])")
+    box.fill("15")
+    box.press("Enter")
+    hears(tab, "location.hash.includes('b.n_weights=15')")
+    feasible = tab.inner_text("#tally span:first-child")
+    more = points(trial=9, accuracy=0.99, energy_uj=1.0, n_weights=2).iloc[:1]
+    watched.write(pd.concat([points(), more], ignore_index=True))
+    hears(tab, f"document.querySelector('#tally span').textContent !== {json.dumps(feasible)}")
+    assert box.input_value() == "15"
+    assert "Trial 9" in tab.inner_text("#pick"), "the new trial is the pick"
+    assert "n_weights <= 15" in tab.inner_text("#command")
 
 
-def test_focus_and_the_third_dimension_stay(tab, folder):
-    folder.write(points())
-    with running(folder.live()) as server:
-        tab.goto(server.url)
-        tab.click("#view-3")
-        tab.wait_for_selector("#plot canvas")
-        tab.focus("#front tbody tr:nth-child(2)")
-        folder.write(pd.concat([points(trial=-1, accuracy=0.01).iloc[:1], points()], ignore_index=True))
-        hears(tab, "document.querySelector('#counts').textContent.includes('6 points')")
-        assert tab.text_content("#front tr:focus td") == "1"
-        assert tab.is_visible("#z")
+def test_focus_and_the_third_dimension_stay(tab, watched):
+    tab.click("#view-3")
+    tab.wait_for_selector("#plot canvas")
+    tab.focus("#front tbody tr:nth-child(2)")
+    watched.write(pd.concat([points(trial=-1, accuracy=0.01).iloc[:1], points()], ignore_index=True))
+    hears(tab, "document.querySelector('#counts').textContent.includes('6 points')")
+    assert tab.text_content("#front tr:focus td") == "1"
+    assert tab.is_visible("#z")
 
 
-def test_nothing_is_drawn_again_while_nothing_changes(tab, folder):
-    folder.write(points())
-    with running(folder.live()) as server:
-        answers = []
-        tab.on("response", lambda answer: answers.append((answer.status, answer.url)))
-        tab.goto(server.url)
-        tab.evaluate("addEventListener('live', () => { window.drawn = true; })")
-        while len(answers) < 5:
-            tab.wait_for_event("response")
-        statuses = [status for status, url in answers]
-        assert statuses == [200, *[304] * (len(statuses) - 1)]
-        assert tab.evaluate("window.drawn") is None
+def test_nothing_is_drawn_again_while_nothing_changes(tab, watched):
+    tab.evaluate("addEventListener('live', () => { window.drawn = true; })")
+    statuses = []
+    while len(statuses) < 4:
+        with tab.expect_response("**/*.json*") as answer:
+            pass
+        statuses.append(answer.value.status)
+    assert statuses == [304] * 4
+    assert tab.evaluate("window.drawn") is None
 
 
 def test_a_study_grows_from_nothing_and_a_link_waits_for_it(tab, folder):
@@ -752,20 +765,17 @@ def test_a_token_is_kept_by_the_page(tab, folder):
         assert trials(tab) == ["0", "1", "3"]
 
 
-def test_hostile_rows_that_come_later_never_run(tab, folder):
-    folder.write(points())
-    with running(folder.live()) as server:
-        tab.goto(server.url)
-        more = {f"model.{HOSTILE[0]}": list(range(5)), HOSTILE[0]: 1.0, HOSTILE[1]: [1.0, 2.0, 3.0, 4.0, 5.0]}
-        folder.write(points(task=HOSTILE[2], **more))
-        hears(tab, "document.querySelector('#x').textContent.includes('</script>')")
-        folder.write(points(task=HOSTILE[1], **(more | {HOSTILE[0]: 2.0})).iloc[:4])
-        hears(tab, "document.querySelector('#counts').textContent.includes('4 points')")
-        tab.select_option("#x", HOSTILE[1])
-        assert tab.evaluate("window.hacked") is None
-        # A column is a column whatever its name, also once it was changed.
-        assert HOSTILE[0] in tab.eval_on_selector_all("#x option", "o => o.map((x) => x.value)")
-        assert tab.locator("img").count() == 0
+def test_hostile_rows_that_come_later_never_run(tab, watched):
+    more = {f"model.{HOSTILE[0]}": list(range(5)), HOSTILE[0]: 1.0, HOSTILE[1]: [1.0, 2.0, 3.0, 4.0, 5.0]}
+    watched.write(points(task=HOSTILE[2], **more))
+    hears(tab, "document.querySelector('#x').textContent.includes('</script>')")
+    watched.write(points(task=HOSTILE[1], **(more | {HOSTILE[0]: 2.0})).iloc[:4])
+    hears(tab, "document.querySelector('#counts').textContent.includes('4 points')")
+    tab.select_option("#x", HOSTILE[1])
+    assert tab.evaluate("window.hacked") is None
+    # A column is a column whatever its name, also once it was changed.
+    assert HOSTILE[0] in tab.eval_on_selector_all("#x option", "o => o.map((x) => x.value)")
+    assert tab.locator("img").count() == 0
 
 
 def test_a_note_needs_the_token_of_the_page_and_whole_words(folder):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import itertools
 import json
 from types import SimpleNamespace
 
@@ -69,12 +68,12 @@ def test_hostile_text_stays_data(tmp_path):
 
 
 @pytest.fixture
-def opened(new_tab, tmp_path):
+def opened(new_tab, page_path):
     """Return a function that writes a page of a trial and opens it; no page may complain or fetch."""
-    faults, n_opened = [], itertools.count()
+    faults = []
 
     def open_page(view):
-        path = write_trial_page(view, tmp_path / f"page{next(n_opened)}.html")
+        path = write_trial_page(view, page_path)
         tab = new_tab()
         tab.on("pageerror", lambda error: faults.append(str(error)))
         tab.on(

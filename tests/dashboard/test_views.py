@@ -77,14 +77,14 @@ def test_sections_follow_the_definition() -> None:
 
 
 @pytest.mark.parametrize("as_file", [False, True])
-def test_a_view_of_ones_own(new_tab, tmp_path: Path, as_file: bool) -> None:
+def test_a_view_of_ones_own(new_tab, page_path: Path, tmp_path: Path, as_file: bool) -> None:
     script = repr(SCRIPT)
     if as_file:
         (tmp_path / "drawn.js").write_text(SCRIPT, encoding="utf-8")
         (tmp_path / "drawn.css").write_text(".chosen { outline-width: 7px }", encoding="utf-8")
         script = 'Path(__file__).with_name("drawn.js")'
     mine = load(definition(tmp_path, script))
-    path = write_page(points(), tmp_path / "page.html", name="x", objectives=OBJECTIVES, definition=mine)
+    path = write_page(points(), page_path, name="x", objectives=OBJECTIVES, definition=mine)
     tab, faults = new_tab(), []
     tab.on("pageerror", lambda error: faults.append(str(error)))
     tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)

@@ -45,13 +45,13 @@ def test_what_cannot_be_compared_is_refused(written, second, objectives, text):
     assert text in str(raised.value)
 
 
-def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, tmp_path, new_tab):
+def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, page_path, new_tab):
     path = written("a", FIRST)
     arguments = ["compare", str(path), str(path), "--objectives", "accuracy:max,energy_uj:min"]
-    assert main([*arguments, "--html", str(tmp_path / "page.html"), "--format", "table"]) == 0
+    assert main([*arguments, "--html", str(page_path), "--format", "table"]) == 0
     text = capsys.readouterr().out
     assert "Joint front" in text and "Best within a budget" in text
-    page = Page(new_tab((1280, 720)), tmp_path / "page.html").open()
+    page = Page(new_tab((1280, 720)), page_path).open()
     assert page.tab.locator("#view-studies tbody tr").count() >= 2
     assert page.tab.input_value("#colour") == "study"
     assert sorted(page.cells(1)) == ["0", "1", "10", "11"]
