@@ -12,6 +12,7 @@ from dse.deploy.targets import Target
 from dse.deploy.verify import target_named
 from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load
+from dse.records import Network
 from dse.study import pricing
 from dse.study.results import Study
 
@@ -36,7 +37,8 @@ def on_targets(
         The points once per target that knows its footprint, with the columns `target`, those of `footprint`
         (dse.deploy.targets.Target) and `cycles`: per inference, as the cost model of the target's profile
         predicts from the work on validation recordings up to the decision, mean over runs; NaN without a
-        profile. Points that a target cannot hold are left out there.
+        profile, and of what is no spiking network: the profile knows no other code. Points that a target
+        cannot hold are left out there.
 
     Raises:
         BundleError: a target is unknown, or no target can hold any of the points.
@@ -51,6 +53,7 @@ def on_targets(
     groups = points.groupby(_keys(points), sort=False, dropna=False).indices.values()
     parts: dict[str, list[pandas.DataFrame]] = {name: [] for name in targets}
     refusals: dict[str, dict[str, int]] = {name: {} for name in targets}
+    networks: list[int] = []
     for places in groups:
         rows = points.iloc[places]
         try:
@@ -59,6 +62,8 @@ def on_targets(
             for counts in refusals.values():
                 counts[str(error)] = counts.get(str(error), 0) + len(rows)
             continue
+        if isinstance(bundle.fitted, Network):
+            networks += rows.index.tolist()
         for name, target in targets.items():
             if refusal := target.refusal(bundle):
                 refusals[name][refusal] = refusals[name].get(refusal, 0) + len(rows)
@@ -68,7 +73,8 @@ def on_targets(
     for name, of_target in parts.items():
         if of_target:
             rows = pandas.concat(of_target).sort_index()
-            frames.append(rows.assign(cycles=_cycles(study, rows, targets[name])))
+            spiking = rows[rows.index.isin(networks)]
+            frames.append(rows.assign(cycles=_cycles(study, spiking, targets[name])))
     notes = [
         f"target {name} cannot hold {n} of {len(points)} points: {refusal}"
         for name, counts in refusals.items()
@@ -86,7 +92,8 @@ def _footprint(target: Target, bundle: Any) -> Mapping[str, float]:
 
 def _cycles(study: Study, rows: pandas.DataFrame, target: Target) -> pandas.Series[float] | float:
     """Return the cycles per inference that the target's profile predicts, with the index of the rows."""
-    if not (profile := getattr(target, "profile", "")):
+    profile = getattr(target, "profile", "")
+    if not profile or rows.empty:
         return math.nan
     chip = load(profile)
     assert isinstance(chip, Processor)

@@ -16,7 +16,8 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
-from dse.deploy.c.plan import Unsupported, plan_of
+from dse.deploy.c.counting import planned
+from dse.deploy.c.plan import Unsupported
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.sources import Passed, by_step, items_of_recording
 from dse.deploy.stream import Decision, Stream, Windows
@@ -168,7 +169,7 @@ def _priced(engine: str, steps: Floats, inferences: Floats, work: Callable[[], i
 def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
-        plan = plan_of(bundle)
+        plan = planned(bundle)
         commands = None if reference is None else replay.of_recordings(reference, plan)
         if commands is None:
             windows = _windows_of_spikes(bundle, reference)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c.plan import Frame, Unsupported, frame_of
+from dse.deploy.c.plan import Frame, Plan, Unsupported, frame_of, plan_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, window_edges
-from dse.records import Array, Floats, Ints, Parameters
+from dse.records import Array, Floats, Ints, Network, Parameters
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,15 @@ _REASONS = {
     "cascade": "family cascade runs one network on the estimates of another, and C holds one network",
 }
 """Why a family has no C."""
+
+
+def planned(bundle: Bundle) -> Plan | CountingPlan:
+    """Return the plan of a bundle of any family.
+
+    Raises:
+        Unsupported: C cannot hold its classifier; the reason.
+    """
+    return plan_of(bundle) if isinstance(bundle.fitted, Network) else counting_plan_of(bundle)
 
 
 def counting_plan_of(bundle: Bundle) -> CountingPlan:

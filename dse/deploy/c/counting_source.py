@@ -87,7 +87,7 @@ def tables(plan: CountingPlan) -> list[Table]:
             return out
         out += [Table("float", "mean", classifier.mean), Table("float", "scale", classifier.scale)]
         for k, (weight, bias) in enumerate(classifier.layers, 1):
-            out += [Table("float", f"weight_{k}", weight.T.ravel()), Table("float", f"bias_{k}", bias)]
+            out += [Table("float", f"weight_{k}", weight.ravel()), Table("float", f"bias_{k}", bias)]
         return out
     real = "float" if classifier.weight.dtype == np.float32 else "double"
     named = {"input_weight": classifier.weight.ravel(), "bias": classifier.bias}
@@ -163,13 +163,17 @@ def _perceptron(plan: CountingPlan, classifier: Perceptron) -> str:
         # Of two classes, one output > 0 says the second: the first stays 0.
         at = "i + 1u" if k == last and n == 1 else "i"
         x = f"net.layer_{k - 1}[j]" if k > 1 else "(double)(((float)net.counts[j] - mean[j]) / scale[j])"
-        cut = "" if k == last else "sum < 0 ? 0 : "
         text += (
-            f"for (i = 0; i < {n}u; i++) {{\n    double sum = bias_{k}[i];\n"
-            f"    for (j = 0; j < {n_inputs}u; j++) {{\n"
-            f"        sum += {x} * (double)weight_{k}[i * {n_inputs}u + j];\n    }}\n"
-            f"    net.layer_{k}[{at}] = {cut}sum;\n}}\n"
+            f"for (i = 0; i < {n}u; i++) {{\n    net.layer_{k}[{at}] = bias_{k}[i];\n}}\n"
+            f"for (j = 0; j < {n_inputs}u; j++) {{\n    const double x = {x};\n"
+            f"    for (i = 0; i < {n}u; i++) {{\n"
+            f"        net.layer_{k}[{at}] += x * (double)weight_{k}[j * {n}u + i];\n    }}\n}}\n"
         )
+        if k < last:
+            text += (
+                f"for (i = 0; i < {n}u; i++) {{\n    if (net.layer_{k}[i] < 0) {{\n"
+                f"        net.layer_{k}[i] = 0;\n    }}\n}}\n"
+            )
         if at != "i":
             text += f"net.layer_{k}[0] = 0;\n"
     return filled("perceptron.c", layers=indented(text), n_places=len(plan.labels), last=f"layer_{last}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import tempfile
 from collections.abc import Hashable
@@ -15,13 +14,12 @@ from dse.config.resolved import Sections
 from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, counting_source, files, host, replay, source
-from dse.deploy.c.counting import CountingPlan, counting_plan_of
+from dse.deploy.c.counting import CountingPlan, planned
 from dse.deploy.c.footprint import footprint
 from dse.deploy.c.least import RAM, least_memory
-from dse.deploy.c.plan import Plan, Unsupported, plan_of
+from dse.deploy.c.plan import Plan, Unsupported
 from dse.deploy.reference import Reference
-from dse.deploy.targets import TargetError, Verdict, compare
-from dse.records import Network
+from dse.deploy.targets import TargetError, Verdict
 from dse.registry import Column, register
 
 
@@ -38,7 +36,7 @@ class C99:
     def refusal(self, bundle: Bundle) -> str:
         """Return why C cannot hold the classifier, one sentence; '' if it can."""
         try:
-            _planned(bundle)
+            planned(bundle)
         except Unsupported as error:
             return str(error)
         return ""
@@ -50,7 +48,7 @@ class C99:
         code is compiled once per kind of classifier: instructions of others of the kind differ by some
         bytes. Without a compiler it is left out.
         """
-        plan = _planned(bundle)
+        plan = planned(bundle)
         sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
         instructions = _instructions(_Kind(_kind(plan), plan))
         return sizes if instructions is None else sizes | {"flash_bytes": instructions + _constants(plan)}
@@ -62,7 +60,7 @@ class C99:
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
         try:
-            plan = _planned(bundle)
+            plan = planned(bundle)
         except Unsupported as error:
             raise TargetError(str(error)) from None
         files.write(_code(plan), folder, _title(bundle), dse.__version__)
@@ -73,7 +71,7 @@ class C99:
         Raises:
             TargetError: there is no compiler, or the files do not compile or run.
         """
-        plan = _planned(bundle)
+        plan = planned(bundle)
         recorded = replay.of_recordings(reference, plan)
         real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
         try:
@@ -82,10 +80,7 @@ class C99:
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
         figures = {} if sizes is None else {name: float(x) for name, x in vars(sizes).items()}
-        verdict = compare(reference, replay.run_of(played, plan, reference), figures, compiler)
-        if verdict.kind == "faithful" and not replay.same_input(played, reference):
-            return dataclasses.replace(verdict, kind="approximate", reason="the input spikes differ")
-        return verdict
+        return replay.verdict_of(played, plan, reference, figures, compiler)
 
 
 @dataclass(frozen=True)
@@ -98,8 +93,6 @@ class _Kind:
 
 def _kind(plan: Plan | CountingPlan) -> Hashable:
     front_end = plan.front_end, plan.encoder, plan.pooling is not None
-    if isinstance(plan, CountingPlan):
-        return plan.family, type(plan.classifier), front_end
     return frozenset(code_size.parts(plan).items()), front_end
 
 
@@ -122,16 +115,7 @@ def _constants(plan: Plan | CountingPlan) -> float:
 
 def _title(bundle: Bundle) -> str:
     study = bundle.evidence.get("study", "dse")
-    return f"{study}: a classifier of {', '.join(_planned(bundle).classes)}"
-
-
-def _planned(bundle: Bundle) -> Plan | CountingPlan:
-    """Return the plan of a bundle.
-
-    Raises:
-        Unsupported: C cannot hold its classifier.
-    """
-    return plan_of(bundle) if isinstance(bundle.fitted, Network) else counting_plan_of(bundle)
+    return f"{study}: a classifier of {', '.join(planned(bundle).classes)}"
 
 
 def _code(plan: Plan | CountingPlan) -> files.Code:

@@ -13,15 +13,17 @@ from dse.config.resolved import Sections
 from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, host, replay
+from dse.deploy.c.counting import planned
 from dse.deploy.c.footprint import footprint
 from dse.deploy.c.host import Played
 from dse.deploy.c.least import FLASH, RAM, least_memory
 from dse.deploy.c.matrix import Matrix
-from dse.deploy.c.plan import Plan, Unsupported, plan_of
+from dse.deploy.c.plan import Plan, Unsupported
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Target, Verdict, compare, emulator
+from dse.deploy.targets import Target, Verdict, emulator
 from dse.deploy.targets.c99 import C99
-from dse.deploy.targets.emulator import CORES, FLAGS, Core, Machine, Program, compiled
+from dse.deploy.targets.emulator import CORES, FLAGS, MOST_FLASH_BYTES, Core, Machine, Program, compiled
+from dse.hardware.profile import load
 from dse.records import Array, Ints
 from dse.registry import Column, register
 
@@ -46,16 +48,22 @@ class CortexM(Target):
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
 
     def refusal(self, bundle: Bundle) -> str:
-        """Return why C cannot hold the classifier, one sentence; '' if it can."""
+        """Return why the core cannot hold the classifier, one sentence; '' if it can."""
         try:
-            plan_of(bundle)
+            plan = planned(bundle)
         except Unsupported as error:
             return str(error)
+        chip, flash = "the emulator", MOST_FLASH_BYTES
+        if self.profile:
+            flash_kib = load(self.profile).at("value")["flash_kib"]
+            chip, flash = f"the chip of profile {self.profile}", int(flash_kib) * 1024
+        if (n := int(code_size.flash_bytes(plan, self.code_bytes))) > flash:
+            return f"it takes {n} bytes of flash, and {chip} has {flash}"
         return ""
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
-        plan = plan_of(bundle)
+        plan = planned(bundle)
         sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
         return sizes | {"flash_bytes": code_size.flash_bytes(plan, self.code_bytes)}
 
@@ -78,12 +86,11 @@ class CortexM(Target):
         Raises:
             TargetError: compiler or emulator are missing, or the files do not compile or run.
         """
-        plan = plan_of(bundle)
+        plan = planned(bundle)
         recorded = replay.of_recordings(reference, plan)
         real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
         traced = Machine(self.program(folder, "-DDSE_TRACE", *real), self.core)
         played = _played(traced, recorded or replay.of_spikes(reference))
-        run = replay.run_of(played, plan, reference)
         machine, answers = executed(self, folder, reference, played.steps, *real)
         assert np.array_equal(answers.label, played.label)  # traced or not
         counts, n = machine.counts(), max(1, reference.n_recordings)
@@ -94,8 +101,9 @@ class CortexM(Target):
             "instructions_per_inference": counts.instructions / n,
             "cycles_per_inference": counts.cycles(self.core) / n,
         }
-        apart = Machine(self.program(folder, "-fno-inline", *real), self.core)
-        figures |= _of_functions(apart, plan, reference)
+        if isinstance(plan, Plan):
+            apart = Machine(self.program(folder, "-fno-inline", *real), self.core)
+            figures |= _of_functions(apart, plan, reference)
         if recorded is not None:
             machine.forget()
             _played(machine, recorded[:_APART])
@@ -104,7 +112,7 @@ class CortexM(Target):
             _played(machine, replay.of_spikes(reference)[:_APART])
             beyond = with_front_end - machine.counts().instructions
             figures["front_end_instructions"] = beyond / max(1, min(_APART, n))
-        return compare(reference, run, figures, emulator.compiler_name())
+        return replay.verdict_of(played, plan, reference, figures, emulator.compiler_name())
 
     def program(self, folder: Path, *options: str) -> Program:
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""

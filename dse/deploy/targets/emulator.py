@@ -29,7 +29,7 @@ FLAGS = ("-std=c99", "-O2")
 """Options of the compiler, which `instructions` of a profile rest on too."""
 FLASH, RAM, HOST = 0x0800_0000, 0x2000_0000, 0x6000_0000
 """Where a program lies: code and constants, variables, and what drives it."""
-_FLASH_BYTES = _RAM_BYTES = 1 << 24
+MOST_FLASH_BYTES = _RAM_BYTES = 1 << 24
 _HOST_BYTES = 1 << 25
 _STACK_BYTES = 1 << 16
 _UNUSED = 0xA5  # what the stack holds before anything is pushed
@@ -38,7 +38,7 @@ _EXIT = HOST + _HOST_BYTES - 0x1000  # where a called function returns to
 LINKER_SCRIPT = f"""\
 /* Where the emulator has the program. HOST holds what drives the program, which is not part of it. */
 MEMORY {{
-    FLASH : ORIGIN = {FLASH:#x}, LENGTH = {_FLASH_BYTES:#x}
+    FLASH : ORIGIN = {FLASH:#x}, LENGTH = {MOST_FLASH_BYTES:#x}
     RAM : ORIGIN = {RAM:#x}, LENGTH = {_RAM_BYTES - _STACK_BYTES:#x}
     HOST : ORIGIN = {HOST:#x}, LENGTH = {_HOST_BYTES - 0x1000:#x}
 }}
@@ -183,7 +183,7 @@ class Program:
         initial = sum(
             size for at, size, content in self.sections.values() if RAM <= at < HOST and content is not None
         )
-        return self.within(FLASH, _FLASH_BYTES) + initial
+        return self.within(FLASH, MOST_FLASH_BYTES) + initial
 
     @property
     def ram_bytes(self) -> int:
@@ -225,13 +225,13 @@ class Machine:
         self._registers = arm_const
         self._uc: Any = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self._uc.ctl_set_cpu_model(getattr(arm_const, f"UC_CPU_ARM_{core.emulated}"))
-        for start, length in ((FLASH, _FLASH_BYTES), (RAM, _RAM_BYTES), (HOST, _HOST_BYTES)):
+        for start, length in ((FLASH, MOST_FLASH_BYTES), (RAM, _RAM_BYTES), (HOST, _HOST_BYTES)):
             self._uc.mem_map(start, length)
         for at, _, content in program.sections.values():
             if content is not None:
                 self._uc.mem_write(at, content)
         self._uc.mem_write(RAM + _RAM_BYTES - _STACK_BYTES, bytes([_UNUSED]) * _STACK_BYTES)
-        code = program.within(FLASH, _FLASH_BYTES)
+        code = program.within(FLASH, MOST_FLASH_BYTES)
         # Two rows of the counter's own: the bytes of code, the end of the block before, and where that block
         # is counted, at first in the second row; then per half-word of code the entries of the block that
         # begins there, its bytes, and its exits by a branch.

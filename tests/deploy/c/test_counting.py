@@ -16,8 +16,9 @@ from dse.deploy.c import counting_source, host
 from dse.deploy.c.counting import counting_plan_of
 from dse.deploy.decide import decided
 from dse.deploy.reference import Reference, answered, spikes_of_windows
+from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
-from dse.deploy.targets.cortex_m import CortexM4
+from dse.deploy.targets.cortex_m import CortexM0Plus, CortexM4
 from dse.models.counts.elm import ELM
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
@@ -83,7 +84,43 @@ def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, 
         assert verdict.figures["ram_bytes"] == counting_source.code(counting_plan_of(made)).ram_bytes
         assert C99().footprint(made)["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], rel=0.05)
     assert verdict.compiler.endswith("-Os")
-    assert "no single spiking network" in CortexM4().refusal(made)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        KNN(window_ms=15, channels="each"),
+        NaiveBayes(window_ms=5, channels="each"),
+        MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2),
+        ELM(window_ms=20, windows=3, hidden=30),
+    ],
+)
+def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Path) -> None:
+    if why := emulator.missing():
+        pytest.skip(why)
+    made, reference = fitted(model)
+    target = CortexM4()
+    target.write(made, tmp_path)
+    verdict = target.verify(made, tmp_path, reference)
+    assert verdict.kind == "faithful" and verdict.n_recordings == reference.n_recordings
+    footprint = target.footprint(made)
+    assert footprint["ram_bytes"] == verdict.figures["ram_bytes"]
+    assert footprint["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], abs=400)
+    assert verdict.figures["instructions_per_inference"] > 1000
+
+
+def test_tables_larger_than_the_flash_are_refused() -> None:
+    made, _ = fitted(KNN(window_ms=5, channels="each"))
+    counts = made.fitted.arrays["counts"]  # type: ignore[union-attr]
+    times = 2**21 // (counts.size + 2 * len(counts))
+    arrays = {
+        **made.fitted.arrays,  # type: ignore[union-attr]
+        "counts": np.concatenate([counts] * (times + 1)),
+        "target": np.concatenate([made.fitted.arrays["target"]] * (times + 1)),  # type: ignore[union-attr]
+    }
+    made = replace(made, fitted=replace(made.fitted, arrays=arrays))
+    assert "the chip of profile mcu_m4 has 2097152" in CortexM4().refusal(made)
+    assert CortexM0Plus().refusal(made) == ""  # no profile: up to the memory of the emulator
 
 
 @pytest.mark.parametrize(

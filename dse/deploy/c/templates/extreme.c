@@ -9,7 +9,9 @@ static uint32_t classify(void)
     for (i = 0; i < ${n_hidden}u; i++) {
         double z = 0;
         for (j = 0; j < ${n_features}u; j++) {
-            z += (double)net.counts[j] * input_weight[i * ${n_features}u + j];
+            if (net.counts[j] != 0) {
+                z += (double)net.counts[j] * input_weight[i * ${n_features}u + j];
+            }
         }
         z += bias[i];
         z = z < 0 ? 0 : z > 1 ? 1 : z;
