@@ -9,6 +9,7 @@ what these do not say. The caller holds the study folder (`store.exclusive`).
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import json
 import time
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from optuna.trial import TrialState
 
 _NAME = "dse"
+_REFUSALS = (LookupError, ValueError, TypeError, AttributeError, AssertionError)
+"""What Optuna raises about operations."""
 _NAMED = 3
 _COMPARED = 5
 # Where Optuna keeps the names of objectives (`Study.metric_names`).
@@ -57,8 +60,6 @@ class Ledger:
     """
 
     def __init__(self, path: Path, space: SearchSpace) -> None:
-        from optuna.storages import JournalStorage
-
         self._path = path
         self._space = space
         self._axes = space.axes
@@ -70,7 +71,7 @@ class Ledger:
                 self._lines.faults, self._lines.logs = ["it is the journal of another study"], []
             if self._lines.faults:
                 self._mend(self._lines)
-            storage = JournalStorage(self._lines)  # type: ignore[arg-type]
+            storage = self._opened()
             studies = storage.get_all_studies()
             self._study = studies[0]._study_id if studies else self._create_study(storage)
             self._name_values(storage)
@@ -92,6 +93,17 @@ class Ledger:
         )
         same = [key == design_key(recorded) for key, recorded in pairs]
         return bool(same) and not any(same)
+
+    def _opened(self) -> JournalStorage:
+        """Return Optuna's storage of the journal; what Optuna refuses is damage."""
+        from optuna.storages import JournalStorage
+
+        try:
+            return JournalStorage(self._lines)  # type: ignore[arg-type]
+        except _REFUSALS:
+            self._lines.faults = _drop_refused(self._lines.logs)
+            self._mend(self._lines)
+            return JournalStorage(self._lines)  # type: ignore[arg-type]
 
     def _create_study(self, storage: JournalStorage) -> int:
         from optuna.study import StudyDirection
@@ -138,7 +150,7 @@ class Ledger:
         try:
             with explained(self._path):
                 yield
-        except (LookupError, ValueError, TypeError, AttributeError, AssertionError) as error:
+        except _REFUSALS as error:
             what = f"holds an operation that Optuna refuses ({type(error).__name__}: {error})"
             raise damaged(self._path, what) from error
 
@@ -311,6 +323,32 @@ def _constraints(violations: Mapping[str, float]) -> dict[str, float]:
 
 def _scalar(value: object) -> bool | float | str:
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
+
+
+def _drop_refused(logs: list[Log]) -> list[str]:
+    """Remove the operations that Optuna refuses; return a sentence about each."""
+    from optuna.storages import JournalStorage
+
+    reason = ""
+
+    def is_refused(n: int) -> bool:
+        nonlocal reason
+        apart = JournalLines(None)
+        apart.logs = logs[:n]
+        try:
+            JournalStorage(apart)  # type: ignore[arg-type]
+        except _REFUSALS as error:
+            reason = f"{type(error).__name__}: {error}"
+            return True
+        return False
+
+    faults = []
+    while is_refused(len(logs)):
+        n = bisect.bisect_left(range(len(logs)), True, key=is_refused)
+        is_refused(n)
+        faults.append(f"Optuna refuses operation {n} ({reason})")
+        del logs[n - 1]
+    return faults
 
 
 def _n_trials(logs: Sequence[Log]) -> int:

@@ -3,10 +3,44 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+
+from dse.study import explore
+from tests import tiny_study
+
+_TRIED = Counter[str]()
 
 
 @pytest.fixture(scope="session")
 def n_faults() -> int:
     return int(os.environ.get("FAULTS", "8"))
+
+
+@pytest.fixture(scope="session")
+def tried() -> Counter[str]:
+    """Faults that were injected, by kind; of each, its test has shown that nothing is lost or believed."""
+    return _TRIED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if "FAULTS" in os.environ and _TRIED:
+        terminalreporter.section("faults injected")
+        for kind, n in _TRIED.items():
+            terminalreporter.write_line(f"{kind:<32} {n:>6}")
+        terminalreporter.write_line(f"{'in all':<32} {_TRIED.total():>6}")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of a finished study's search space, with its results and its cache."""
+    folder = tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("DSE_CACHE", str(folder / "cache"))
+        space = tiny_study.make_space(folder, execution={"jobs": 1})
+        explore.run(space, folder / "results", progress=False)
+        yield folder
+    tiny_study.unregister()

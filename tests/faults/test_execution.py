@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import random
+import resource
 import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
+import pandas as pd
 import psutil
 import pytest
 
+from dse.cli import main
 from dse.study import results
+from dse.study import workers as study_workers
 from dse.study.results import Study
 from tests import tiny_study
+from tests.in_process import InProcess
 from tests.study import test_crash
 from tests.study.test_crash import ROOT, assert_same, finished_runs
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, until
 
 MOST_KILLS = 3
 """In a study: its runs are begun again three times, and at the next session."""
@@ -64,7 +72,9 @@ def workers_of(coordinator: subprocess.Popen[bytes]) -> list[psutil.Process]:
 
 
 @pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_killed_at_random_moments(tmp_path: Path, whole: Study, backend: str, n_faults: int) -> None:
+def test_killed_at_random_moments(
+    tmp_path: Path, whole: Study, backend: str, n_faults: int, tried: Counter[str]
+) -> None:
     for number in range(max(1, n_faults // 10)):
         rng = random.Random(f"{backend} {number}")
         folder = prepare(tmp_path / str(number), backend)
@@ -81,10 +91,12 @@ def test_killed_at_random_moments(tmp_path: Path, whole: Study, backend: str, n_
                 elif victims and rng.random() < 0.7:
                     rng.choice(victims).kill()
                     n_kills += 1
+                    tried[f"a worker killed, {backend}"] += 1
                 elif finished_runs(folder):
                     process.send_signal(signal.SIGKILL)
                     process.wait()
                     n_kills += 1
+                    tried[f"the coordinator killed, {backend}"] += 1
                     assert kept.items() <= finished_runs(folder).items(), "a run was lost or made twice"
                     kept = finished_runs(folder)
                     process = start(folder)
@@ -95,6 +107,65 @@ def test_killed_at_random_moments(tmp_path: Path, whole: Study, backend: str, n_
         assert kept.items() <= finished_runs(folder).items(), "a run was lost or made twice"
         assert_same(folder, whole)
         assert set(results.open(folder / "results" / "tiny").trials["status"]) == {"finished"}
+
+
+def command(folder: Path, more_kib: int | None, cache: str) -> None:
+    """Run the study of a folder as the command line does, with little more memory than there is now."""
+    os.environ["DSE_CACHE"] = cache
+    os.dup2(os.open(folder / "told", os.O_WRONLY | os.O_CREAT), 2)
+    study_workers.Loky = InProcess  # type: ignore[assignment, misc]
+    tiny_study.register()
+    if more_kib is not None:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (more_kib << 10),) * 2)
+    arguments = ["run", str(folder / "tiny.yaml"), "--results", str(folder / "results"), "--quiet"]
+    sys.exit(main(arguments))
+
+
+def start_command(folder: Path, more_kib: int | None = None) -> ForkServerProcess:
+    test_crash.CHILDREN.set_forkserver_preload([__name__, *test_crash.LAZY])
+    arguments = folder, more_kib, os.environ["DSE_CACHE"]
+    process = test_crash.CHILDREN.Process(target=command, args=arguments, daemon=True)
+    process.start()
+    return process
+
+
+def test_a_process_without_memory(tmp_path: Path, whole: Study, n_faults: int, tried: Counter[str]) -> None:
+    codes = Counter[int | None]()
+    for number in range(max(1, n_faults // 10)):
+        rng = random.Random(f"memory {number}")
+        folder = prepare(tmp_path / str(number), "loky", seconds=0.0)
+        more = rng.choice((0, 200, 1000, 4000, 16_000, 64_000))
+        process = start_command(folder, more)
+        process.join(PATIENCE_S)
+        told = (folder / "told").read_text()
+        codes[process.exitcode] += 1
+        is_native = process.exitcode not in (0, 1, 2)  # the C library ended the process: as if killed
+        assert is_native or told.count("\n") <= 1, (number, process.exitcode, told)
+        assert "Traceback" not in told, (number, told)
+        before = finished_runs(folder)
+        assert tiny_study.run_folder(str(folder)) == 0
+        assert before.items() <= finished_runs(folder).items(), "a run was lost or made twice"
+        assert_same(folder, whole)
+        tried["no memory"] += 1
+    assert codes[2], codes
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_ends_a_run_with_its_tables(
+    tmp_path: Path, number: signal.Signals, code: int, tried: Counter[str]
+) -> None:
+    model = {**tiny_study.plain()["model"], "gate": str(tmp_path / "gate"), "hidden": {"choice": [[8], [4]]}}
+    tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
+    process = start_command(tmp_path)
+    until(lambda: process.exitcode is not None or bool(finished_runs(tmp_path)), "a first run")
+    assert process.pid is not None
+    os.kill(process.pid, number)
+    process.join(PATIENCE_S)
+    told = (tmp_path / "told").read_text()
+    assert (process.exitcode, told.startswith(f"stopped by {number.name}; finished trials")) == (code, True)
+    assert len(pd.read_parquet(tmp_path / "results" / "tiny" / "trials.parquet")) >= 1
+    tried["a signal"] += 1
 
 
 def test_two_coordinators_on_one_folder(tmp_path: Path, whole: Study) -> None:

@@ -7,11 +7,7 @@ import os
 import random
 import resource
 import shutil
-import signal
-import subprocess
-import sys
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,21 +22,7 @@ from dse.study import explore, results
 from dse.study.doctor import examine, repair
 from dse.study.ledger import Ledger
 from dse.study.results import Study
-from tests import tiny_study
 from tests.faults.damage import damage, unsealed
-from tests.waiting import PATIENCE_S, until
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The folder of a finished study's search space, with its results and its cache."""
-    folder = tmp_path_factory.mktemp("whole")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("DSE_CACHE", str(folder / "cache"))
-        space = tiny_study.make_space(folder, execution={"jobs": 1})
-        explore.run(space, folder / "results", progress=False)
-        yield folder
-    tiny_study.unregister()
 
 
 def _read(study: Study) -> dict[str, object]:
@@ -81,7 +63,9 @@ def _files(folder: Path) -> list[Path]:
     return files + rare * (len(files) // len(rare))
 
 
-def test_no_reader_believes_a_damaged_file(whole: Path, tmp_path: Path, n_faults: int) -> None:
+def test_no_reader_believes_a_damaged_file(
+    whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
+) -> None:
     study = results.open(whole / "results" / "tiny")
     assert examine(study.folder) == []
     expected, rng, counts = _read(study), random.Random(20), Counter[str]()
@@ -103,6 +87,7 @@ def test_no_reader_believes_a_damaged_file(whole: Path, tmp_path: Path, n_faults
                 assert "\n" not in str(part), (number, what, name)
         counts["found by doctor"] += bool(examine(copy)) and is_changed
         shutil.rmtree(copy)
+        tried["a file of a study, read"] += 1
     assert counts["refused"] and counts["found by doctor"] > n_faults // 2, counts
 
 
@@ -120,7 +105,9 @@ def test_a_removed_seal_is_noticed_in_every_file(whole: Path, tmp_path: Path) ->
     assert examine(copy) == []
 
 
-def test_a_damaged_study_goes_on_to_the_same_tables(whole: Path, tmp_path: Path, n_faults: int) -> None:
+def test_a_damaged_study_goes_on_to_the_same_tables(
+    whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
+) -> None:
     expected = _read(results.open(whole / "results" / "tiny"))
     space, rng = load_space(whole / "tiny.yaml"), random.Random(21)
     for number in range(max(2, n_faults // 10)):
@@ -136,14 +123,18 @@ def test_a_damaged_study_goes_on_to_the_same_tables(whole: Path, tmp_path: Path,
             one, other = _table(read[name]), _table(expected[name])
             assert_frame_equal(one, other, check_exact=True, obj=f"{number} {what} {name}")
         assert [x.file for x in examine(copy)] == [], what
+        tried["files of a study, run on"] += len(what)
         shutil.rmtree(copy)
 
 
-def test_no_damage_to_a_journal_loses_a_trial(whole: Path, tmp_path: Path, n_faults: int) -> None:
+def test_no_damage_to_a_journal_loses_a_trial(
+    whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
+) -> None:
     source = whole / "results" / "tiny"
     space, rng = load_space(whole / "tiny.yaml"), random.Random(22)
     folder = tmp_path / "study" / "results" / "tiny"
     shutil.copytree(source / "artefacts", folder / "artefacts")
+    shutil.copy(source / store.ENVIRONMENT, folder)
     path, content = folder / "journal.log", (source / "journal.log").read_bytes()
     path.write_bytes(content)
     designs = [(entry.trial, entry.batch, entry.design) for entry in Ledger(path, space).entries]
@@ -158,9 +149,12 @@ def test_no_damage_to_a_journal_loses_a_trial(whole: Path, tmp_path: Path, n_fau
         assert found == designs[: len(found)], (number, what)
         cut_off = Ledger(path, space).notes == [] and len(found) < len(designs)
         assert len(found) == len(designs) or cut_off, (number, what)
+        tried["the journal"] += 1
 
 
-def test_a_damaged_cache_entry_is_never_used(whole: Path, tmp_path: Path, n_faults: int) -> None:
+def test_a_damaged_cache_entry_is_never_used(
+    whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
+) -> None:
     root = whole / "cache"
     [key] = [x.name for x in root.iterdir() if (x / "train.npy").is_file()]
     expected = dataset.find(root, key)
@@ -180,10 +174,13 @@ def test_a_damaged_cache_entry_is_never_used(whole: Path, tmp_path: Path, n_faul
             assert np.array_equal(data.target, expected.target), (number, what)
             assert data.classes == expected.classes
         shutil.rmtree(copy)
+        tried["a cache entry"] += 1
     assert n_refused > n_faults // 2
 
 
-def test_a_process_without_file_descriptors_deletes_nothing(whole: Path, tmp_path: Path) -> None:
+def test_a_process_without_file_descriptors_deletes_nothing(
+    whole: Path, tmp_path: Path, tried: Counter[str]
+) -> None:
     root = Path(shutil.copytree(whole / "cache", tmp_path / "cache"))
     (root / ".writing-of-another").mkdir()
     (root / ".writing-of-another" / ".lock").touch()
@@ -202,6 +199,7 @@ def test_a_process_without_file_descriptors_deletes_nothing(whole: Path, tmp_pat
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         missing = {x for x in files if not x.exists()}
         assert missing <= {x for x in files if ".writing-of-another" in str(x)}, spare
+        tried["no file descriptors"] += 1
     os.close(used[0])
     assert dataset.find(root, key) is not None
 
@@ -211,25 +209,3 @@ def test_a_folder_stays_locked_when_its_lock_file_is_removed(tmp_path: Path) -> 
         (tmp_path / ".lock").unlink()
         with pytest.raises(store.StoreError, match="another process is running"), store.exclusive(tmp_path):
             pass
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_signal_ends_a_run_with_its_tables(
-    tmp_path: Path, number: signal.Signals, code: int, n_faults: int
-) -> None:
-    if number != signal.SIGTERM and n_faults < 100:
-        pytest.skip("only with all faults")
-    model = {**tiny_study.plain()["model"], "gate": str(tmp_path / "gate")}
-    tiny_study.make_space(tmp_path, model={**model, "hidden": {"choice": [[8], [4]]}}, execution={"jobs": 1})
-    lines = (
-        "from tests import tiny_study; tiny_study.register(); from dse.cli import main; main(sys.argv[1:])"
-    )
-    command = [sys.executable, "-c", f"import sys; {lines.replace('main(sys', 'sys.exit(main(sys')})"]
-    arguments = ["run", str(tmp_path / "tiny.yaml"), "--results", str(tmp_path / "results"), "--quiet"]
-    process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
-    artefacts = tmp_path / "results" / "tiny" / "artefacts"
-    until(lambda: process.poll() is not None or [*artefacts.glob("*/repeat_0/record.json")], "a first run")
-    process.send_signal(number)
-    _, err = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, err.startswith(f"stopped by {number.name}; finished trials")) == (code, True)
-    assert len(pd.read_parquet(tmp_path / "results" / "tiny" / "trials.parquet")) >= 1

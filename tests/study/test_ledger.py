@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import random
 from collections.abc import Callable, Iterator
@@ -154,8 +153,8 @@ def test_damage_in_the_middle_loses_no_trial(
         DAMAGES[damage](lines, k, rng)
         path.write_bytes(b"\n".join(lines) + b"\n")
         if is_old and damage in ("lost", "doubled", "moved", "digit", "flipped"):
-            with contextlib.suppress(store.Damaged):  # it had no checksums: no error of another kind
-                Ledger(path, space)
+            Ledger(path, space)  # it had no checksums: no error, and what Optuna refuses is mended
+            assert Ledger(path, space).notes == []
             continue
         is_changed = path.read_bytes() != whole
         mended = Ledger(path, space)
