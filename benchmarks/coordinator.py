@@ -1,11 +1,17 @@
 """What a study costs beside training: many trials whose training is a stub, then the same study resumed.
 
     python -m benchmarks.coordinator [--trials 500 1000 2000 5000] [--batch 64] [--profile FILE]
+    python -m benchmarks.coordinator --space FILE [--jobs 1 2]
 
 One design is trained for its files; in place of every other training a worker copies these, and publishes
 them as a finished run does. Everything else is as in `dse run`: ledger, executor, reading back, tables. CPU
 seconds are those of the coordinator and its worker; flat per trial is linear. A resume finds every run done;
 `to the first job` is a resume whose last trial is missing. Memory is the coordinator's peak.
+
+With `--space`, the spiking networks of a search space are trained, on each number of workers. Training is
+what the workers spend in it. The rest of all CPU seconds is the framework's: measuring, writing, reading.
+That of a study of one design stands apart, as the start: processes, and kernels that load. Data sets and
+kernels are prepared before.
 """
 
 from __future__ import annotations
@@ -30,11 +36,13 @@ from rich.table import Table
 
 from dse import store
 from dse.config import load_space
+from dse.models.snn import train as snn
 from dse.study import explore, jobs
 
 NAME = "benchmarks.coordinator"
 """Where workers look the stub up: not in __main__."""
 TEMPLATE = "template"
+TIMES = "training_s.txt"
 
 
 def train(job: jobs.TrainingJob) -> Iterator[tuple[int, None]]:
@@ -50,6 +58,57 @@ def train(job: jobs.TrainingJob) -> Iterator[tuple[int, None]]:
 
 def _copier(source: Path) -> Any:
     return lambda path: shutil.copyfile(source, path)
+
+
+def timed(job: jobs.TrainingJob) -> Iterator[Any]:
+    """Do as `dse.study.jobs.train`, and add the CPU seconds of the training to a file of the study."""
+    original, seconds = snn.train, 0.0
+
+    def measured(*arguments: Any, **named: Any) -> Iterator[Any]:
+        nonlocal seconds
+        training = original(*arguments, **named)
+        while True:
+            began = time.process_time()
+            ended = next(training, None)
+            seconds += time.process_time() - began
+            if ended is None:
+                return
+            yield ended
+
+    with mock.patch.object(snn, "train", measured):
+        yield from jobs.train(job)
+    with (job.runs[0].folder.parents[2] / TIMES).open("a") as file:
+        file.write(f"{seconds}\n")
+
+
+def measure(path: Path, n_trials: int | None, n_workers: int) -> tuple[int, float, float, float]:
+    """Return designs, CPU seconds of a study, those of its training, and its wall seconds."""
+    changes = {} if n_trials is None else {"search.n_trials": str(n_trials)}
+    space = load_space(path, changes)
+    timer = importlib.import_module(NAME).timed
+    with tempfile.TemporaryDirectory() as name, mock.patch.object(jobs, "train", timer):
+        began_s, wall_s = _cpu_s(), time.perf_counter()
+        study = explore.run(space, name, jobs=n_workers, progress=False)
+        cpu_s, wall_s = _cpu_s() - began_s, time.perf_counter() - wall_s
+        trained = (study.folder / TIMES).read_text().split()
+        return len(study.trials), cpu_s, sum(map(float, trained)), wall_s
+
+
+def overhead(path: Path, workers: list[int]) -> Table:
+    """Return what the framework adds to the training of a search space."""
+    measure(path, 1, 1)  # the cache is filled, and kernels are compiled
+    table = Table(
+        "workers", "designs", "CPU s", "training", "start", "framework, % of training", "wall s", box=None
+    )
+    for n_workers in workers:
+        _, first_s, of_first_s, _ = measure(path, 1, n_workers)
+        n, cpu_s, training_s, wall_s = measure(path, None, n_workers)
+        start_s = first_s - of_first_s
+        share = 100 * (cpu_s - training_s - start_s) / training_s
+        table.add_row(
+            str(n_workers), str(n), *(f"{x:.2f}" for x in (cpu_s, training_s, start_s, share, wall_s))
+        )
+    return table
 
 
 def write_space(folder: Path, n_trials: int, batch: int) -> Path:
@@ -108,7 +167,14 @@ def main() -> None:
     parser.add_argument("--trials", type=int, nargs="+", default=[500, 1000, 2000, 5000])
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--profile", type=Path, help="write cProfile's statistics of the studies here")
+    parser.add_argument("--space", type=Path, help="a search space of spiking networks to train")
+    parser.add_argument(
+        "--jobs", type=int, nargs="+", default=[1, 2], help="numbers of workers, with --space"
+    )
     arguments = parser.parse_args()
+    if arguments.space:
+        Console(width=120).print(overhead(arguments.space, arguments.jobs))
+        return
     table = Table(
         *("trials", "CPU s", "of it worker", "wall s", "CPU ms per trial"),
         *("resume, CPU s", "to the first job", "MiB"),
