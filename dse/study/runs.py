@@ -418,7 +418,11 @@ class Runs:
         self._progress.note(f"trial {key[0]} is not trained: {why.reason}; the next run tries again")
 
     def _settle(self, run: jobs.Run, why: Failure | None, until: int | None = None) -> None:
-        """Record a run that has ended, unless it is recorded already."""
+        """Record a run that has ended, unless it is recorded already.
+
+        Raises:
+            StoreError: its folder was removed, or is damaged.
+        """
         if self._has(run.trial, run.repeat):
             return
         record = load_record(run.folder) if why is None else None
@@ -426,8 +430,9 @@ class Runs:
             self._keep(record)
         elif why is None and self._is_paused(run.trial, run.repeat, until):
             self._progress.doing(f"trial {run.trial} has trained {until} epochs")
+        elif why is None:  # it was published
+            raise StoreError(f"{run.folder}: was removed while the study ran; run the same command again")
         else:
-            assert why is not None  # a run without a failure is published
             self._fail(run.trial, run.repeat, run.design, why)
 
     def _keep(self, record: RunRecord) -> None:
