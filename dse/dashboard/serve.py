@@ -44,12 +44,16 @@ LONGEST_NOTE = 16_384
 LONGEST_HEADERS = 16_384
 """Characters of all headers of a request."""
 MOST_READERS = 64
-"""Largest number of open connections; others wait, and the slowest one is closed for them."""
+"""Largest number of connections that are served at once; others wait, and the slowest is closed for them."""
+MOST_WAITING = 256
+"""Largest number of connections that wait for a place; the system holds back further ones."""
+MOST_HOLDERS = 8
+"""Places beside these, for requests with the token of the server alone."""
 HEAD_S = 10.0
 """Time for all of a request, however it drips in; a connection may be closed for another one much sooner."""
 ANSWER_S = 60.0
 """Time for all of an answer to be taken."""
-_WAITING = 1024  # connections that have no place yet
+_BACKLOG = 1024  # connections that the system holds back
 # A client whose request or answer has taken so long may be closed for another one.
 _SLOW_HEAD_S, _SLOW_ANSWER_S = 0.5, 5.0
 _POLL_S = 0.05
@@ -253,14 +257,38 @@ class _Open:
             self.socket.shutdown(socket.SHUT_RDWR)
 
 
+@dataclass(frozen=True)
+class _Waiting:
+    """A connection without a place."""
+
+    socket: socket.socket
+    address: Any
+    since_s: float
+
+    def head(self) -> bytes:
+        """Return the head of its request; b'' until all of it has come."""
+        try:
+            sent = self.socket.recv(LONGEST_ADDRESS + LONGEST_HEADERS, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError:
+            return b""
+        head, end, _ = sent.partition(b"\r\n\r\n")
+        return head + end if end else b""
+
+    def path(self) -> str:
+        """Return the address that its request asks for; '' until the whole head has come."""
+        words = self.head().partition(b"\r\n")[0].decode("latin-1").split()
+        return words[1] if len(words) > 1 else ""
+
+
 class Server(ThreadingHTTPServer):
     """A server of a live page with one thread for each request.
 
     Who sends a request within half a second and takes the answer is always served: if there is no place, it
-    waits, and the client that has been slow for longest is closed.
+    waits, and the clients that have been slow for longest are closed. Requests that carry the token do not
+    wait for the others: places are kept free for them.
     """
 
-    request_queue_size = _WAITING
+    request_queue_size = _BACKLOG
 
     def __init__(
         self,
@@ -289,9 +317,9 @@ class Server(ThreadingHTTPServer):
         self._design, self._bundle, self.writing = design, bundle, writing
         self._documents: OrderedDict[tuple[str, int], str] = OrderedDict()
         self._gathering, self._exporting = threading.Lock(), threading.Lock()
-        self._places = threading.Semaphore(MOST_READERS)
         self._open: dict[int, _Open] = {}
-        self._opening = threading.Lock()
+        self._waiting: list[_Waiting] = []
+        self._opening = threading.RLock()
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
             self.address_family = family
@@ -339,22 +367,46 @@ class Server(ThreadingHTTPServer):
             return self._bundle(trial, point, hardware)
 
     def process_request(self, request: _Connection, client_address: object) -> None:
-        """Start a thread for a connection as soon as fewer than `MOST_READERS` are open."""
+        """Let a connection wait for a place; it has one at once while fewer than `MOST_READERS` are open."""
         assert isinstance(request, socket.socket)
-        while not self._places.acquire(timeout=_POLL_S):
-            self._close_slow(_SLOW_HEAD_S, _SLOW_ANSWER_S, most=1)
         with self._opening:
-            self._open[id(request)] = _Open(request, "head", time.monotonic())
-        super().process_request(request, client_address)
+            self._waiting.append(_Waiting(request, client_address, time.monotonic()))
+        self._admit()
+        while len(self._waiting) >= MOST_WAITING:
+            time.sleep(_POLL_S)
+            self.service_actions()
 
     def process_request_thread(self, request: _Connection, client_address: object) -> None:
-        """Answer, and free the place of the connection."""
+        """Answer, and hand the place of the connection on."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             with self._opening:
                 del self._open[id(request)]
-            self._places.release()
+            self._admit()
+
+    def _admit(self) -> None:
+        """Start a thread for every connection that waits and has a place, the oldest first."""
+        with self._opening:
+            for each in list(self._waiting):
+                n_open = len(self._open)
+                if n_open < MOST_READERS or (n_open < MOST_READERS + MOST_HOLDERS and self._is_holder(each)):
+                    self._waiting.remove(each)
+                    self._open[id(each.socket)] = _Open(each.socket, "head", time.monotonic())
+                    try:
+                        super().process_request(each.socket, each.address)
+                    except RuntimeError:  # the machine starts no further thread
+                        del self._open[id(each.socket)]
+                        self.shutdown_request(each.socket)
+
+    def _is_holder(self, waiting: _Waiting) -> bool:
+        """Return whether the request of a connection that waits carries the token."""
+        return self.token is not None and self.carries_token(waiting.path())
+
+    def carries_token(self, path: str) -> bool:
+        """Return whether an address has the token of the server in its query."""
+        token = parse_qs(path.partition("?")[2], errors="replace").get("token", [""])[-1]
+        return hmac.compare_digest(token.encode(), (self.token or "").encode())
 
     def waits_for(self, request: socket.socket, what: str) -> None:
         """Note what a connection waits for from now on."""
@@ -362,8 +414,23 @@ class Server(ThreadingHTTPServer):
             self._open[id(request)] = _Open(request, what, time.monotonic())
 
     def service_actions(self) -> None:
-        """Close the connections that have taken all of their time; called about twice a second."""
-        self._close_slow(HEAD_S, ANSWER_S, most=MOST_READERS)
+        """Close connections that have taken all of their time, or more than others leave them; give places.
+
+        Called after every connection, and about twice a second.
+        """
+        self._close_slow(HEAD_S, ANSWER_S, most=len(self._open))
+        self._close_slow(_SLOW_HEAD_S, _SLOW_ANSWER_S, most=len(self._waiting))
+        if len(self._waiting) >= MOST_WAITING:
+            self._drop_silent()
+        self._admit()
+
+    def _drop_silent(self) -> None:
+        """Close the connections that wait for a place and have not sent a request for a while."""
+        with self._opening:
+            for each in list(self._waiting):
+                if time.monotonic() - each.since_s > _SLOW_HEAD_S and not each.head():
+                    self._waiting.remove(each)
+                    self.shutdown_request(each.socket)
 
     def _close_slow(self, head_s: float, answer_s: float, most: int) -> None:
         """Close at most so many connections whose client has taken longer, the slowest first."""
@@ -371,6 +438,14 @@ class Server(ThreadingHTTPServer):
             slow = [each for each in self._open.values() if each.is_slow(head_s, answer_s)]
         for each in sorted(slow, key=lambda each: each.since_s)[:most]:
             each.close()
+
+    def server_close(self) -> None:
+        """Close the port, and the connections that wait for a place."""
+        super().server_close()
+        with self._opening:
+            for each in self._waiting:
+                self.shutdown_request(each.socket)
+            self._waiting.clear()
 
     def handle_error(self, request: _Connection, client_address: object) -> None:
         """Ignore lost connections; print any other error."""
@@ -481,10 +556,7 @@ class _Handler(BaseHTTPRequestHandler):
             if len(named) != 1 or _without_port(named[0]) not in self.server.hosts:
                 return HTTPStatus.MISDIRECTED_REQUEST
             return None
-        query = parse_qs(self.path.partition("?")[2], errors="replace")
-        token = query.get("token", [""])[-1]
-        right = hmac.compare_digest(token.encode(), self.server.token.encode())
-        return None if right else HTTPStatus.FORBIDDEN
+        return None if self.server.carries_token(self.path) else HTTPStatus.FORBIDDEN
 
     def _send_document(self, document: Document) -> None:
         """Send a part of the page, or 304 if the reader has this version."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import itertools
 import json
@@ -337,8 +338,9 @@ def test_silent_connections_do_not_pile_up(server):
     until(lambda: not server._open, "all places to be free once their threads have seen the end")
 
 
-def test_clients_that_drip_shut_nobody_out(server):
+def test_clients_that_drip_shut_nobody_out(server, monkeypatch):
     """Whoever is closed comes back at once, and sends a byte now and then."""
+    monkeypatch.setattr("dse.dashboard.serve.MOST_WAITING", 20)
     stop = threading.Event()
 
     def drip():
@@ -360,6 +362,24 @@ def test_clients_that_drip_shut_nobody_out(server):
     assert [ask(server, "/data.json")[0] for _ in range(3)] == [200] * 3
     stop.set()
     attacker.join()
+
+
+def test_a_place_is_free_for_the_holder_of_the_token(folder, monkeypatch):
+    monkeypatch.setattr("dse.dashboard.serve.HEAD_S", PATIENCE_S)
+    monkeypatch.setattr("dse.dashboard.serve._SLOW_HEAD_S", PATIENCE_S)  # so nobody is closed
+    folder.write(points())
+    with running(folder.live(), "0.0.0.0") as server, contextlib.ExitStack() as stack:
+        silent = [stack.enter_context(connect(server)) for _ in range(MOST_READERS + 9)]
+        until(lambda: len(server._open) == MOST_READERS, "every place to be taken")
+        other = stack.enter_context(connect(server))
+        other.sendall(b"GET /data.json?token=wrong HTTP/1.1\r\nHost: x\r\n\r\n")
+        until(lambda: len(server._waiting) == 10, "the others to wait")
+        for path in ("/data.json", "/progress.json", "/"):
+            assert ask(server, f"{path}?token={server.token}")[0] == 200
+        assert len(server._waiting) == 10
+        for connection in silent:
+            connection.close()
+        assert b" 403 " in other.recv(100)
 
 
 def test_a_request_has_all_of_its_time_in_total(server, monkeypatch):
