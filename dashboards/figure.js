@@ -2,6 +2,7 @@
 // Figures that were drawn in Python, in the reader's colours; and the drawing library, started when it is needed.
 const Figure = (() => {
   const turns = new WeakMap(); // the last figure asked for on each node: earlier ones are not drawn any more
+  const drawings = new WeakMap(); // the last drawing of each node: a promise
   let started;
 
   // The library is most of a page, so that it starts once the page's numbers have been seen.
@@ -77,13 +78,17 @@ const Figure = (() => {
     }
     Object.assign(layout, face(look, node.clientWidth < 480));
     Object.assign(layout, overrides(layout));
-    return Plotly.react(node, recoloured(figure.data, look), layout, config);
+    const drawing = Plotly.react(node, recoloured(figure.data, look), layout, config);
+    drawings.set(node, drawing);
+    return drawing;
   }
 
   // Puts nodes where others were: plotly listens to the window for each plot until it is told that one has gone.
+  // One that is still being drawn must not lose what it draws with.
   function replace(place, ...nodes) {
-    for (const plot of place.querySelectorAll(".js-plotly-plot")) Plotly.purge(plot);
+    const gone = [...place.querySelectorAll(".js-plotly-plot")];
     place.replaceChildren(...nodes);
+    for (const plot of gone) Promise.resolve(drawings.get(plot)).finally(() => Plotly.purge(plot));
   }
 
   return { library, style, print, recoloured, config, face, draw, replace, NOTATION };

@@ -67,7 +67,7 @@
 
   function withInterval(column, row) {
     const value = columns[column].values[row];
-    const ends = page.intervals[column];
+    const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null; // a column may be called __proto__
     const text = number(value, objectives.includes(column));
     if (!ends || value === null || !(ends.low[row] || ends.high[row])) return text;
     if (Math.abs(ends.low[row] - ends.high[row]) <= 1e-3 * ends.high[row]) {
@@ -267,6 +267,9 @@
   }
   const surfaces = new Map();
 
+  // What points are told apart by, where the reader has not chosen: tasks, or else families.
+  const ownColour = () => ((state.task === BOTH && tasks.length > 1) || state.family !== BOTH || families.length < 2 ? "task" : "family");
+
   // The rows that are shown stay one list while budgets move, so that views recognise it.
   let listed = { page: null, key: "", rows: [] };
   function shownRows(budgeted) {
@@ -283,7 +286,7 @@
     const limited = budgeted.limits.length || budgeted.conditions.length || budgeted.sure || state.family !== BOTH;
     return {
       page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front),
-      rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
+      colour: state.colour || ownColour(), rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
       within: (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1,
       // The front over some columns alone, if each has a direction and no two are the same.
       joined: (named) => {
@@ -331,7 +334,7 @@
 
   const app = {
     element, clip, number, error, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
-    toggleCompared, download, csv, style: () => Figure.style(page.palette),
+    toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {
@@ -392,7 +395,7 @@
     }
     fillSelect("task", allowed.task, allowed.task.map((t) => (t === BOTH && tasks.length > 1 ? "all" : t)));
     fillSelect("hardware", hardware, hardware);
-    fillSelect("colour", allowed.colour, allowed.colour.map((column) => (column === "" ? (tasks.length > 1 ? "task" : "none") : title(column))));
+    fillSelect("colour", allowed.colour, allowed.colour.map((column) => (column === "" ? `auto: ${ownColour() === "task" && tasks.length < 2 ? "none" : ownColour()}` : title(column))));
     fillSelect("pace", allowed.pace, allowed.pace.map((pace) => ({ flat: "flat out", period: "at the sensor's period" })[pace]));
     byId("pace-label").hidden = allowed.pace.length < 2;
     fillSelect("family", [BOTH, ...families], ["all", ...families]);
@@ -575,11 +578,66 @@
     c: () => { if (state.chosen) toggleCompared(state.chosen); },
   };
   addEventListener("keydown", (event) => {
-    const typed = event.target.matches("input:not([type=range]), select, textarea") || byId("keys").open;
+    const typed = event.target.matches("input:not([type=range]), select, textarea") || document.querySelector("dialog[open]");
     if (typed || event.ctrlKey || event.altKey || event.metaKey || page.state !== null || !Object.hasOwn(does, event.key)) return;
     does[event.key]();
   });
   byId("undo").addEventListener("click", undo);
+
+  // ---- saved views: links of this page by name, in the reader's browser
+
+  const SHELF = `dse views of ${page.name}`;
+  const MOST_SAVED = 50;
+
+  function saved() {
+    try {
+      const list = JSON.parse(localStorage.getItem(SHELF) ?? "[]");
+      return list.filter(({ name, link }) => typeof name === "string" && typeof link === "string");
+    } catch {
+      return []; // nothing is kept for this page, or not by it
+    }
+  }
+
+  function keep(list) {
+    try {
+      localStorage.setItem(SHELF, JSON.stringify(list.slice(-MOST_SAVED)));
+      byId("saved-note").textContent = "";
+    } catch {
+      byId("saved-note").textContent = "This browser keeps nothing for this page: keep its address instead.";
+    }
+    renderSaved();
+  }
+
+  function renderSaved() {
+    byId("saved").replaceChildren(...saved().map(({ name, link }) => {
+      const open = element("button", { type: "button", textContent: clip(name, 60) });
+      const remove = element("button", { type: "button", textContent: "×", title: "remove this view" });
+      remove.setAttribute("aria-label", `remove the view ${name}`);
+      open.addEventListener("click", () => {
+        past.push(state);
+        location.hash = link;
+        byId("shelf").close();
+      });
+      remove.addEventListener("click", () => {
+        keep(saved().filter((one) => one.name !== name));
+        byId("view-name").focus();
+      });
+      return element("li", {}, open, " ", remove);
+    }));
+  }
+
+  byId("open-shelf").addEventListener("click", () => {
+    renderSaved();
+    byId("shelf").showModal();
+  });
+  byId("save-view").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const name = byId("view-name").value.trim();
+    if (!name) return;
+    writeState();
+    keep([...saved().filter((one) => one.name !== name), { name, link: location.hash.slice(1) }]);
+    byId("view-name").value = "";
+  });
   byId("help").addEventListener("click", does["?"]);
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
   for (const id of ["x", "y", "z", "task", "family", "hardware", "pace", "colour"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));

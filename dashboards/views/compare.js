@@ -126,7 +126,7 @@ const Compare = (() => {
 
     // Whether the first two of some measurements differ by less than their standard errors: then none is best.
     function isWithinError(column, values) {
-      const interval = shown.page.intervals[column];
+      const interval = Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : undefined;
       const known = shown.compared.map(({ row }, k) => ({ value: values[k], se: row >= 0 && interval && interval.low[row] === interval.high[row] ? interval.low[row] : 0 }))
         .filter(({ value }) => typeof value === "number").sort((a, b) => b.value - a.value);
       if (known.length < 2 || shown.page.objectives[column] !== "max") return false;

@@ -14,6 +14,7 @@ const Design = (() => {
     first_spike: "Recordings of the first repeat: median of each class, from its least to its largest time.",
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
+  const SETTLED_MS = 150;
   const NO_PARTS = "Its runs recorded nothing to draw.";
 
   // ---- pure: a trial's document in, numbers and words out
@@ -223,13 +224,14 @@ const Design = (() => {
     const pane = set(element("div", { className: "pane", id: "design-pane", tabIndex: 0 }), { role: "tabpanel" });
     const notes = element("div", { className: "quiet" });
     const save = element("span", { className: "save" });
-    const hint = element("p", { textContent: "Choose a point of the figure or a row of the table." });
+    const hint = element("p", { className: "quiet" });
     const body = element("div", {}, standing, win, misfit, objectives, parameters, everything, strip, pane, notes, save, line);
     set(command, { "aria-label": "Command that exports this design" });
     root.append(element("div", { className: "head" }, heading, bundle, compare), hint, body);
 
     let shown = null;
     let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
+    let waiting = 0;
     let drawn = null; // what is in the pane: {key, figure(), draw(), move()}
 
     compare.addEventListener("click", () => app.toggleCompared(shown.chosen.key));
@@ -260,10 +262,14 @@ const Design = (() => {
       return `on the front${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
     }
 
-    // How much of a latency is waiting for the decision; the rest is the chip's.
+    // The parts of a latency: waiting for the decision, and what the chip still computes then.
     function ofWhich(column) {
-      const waiting = column === "latency_ms" ? shown.chosen.value("decision_latency_ms") : null;
-      return waiting === null || !shown.columns.decision_latency_ms ? [] : [element("small", { className: "quiet", textContent: ` of which decision ${number(waiting)} ms` })];
+      const { value } = shown.chosen;
+      const [waiting, computing] = [value("decision_latency_ms"), value("hardware_latency_ms")];
+      if (column !== "latency_ms" || waiting === null || !shown.columns.decision_latency_ms) return [];
+      const after = `decision ${number(waiting)}\u00a0ms, then ${number(Math.max(0, value(column) - waiting))}\u00a0ms of computing`;
+      const whole = computing === null ? "" : ` (${number(computing)}\u00a0ms in all)`;
+      return [element("small", { className: "quiet parts", textContent: after + whole })];
     }
 
     // What would put a dominated point on the front, each change alone: no other of its task is as good in all else.
@@ -778,9 +784,18 @@ const Design = (() => {
 
     // ---- the view
 
+    // Where nothing is chosen, the panel shows the pick; while a budget moves, that may change with every step.
     function render(next) {
+      clearTimeout(waiting);
+      const pick = next.chosen ? undefined : next.budgeted.picks.find(({ row }) => row >= 0);
+      if (pick && next.moving) waiting = setTimeout(() => render({ ...next, moving: false }), SETTLED_MS);
+      else show(pick ? { ...next, chosen: app.point(app.keyOf(pick.row)) } : next, pick);
+    }
+
+    function show(next, pick) {
       shown = next;
-      hint.hidden = Boolean(shown.chosen);
+      hint.hidden = Boolean(shown.chosen) && !pick;
+      hint.textContent = pick ? `The pick${pick.task ? ` of ${clip(pick.task, 24)}` : ""}. Choose any design in the figure or a table.` : "Choose a point of the figure or a row of the table.";
       body.hidden = compare.hidden = !shown.chosen;
       if (!shown.chosen) {
         heading.textContent = "Design";

@@ -65,7 +65,7 @@ const Front = (() => {
       const step = Math.ceil(some.length / BARS);
       const thinned = (values) => some.map((row, k) => (k % step === 0 ? values[row] : null));
       return Object.fromEntries(axes().flatMap((column, k) => {
-        const interval = shown.page.intervals[column];
+        const interval = Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : undefined;
         return !interval ? [] : [[`error_${letters()[k]}`, {
           type: "data", symmetric: false, color: `${colour}99`, thickness: 1, width: 2,
           array: thinned(interval.high), arrayminus: thinned(interval.low),
@@ -108,7 +108,7 @@ const Front = (() => {
 
     // What a column other than the task paints points with: {of(row), names: [[name, colour]]} or {of(row), scale}.
     function tintOf(look) {
-      const column = shown.state.colour;
+      const column = shown.colour;
       if (!column || column === "task") return null;
       const values = app.numbers(column);
       const names = app.categories(column);
@@ -140,7 +140,7 @@ const Front = (() => {
       const at = log ? Math.log10 : (value) => value;
       const decades = Array.from({ length: 40 }, (_, k) => k - 20).filter((k) => k >= Math.log10(low) && k <= Math.log10(high));
       const ticks = log ? { tickvals: decades, ticktext: decades.map((k) => number(10 ** k)) } : { nticks: 5 };
-      const title = { text: escaped(clip(app.title(shown.state.colour), 32)), side: "right" };
+      const title = { text: escaped(clip(app.title(shown.colour), 32)), side: "right" };
       const colorbar = { thickness: 8, outlinewidth: 0, len: 0.9, title, ...ticks };
       return [{ ...base, showlegend: false, marker: { color: [at(low)], cmin: at(low), cmax: at(high), colorscale: scale, showscale: true, colorbar } }];
     }

@@ -313,20 +313,20 @@ def test_an_older_answer_never_replaces_a_newer_choice(opened):
     page.tab.evaluate("""() => {
       const { of } = Details;
       Details.of = async (page, trial) => {
-        if (trial === 0) await new Promise((later) => { window.answer = later; });
+        if (trial === 1) await new Promise((later) => { window.answer = later; });
         return of(page, trial);
       };
-      location.hash = "chosen=0.0";
+      location.hash = "chosen=1.0";
     }""")
     page.tab.wait_for_function(
         "document.querySelector('#design-pane').textContent === '…' && 'answer' in window"
     )
-    page.tab.evaluate("location.hash = 'chosen=1.0'")
+    page.tab.evaluate("location.hash = 'chosen=0.0'")
     drawn(page, "confusion")
     page.tab.evaluate("answer()")
     page.tab.evaluate("new Promise((later) => setTimeout(later, 50))")
-    assert "taken for denim 4 times" in figure_says(page)
-    assert page.tab.inner_text("#design h2") == "Trial 1"
+    assert "taken for denim 3 times" in figure_says(page)
+    assert page.tab.inner_text("#design h2") == "Trial 0"
 
 
 def test_news_of_a_running_study_leave_the_panel_as_it_is(opened):

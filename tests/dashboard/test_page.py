@@ -200,6 +200,42 @@ def test_a_pick_that_stays_is_not_read_aloud_again(opened):
     assert page.tab.inner_text("#design h2") == "Trial 1"
 
 
+def test_before_a_choice_the_panel_shows_the_pick_and_families_have_colours(opened):
+    parts = {"latency_ms": 12.0, "decision_latency_ms": 10.0, "hardware_latency_ms": 5.0}
+    page = opened(points(family=["snn", "knn", "snn", "knn", "snn"], **parts))
+    assert page.tab.inner_text("#design h2") == "Trial 0"
+    text = page.tab.inner_text("#design").replace("\u00a0", " ")
+    assert "The pick. " in text and "decision 10 ms, then 2 ms of computing (5 ms in all)" in text
+    assert page.link() == ""
+    names = "document.getElementById('plot').data.filter((t) => t.showlegend).map((t) => t.name)"
+    assert page.tab.evaluate(names) == ["knn", "snn"]
+    assert page.tab.inner_text("#colour option:checked") == "auto: family"
+    page.tab.fill("#budget-1", "30")
+    page.tab.wait_for_function("document.querySelector('#design h2').textContent === 'Trial 1'")
+
+
+def test_a_saved_view_comes_back_by_its_name(opened):
+    page = opened(points())
+    page.tab.select_option("#x", "n_weights")
+    page.tab.fill("#budget-1", "30")
+    page.tab.click("#open-shelf")
+    page.tab.fill("#view-name", '<b>cheap "ones"</b>')
+    page.tab.keyboard.press("Enter")
+    page.tab.keyboard.press("Escape")
+    page.open()
+    assert page.tab.input_value("#x") == "energy_uj"
+    page.tab.click("#open-shelf")
+    page.tab.click("#saved button >> nth=0")
+    page.tab.wait_for_function("document.getElementById('x').value === 'n_weights'")
+    assert page.tab.input_value("#budget-1") == "30" and not page.tab.is_visible("#shelf")
+    page.tab.click("#undo")
+    assert page.tab.input_value("#x") == "energy_uj"
+    page.tab.click("#open-shelf")
+    assert page.tab.inner_text("#saved li button >> nth=0") == '<b>cheap "ones"</b>'
+    page.tab.click("#saved button >> nth=1")
+    assert page.tab.locator("#saved li").count() == 0
+
+
 def test_tasks_stand_side_by_side_when_asked(opened):
     both = pd.concat([points(), points(task="velocity", trial=range(5, 10))], ignore_index=True)
     page = opened(both)

@@ -20,7 +20,7 @@ NEEDED: dict[str, dict[str, Any]] = {
     "cores": {"hardware": "loihi1_silicon"},
     "inputs": {"samples": (0,)},
 }
-DRAWN = ("front", "parallel", "progress")  # of tables alone, which every study has
+DRAWN = ("chips", "front", "parallel", "price", "progress")  # of tables alone, which every study has
 
 
 class Bare(SmallStudy):
