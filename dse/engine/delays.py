@@ -14,8 +14,8 @@ The second, over the spikes that arrive, is the central difference over whole de
 real number and runs rounded, straight through (Hammouamri et al. 2024 interpolate; REFERENCES.md).
 
 A delay that differs from neuron to neuron spoils every vector of neurons, so vectors run along time here: the
-spikes of an input are a train of bits, 64 steps a word, and a delay shifts the train. Where a word has few
-spikes, dse.engine.arrivals is faster.
+spikes of an input are a train of bits, 64 steps a word, and a delay shifts eight words at once. Inputs with
+few spikes a word are faster in dse.engine.arrivals.
 """
 
 from __future__ import annotations
@@ -33,8 +33,10 @@ from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.layout import LANES, aligned, packed, padded, width_at
 from dse.native.compiled import compiled
 from dse.native.simd import (
+    LANES_8,
     LANES_64,
     as_type_of,
+    fma,
     load,
     mask_of,
     select,
@@ -53,6 +55,7 @@ _kernel = compiled()
 _part = compiled(forceinline=True)
 
 WORD = 64
+GROUP = 8  # words that are delayed at once
 SEGMENT = 256  # an int16 holds the sum of 256 int8 weights
 TILE_WORDS = 32  # of a neuron's dL/dz and its differences: 16 KiB of float32, half of a first-level cache
 
@@ -128,9 +131,11 @@ def words_of(n_steps: int) -> int:
 
 @_kernel
 def trains_of(
-    offsets: Array, index: Array, first_row: int, n_samples: int, n_steps: int, by_input: int, out: Array
-) -> None:
-    """Set the bits of some samples' spikes in cleared trains; bit b of word k is step 64 k + b.
+    offsets: Array, index: Array, first_row: int, n_samples: int, n_steps: int, n_inputs: int
+) -> Array:
+    """Return some samples' spikes as trains, (group, input, 2, 8) uint64: words, and 63 steps before them.
+
+    Word k of sample n is number n * words + k, eight to a group; its bit b is step 64 k + b.
 
     Args:
         offsets: row r lists `index[offsets[r]:offsets[r + 1]]`.
@@ -138,43 +143,32 @@ def trains_of(
         first_row: which rows.
         n_samples: of them.
         n_steps: of a sample.
-        by_input: 0: word after word of all inputs; else the trains of an input together.
-        out: (2, sample, word, input) uint64, or (2, input, sample, word): a word, and 63 steps of the last.
+        n_inputs: of the layer.
     """
+    words = words_of(n_steps)
+    n_groups = (n_samples * words + GROUP - 1) // GROUP
+    out = np.zeros((n_groups, n_inputs, 2, GROUP), np.uint64)
     for n in range(n_samples):
         for t in range(n_steps):
-            row, word, bit = first_row + n * n_steps + t, t // WORD, np.uint64(1) << np.uint64(t % WORD)
+            row, bit = first_row + n * n_steps + t, np.uint64(1) << np.uint64(t % WORD)
+            word = n * words + t // WORD
             for e in range(offsets[row], offsets[row + 1]):
-                i = index[e]
-                if by_input:
-                    out[0, i, n, word] |= bit
-                else:
-                    out[0, n, word, i] |= bit
-    if by_input:
-        out[1, :, :, 1:] = out[0, :, :, :-1] >> np.uint64(1)
-    else:
-        out[1, :, 1:] = out[0, :, :-1] >> np.uint64(1)
+                out[word // GROUP, index[e], 0, word % GROUP] |= bit
+    for word in range(n_samples * words):
+        if word % words:
+            last = word - 1
+            for i in range(n_inputs):
+                before = out[last // GROUP, i, 0, last % GROUP] >> np.uint64(1)
+                out[word // GROUP, i, 1, word % GROUP] = before
+    return out
 
 
 @_part
-def _later(now: Any, before: Any, delay: Any) -> Any:
-    """Return a word of a train that is delayed, given 63 steps of the word before it."""
-    return (now << delay) | (before >> (np.uint64(WORD - 1) - delay))
-
-
-@_part
-def _sum_word(trains: Array, n: int, k: int, weights: Array, delays: Array, c: int, out: Array) -> Any:
-    """Return 64 steps of a neuron's weighted input as a vector of `out`'s type; int16 weights sum exactly."""
-    total = zeros(out, LANES_64)
-    n_inputs = weights.shape[1]
-    for first in range(0, n_inputs, SEGMENT):
-        part = zeros(weights, LANES_64)
-        for i in range(first, min(first + SEGMENT, n_inputs)):
-            fired = _later(trains[0, n, k, i], trains[1, n, k, i], np.uint64(delays[c, i]))
-            if fired != np.uint64(0):
-                part = select(mask_of(fired, LANES_64), part + splat(weights[c, i], part), part)
-        total = total + as_type_of(part, out)
-    return total
+def _delay_group(trains: Array, at: int, delay: Any, out: Array, to: int) -> None:
+    """Write a group of an input's words, from `at` on in `trains`, as it arrives."""
+    now, before = load(trains, at, LANES_8), load(trains, at + GROUP, LANES_8)
+    late, early = splat(delay, now), splat(np.uint64(WORD - 1) - delay, now)
+    store(out, to, (now << late) | (before >> early))
 
 
 @_kernel
@@ -185,7 +179,7 @@ def turn(blocks: Array, n_samples: int, n_steps: int, out: Array) -> None:
         blocks: columns in blocks (dse.engine.layout).
         n_samples: of it.
         n_steps: of a sample.
-        out: (padded neuron, sample, step), cleared; there may be more steps than n_steps.
+        out: (padded neuron, sample, step), filled; steps beyond n_steps become 0.
     """
     n_rows = n_samples * n_steps
     n_columns, steps = out.shape[0], out.shape[2]
@@ -200,9 +194,11 @@ def turn(blocks: Array, n_samples: int, n_steps: int, out: Array) -> None:
                 to = ((column + group) * n_samples + n) * steps
                 for t in range(0, whole, LANES):
                     transpose(blocks, at + t * width, width, flat, to + t, n_samples * steps)
-                for t in range(whole, n_steps):
-                    for c in range(LANES):
-                        flat[to + c * n_samples * steps + t] = blocks[at + t * width + c]
+                for c in range(LANES):
+                    row = to + c * n_samples * steps
+                    for t in range(whole, n_steps):
+                        flat[row + t] = blocks[at + t * width + c]
+                    flat[row + n_steps : row + steps] = 0
         column += width
 
 
@@ -225,52 +221,32 @@ def _turn_matrix(table: Array, n_rows: int, n_columns: int, column: int, width: 
             out[c, i] = table[n_rows * column + i * width + c]
 
 
-@_kernel
-def _add_up_block(
-    trains: Array,
-    n_steps: int,
-    weights: Array,
-    delays: Array,
-    scale: float,
-    z: Array,
-    width: int,
-    place: int,
-) -> None:
-    """Write the scaled, delayed sums of a block's neurons, sample after sample.
+@_part
+def _add_four_words(arrivals: Array, k: int, weights: Array, at: int, n: int, sums: Array, to: int) -> None:
+    """Add the weights of n inputs, from `at` on, to the steps of words k to k + 3 in which they arrive."""
+    nothing = zeros(weights, LANES_64)
+    first, second, third, fourth = nothing, nothing, nothing, nothing
+    for i in range(np.uint64(n)):  # unsigned, or every index is looked at for its sign
+        weight, here = splat(weights[at + i], nothing), i * np.uint64(GROUP) + np.uint64(k)
+        first = select(mask_of(arrivals[here], LANES_64), first + weight, first)
+        second = select(mask_of(arrivals[here + np.uint64(1)], LANES_64), second + weight, second)
+        third = select(mask_of(arrivals[here + np.uint64(2)], LANES_64), third + weight, third)
+        fourth = select(mask_of(arrivals[here + np.uint64(3)], LANES_64), fourth + weight, fourth)
+    _add_to(sums, to, first)
+    _add_to(sums, to + WORD, second)
+    _add_to(sums, to + 2 * WORD, third)
+    _add_to(sums, to + 3 * WORD, fourth)
 
-    Args:
-        trains: (2, sample, word, input) uint64.
-        n_steps: of a sample.
-        weights: (neuron, input) of the block, int16 or of z's type; other columns become 0.
-        delays: (neuron, input) int8.
-        scale: factor of the sums.
-        z: filled, block by block.
-        width: of the block.
-        place: where the block starts in z.
-    """
-    buffer = np.zeros(LANES * WORD, z.dtype)
-    for n in range(trains.shape[1]):
-        for k in range(trains.shape[2]):
-            for group in range(0, width, LANES):
-                for c in range(LANES):
-                    if group + c < weights.shape[0]:
-                        total = _sum_word(trains, n, k, weights, delays, group + c, z)
-                        store(buffer, c * WORD, total * splat(scale, total))
-                    else:
-                        buffer[c * WORD : (c + 1) * WORD] = 0
-                at = place + (n * n_steps + k * WORD) * width + group
-                left = min(WORD, n_steps - k * WORD)
-                whole = left - left % LANES
-                for step in range(0, whole, LANES):
-                    transpose(buffer, step, WORD, z, at + step * width, width)
-                for step in range(whole, left):
-                    for c in range(LANES):
-                        z[at + step * width + c] = buffer[c * WORD + step]
+
+@_part
+def _add_to(sums: Array, at: int, added: Any) -> None:
+    store(sums, at, load(sums, at, LANES_64) + as_type_of(added, sums))
 
 
 @_kernel
 def add_up(
     trains: Array,
+    n_samples: int,
     n_steps: int,
     table: Array,
     delays: Array,
@@ -279,10 +255,11 @@ def add_up(
     scale: float,
     z: Array,
 ) -> None:
-    """Write a layer's scaled, delayed sums.
+    """Write a layer's scaled, delayed sums; int8 weights sum exactly.
 
     Args:
-        trains: (2, sample, word, input) uint64.
+        trains: (group, input, 2, 8) uint64.
+        n_samples: of them.
         n_steps: of a sample.
         table: weights in blocks.
         delays: in blocks.
@@ -291,7 +268,12 @@ def add_up(
         scale: factor of the sums.
         z: filled, block by block.
     """
-    n_samples, n_inputs = trains.shape[1], trains.shape[3]
+    n_inputs, words = trains.shape[1], words_of(n_steps)
+    n_rows, fired = n_samples * n_steps, trains.ravel()
+    arrive = np.empty(SEGMENT * GROUP, np.uint64)
+    # Rows of a power of two of bytes would all fall into one set of the cache.
+    row = GROUP * WORD + LANES
+    sums = np.empty(LANES * row, z.dtype)
     column = 0
     while column < n_columns:
         width = width_at(column, n_columns)
@@ -300,24 +282,57 @@ def add_up(
         late = np.empty((n_filled, n_inputs), np.int8)
         _turn_matrix(table, n_inputs, n_neurons, column, width, block)
         _turn_matrix(delays, n_inputs, n_neurons, column, width, late)
-        _add_up_block(trains, n_steps, block, late, scale, z, width, n_samples * n_steps * column)
+        weights = block.ravel()
+        for number in range(trains.shape[0]):
+            for group in range(0, width, LANES):
+                sums[:] = 0
+                for c in range(min(LANES, n_filled - group)):
+                    for first in range(0, n_inputs, SEGMENT):
+                        n = min(SEGMENT, n_inputs - first)
+                        for i in range(n):
+                            delay = np.uint64(late[group + c, first + i])
+                            at = 2 * GROUP * (number * n_inputs + first + i)
+                            _delay_group(fired, at, delay, arrive, GROUP * i)
+                        at = np.uint64((group + c) * n_inputs + first)
+                        for k in range(0, GROUP, 4):
+                            _add_four_words(arrive, k, weights, at, n, sums, c * row + k * WORD)
+                    for k in range(GROUP):
+                        total = load(sums, c * row + k * WORD, LANES_64)
+                        store(sums, c * row + k * WORD, total * splat(scale, total))
+                for k in range(min(GROUP, n_samples * words - GROUP * number)):
+                    n, word = (GROUP * number + k) // words, (GROUP * number + k) % words
+                    at = n_rows * column + (n * n_steps + word * WORD) * width + group
+                    left = min(WORD, n_steps - word * WORD)
+                    whole = left - left % LANES
+                    for step in range(0, whole, LANES):
+                        transpose(sums, k * WORD + step, row, z, at + step * width, width)
+                    for step in range(whole, left):
+                        for c in range(LANES):
+                            z[at + step * width + c] = sums[c * row + k * WORD + step]
         column += width
 
 
 @_part
-def fill_differences(of: Array, n_steps: int, out: Array) -> None:
-    """Fill `out`, (sample, step), with central differences over the steps of the window."""
+def _fill_differences(of: Array, n_steps: int, out: Array) -> None:
+    """Fill `out`, (sample, stride), with a neuron's central differences in the window; `of` is 0 beyond."""
     for n in range(of.shape[0]):
-        last = of.shape[1] - 1
-        for t in range(1, min(n_steps, last)):
-            out[n, t] = (of[n, t + 1] - of[n, t - 1]) * 0.5
         out[n, 0] = of[n, 1] * 0.5
-        if n_steps > last:
-            out[n, last] = of[n, last - 1] * -0.5
+        for t in range(1, n_steps):
+            out[n, t] = (of[n, t + 1] - of[n, t - 1]) * 0.5
+
+
+@_part
+def _add_sums(
+    by_w: Any, by_d: Any, at: int, weights: Array, unit: float, gradient: Array, by_delay: Array
+) -> None:
+    gradient[at] += summed(by_w)
+    if by_delay.size > 0:
+        by_delay[at] += weights[at] * unit * summed(by_d)
 
 
 @_kernel
 def add_gradients(
+    inputs: Array,
     trains: Array,
     by_neuron: Array,
     n_steps: int,
@@ -328,11 +343,14 @@ def add_gradients(
     gradient: Array,
     by_delay: Array,
 ) -> None:
-    """Add dL/dw and dL/dd of every synapse to the gradients.
+    """Add dL/dw and dL/dd of the synapses of some inputs to the gradients.
+
+    Three inputs at a time share what is read of dL/dz.
 
     Args:
-        trains: (2, input, sample, word) uint64.
-        by_neuron: dL/dz, (padded neuron, sample, word * 64), as `turn` lays it out.
+        inputs: (n,) which.
+        trains: (group, input, 2, 8) uint64.
+        by_neuron: dL/dz, (padded neuron, sample, stride), as `turn` lays it out.
         n_steps: of a sample.
         weights: in blocks.
         delays: in blocks.
@@ -341,35 +359,55 @@ def add_gradients(
         gradient: in blocks.
         by_delay: in blocks; empty: delays are not learnt.
     """
-    n_inputs, n_words = trains.shape[1], trains.shape[2] * trains.shape[3]
-    n_columns = by_neuron.shape[0]
-    learns = by_delay.size > 0
+    n_inputs, words = trains.shape[1], words_of(n_steps)
+    n_columns, n_samples, stride = by_neuron.shape
+    n_words = n_samples * words
     difference = np.zeros(by_neuron.shape[1:], by_neuron.dtype)
     by_step, by_differences, fired = by_neuron.ravel(), difference.ravel(), trains.ravel()
+    places = np.arange(n_words) // words * stride + np.arange(n_words) % words * WORD
+    arrive = np.empty(3 * TILE_WORDS, np.uint64)
+    second, third = np.uint64(TILE_WORDS), np.uint64(2 * TILE_WORDS)
+    nothing = zeros(by_step, LANES_64)
+    # x * 1 + y is x + y to the bit, and other ports of the processor compute it.
+    one = splat(1.0 if n_steps > 0 else 0.0, nothing)
     column = 0
     while column < n_columns:
         width = width_at(column, n_columns)
         for c in range(min(width, n_neurons - column)):
-            if learns:
-                fill_differences(by_neuron[column + c], n_steps, difference)
-            start = (column + c) * n_words * WORD
+            _fill_differences(by_neuron[column + c], n_steps, difference)
+            start = (column + c) * n_samples * stride
             for first in range(0, n_words, TILE_WORDS):
-                last = min(first + TILE_WORDS, n_words)
-                for i in range(n_inputs):
-                    at = n_inputs * column + i * width + c
-                    delay, now, before = np.uint64(delays[at]), i * n_words, (n_inputs + i) * n_words
-                    by_w, by_d = zeros(by_step, LANES_64), zeros(by_step, LANES_64)
-                    for k in range(first, last):
-                        arrive = _later(fired[now + k], fired[before + k], delay)
-                        if arrive != np.uint64(0):
-                            mask = mask_of(arrive, LANES_64)
-                            by_w = select(mask, by_w + load(by_step, start + k * WORD, LANES_64), by_w)
-                            if learns:
-                                there = load(by_differences, k * WORD, LANES_64)
-                                by_d = select(mask, by_d + there, by_d)
-                    gradient[at] += summed(by_w)
-                    if learns:
-                        by_delay[at] += weights[at] * unit * summed(by_d)
+                n = min(TILE_WORDS, n_words - first)
+                for at_once in range(0, inputs.size, 3):
+                    some = min(3, inputs.size - at_once)
+                    for x in range(some):
+                        i = inputs[at_once + x]
+                        delay = np.uint64(delays[n_inputs * column + i * width + c])
+                        for k in range(0, n, GROUP):
+                            at = 2 * GROUP * ((first + k) // GROUP * n_inputs + i)
+                            _delay_group(fired, at, delay, arrive, TILE_WORDS * x + k)
+                    w_0, w_1, w_2, d_0, d_1, d_2 = nothing, nothing, nothing, nothing, nothing, nothing
+                    for k in range(np.uint64(n)):
+                        mask_0 = mask_of(arrive[k], LANES_64)
+                        mask_1 = mask_of(arrive[k + second], LANES_64)
+                        mask_2 = mask_of(arrive[k + third], LANES_64)
+                        place = places[np.uint64(first) + k]
+                        there = load(by_step, start + place, LANES_64)
+                        w_0 = select(mask_0, w_0 + there, w_0)
+                        w_1 = select(mask_1, w_1 + there, w_1)
+                        w_2 = select(mask_2, w_2 + there, w_2)
+                        difference_there = load(by_differences, place, LANES_64)
+                        d_0 = select(mask_0, fma(difference_there, one, d_0), d_0)
+                        d_1 = select(mask_1, fma(difference_there, one, d_1), d_1)
+                        d_2 = select(mask_2, fma(difference_there, one, d_2), d_2)
+                    at = n_inputs * column + c
+                    _add_sums(w_0, d_0, at + inputs[at_once] * width, weights, unit, gradient, by_delay)
+                    if some > 1:
+                        i = inputs[at_once + 1]
+                        _add_sums(w_1, d_1, at + i * width, weights, unit, gradient, by_delay)
+                    if some > 2:
+                        i = inputs[at_once + 2]
+                        _add_sums(w_2, d_2, at + i * width, weights, unit, gradient, by_delay)
         column += width
 
 

@@ -212,8 +212,9 @@ def _sum_delayed(
 ) -> None:
     """Write the weighted input of some samples of a layer whose synapses have delays."""
     n_spikes = offsets[first_row + n_samples * n_steps] - offsets[first_row]
-    if arrivals.are_few(n_spikes, layer.n_inputs, n_samples, n_steps):
-        starts, places = arrivals.by_input(offsets, index, first_row, n_samples, n_steps, layer.n_inputs)
+    if n_spikes < layer.n_inputs * arrivals.break_even(n_samples, n_steps):
+        starts, rows = arrivals.by_input(offsets, index, first_row, n_samples, n_steps, layer.n_inputs)
+        starts, places = arrivals.places_of(np.arange(layer.n_inputs), starts, rows, n_steps)
         arrivals.add_up(
             starts,
             places,
@@ -227,10 +228,9 @@ def _sum_delayed(
             z,
         )
         return
-    trains = np.zeros((2, n_samples, delays.words_of(n_steps), layer.n_inputs), np.uint64)
-    delays.trains_of(offsets, index, first_row, n_samples, n_steps, 0, trains)
     delays.add_up(
-        trains,
+        delays.trains_of(offsets, index, first_row, n_samples, n_steps, layer.n_inputs),
+        n_samples,
         n_steps,
         layer.table,
         layer.delay,

@@ -196,6 +196,14 @@ class Workspace:
         self.gradients = [aligned(n, kind) for n in n_weights]
         self.ring_gradients = [aligned(n, kind) for n in n_ring]
         self.delay_gradients = [aligned(n, kind) for n in n_delays]
+        self._by_neuron = aligned(0, kind)
+
+    def by_neuron(self, n_columns: int, n_samples: int, stride: int) -> Array:
+        """Return room for dL/dz by neuron, as `delays.turn` fills it, the same at each call."""
+        size = n_columns * n_samples * stride
+        if self._by_neuron.size < size:
+            self._by_neuron = aligned(size, self._by_neuron.dtype, zeroed=False)
+        return self._by_neuron[:size].reshape(n_columns, n_samples, stride)
 
 
 @dataclass(frozen=True)
@@ -433,14 +441,11 @@ def _through_delays(
 ) -> None:
     """Sum dL/dz of a layer with delays into its gradients, and take it back to the layer below."""
     layer, rows = lesson.running[depth], lesson.batch.rows
-    n_steps, kind = rows.n_steps, space.slope[depth].dtype
-    words, late = -(-n_steps // delays.WORD), arrivals.stride_of(n_steps)
+    n_steps = rows.n_steps
     offsets, index, first_row = rows.offsets, rows.index, int(lesson.batch.starts[chunk]) * n_steps
     if depth:
         offsets, index, first_row = space.offsets[depth - 1], space.index[depth - 1], 0
-    n_spikes = int(offsets[first_row + n * n_steps] - offsets[first_row])
-    few = arrivals.are_few(n_spikes, layer.n_inputs, n, n_steps)
-    by_neuron = np.zeros((layer.n_columns, n, late if few else words * delays.WORD), kind)
+    by_neuron = space.by_neuron(layer.n_columns, n, arrivals.stride_of(n_steps))
     delays.turn(space.slope[depth], n, n_steps, by_neuron)
     of_layer = (
         by_neuron,
@@ -450,22 +455,22 @@ def _through_delays(
         layer.n_neurons,
         layer.table_unit,
         space.gradients[depth] if depth else first_gradient,
-        space.delay_gradients[depth] if lesson.learns_delays[depth] else np.zeros(0, kind),
+        space.delay_gradients[depth] if lesson.learns_delays[depth] else by_neuron.ravel()[:0],
     )
-    if few:
-        starts, places = arrivals.by_input(offsets, index, first_row, n, n_steps, layer.n_inputs)
-        arrivals.add_gradients(starts, places, *of_layer)
-    else:
-        trains = np.zeros((2, layer.n_inputs, n, words), np.uint64)
-        delays.trains_of(offsets, index, first_row, n, n_steps, 1, trains)
-        delays.add_gradients(trains, *of_layer)
+    starts, firing_rows = lesson.batch.offsets[chunk], lesson.batch.index
     if depth:
-        beyond = by_neuron
-        if not few:
-            beyond = np.zeros((layer.n_columns, n, late), kind)
-            beyond[..., : words * delays.WORD] = by_neuron
+        starts, firing_rows = arrivals.by_input(offsets, index, first_row, n, n_steps, layer.n_inputs)
+    few = np.diff(starts) < arrivals.break_even(n, n_steps)
+    if few.any():
+        inputs = np.flatnonzero(few)
+        spikes = arrivals.places_of(inputs, starts, firing_rows, n_steps)
+        arrivals.add_gradients(inputs, *spikes, layer.n_inputs, *of_layer)
+    if not few.all():
+        trains = delays.trains_of(offsets, index, first_row, n, n_steps, layer.n_inputs)
+        delays.add_gradients(np.flatnonzero(~few), trains, *of_layer)
+    if depth:
         delays.follow_back(
-            beyond,
+            by_neuron,
             n_steps,
             layer.table,
             layer.delay,

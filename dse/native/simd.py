@@ -33,6 +33,7 @@ _ELEMENTS = {
     types.int16: ir.IntType(16),
     types.int32: ir.IntType(32),
     types.int64: ir.IntType(64),
+    types.uint64: ir.IntType(64),
     types.float32: ir.FloatType(),
     types.float64: ir.DoubleType(),
 }
@@ -76,7 +77,8 @@ class _LanesType(types.Dummy):
 
 
 register_model(_LanesType)(models.OpaqueModel)
-LANES_2, LANES_16, LANES_32, LANES_64 = Lanes(2), Lanes(16), Lanes(32), Lanes(64)
+LANES_2, LANES_4, LANES_8 = Lanes(2), Lanes(4), Lanes(8)
+LANES_16, LANES_32, LANES_64 = Lanes(16), Lanes(32), Lanes(64)
 
 
 @typeof_impl.register(Lanes)
@@ -243,6 +245,10 @@ _define(operator.add, _instruction("fadd", "add"))
 _define(operator.sub, _instruction("fsub", "sub"))
 _define(operator.mul, _instruction("fmul", "mul"))
 _define(operator.truediv, _instruction("fdiv", "sdiv"))
+# Of unsigned lanes, by fewer bits than they have.
+_define(operator.lshift, _instruction("", "shl"))
+_define(operator.rshift, _instruction("", "lshr"))
+_define(operator.or_, _instruction("", "or_"))
 
 
 def _comparison(symbol: str, unordered: bool) -> Any:
@@ -292,6 +298,18 @@ def mask_of(typing_context: Any, number: Any, lanes: Any) -> Any:
         return builder.bitcast(whole, mask.llvm)
 
     return mask(types.uint64, lanes), generate
+
+
+@_intrinsic
+def joined(typing_context: Any, x: Any, y: Any) -> Any:
+    """Return the lanes of x, then those of y."""
+    both = Vector(x.element, 2 * x.lanes)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        order = ir.Constant(ir.VectorType(ir.IntType(32), both.lanes), list(range(both.lanes)))
+        return builder.shuffle_vector(*values, order)
+
+    return both(x, y), generate
 
 
 def _halved(builder: Any, x: Any, value: Any, n: int) -> Any:

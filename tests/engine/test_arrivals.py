@@ -35,38 +35,35 @@ def test_bit_for_bit_as_trains(
     late = packed(rng.integers(0, 63, (n_in, n_out)), np.int8)
     drawn = rng.integers(-128, 128, (n_in, n_out)) if weights == "int8" else rng.normal(0, 1, (n_in, n_out))
     table = packed(drawn * (rng.random((n_in, n_out)) < 0.8), weights)
-    columns, words = padded(n_out), -(-n_steps // 64)
-    starts, places = arrivals.by_input(rows.offsets, rows.index, first, n, n_steps, n_in)
+    columns = padded(n_out)
+    of_inputs = arrivals.by_input(rows.offsets, rows.index, first, n, n_steps, n_in)
+    inputs = np.arange(n_in)
+    starts, places = arrivals.places_of(inputs, *of_inputs, n_steps)
     assert places.size == rows.offsets[-1] - rows.offsets[first]
 
     sums: list[Array] = [np.full(n * n_steps * columns, np.nan, kind) for _ in range(2)]
-    trains = np.zeros((2, n, words, n_in), np.uint64)
-    delays.trains_of(rows.offsets, rows.index, first, n, n_steps, 0, trains)
-    delays.add_up(trains, n_steps, table, late, n_out, columns, 0.25, sums[0])
+    trains = delays.trains_of(rows.offsets, rows.index, first, n, n_steps, n_in)
+    delays.add_up(trains, n, n_steps, table, late, n_out, columns, 0.25, sums[0])
     arrivals.add_up(starts, places, n, n_steps, table, late, n_out, columns, 0.25, sums[1])
     np.testing.assert_array_equal(*sums)
     assert sums[0].any() == (places.size > 1)  # a single spike comes too late
 
-    by_input = np.zeros((2, n_in, n, words), np.uint64)
-    delays.trains_of(rows.offsets, rows.index, first, n, n_steps, 1, by_input)
     blocks = packed(rng.normal(0, 1, (n * n_steps, n_out)), kind)
+    by_neuron = np.full((columns, n, arrivals.stride_of(n_steps)), np.nan, kind)
+    delays.turn(blocks, n, n_steps, by_neuron)
     for learns in (True, False):
         found = []
-        for of_path, by_spikes, steps in (
-            (delays.add_gradients, (by_input,), words * 64),
-            (arrivals.add_gradients, (starts, places), arrivals.stride_of(n_steps)),
+        by_spikes = [
+            (x, *arrivals.places_of(x, *of_inputs, n_steps), n_in) for x in (inputs[1::2], inputs[::2])
+        ]
+        for add_gradients, of_some in (
+            (delays.add_gradients, [(inputs, trains)]),
+            (arrivals.add_gradients, by_spikes),
         ):
-            by_neuron = np.zeros((columns, n, steps), kind)
-            delays.turn(blocks, n, n_steps, by_neuron)
             by_weight = np.full(table.size, 0.5, kind)
             by_delay = np.full(table.size if learns else 0, 0.5, kind)
-            of_path(*by_spikes, by_neuron, n_steps, table, late, n_out, 0.03, by_weight, by_delay)
+            for some in of_some:
+                add_gradients(*some, by_neuron, n_steps, table, late, n_out, 0.03, by_weight, by_delay)
             found.append((by_weight, by_delay))
         for mine, other in zip(*found, strict=True):
             np.testing.assert_array_equal(mine, other)
-
-
-def test_few_spikes_go_one_by_one() -> None:
-    assert arrivals.are_few(0, 1, 1, 1)
-    assert arrivals.are_few(4 * 10 * 3 * 2, 10, 3, 100)
-    assert not arrivals.are_few(6 * 10 * 3 * 2, 10, 3, 100)

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine import cpu, delays, engines
+from dse.engine.arrivals import stride_of
 from dse.engine.definition import DefinedLayer, delayed_sum
 from dse.engine.events import dense
 from dse.engine.layers import Weights, prepare, weights
@@ -218,13 +219,13 @@ def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss() -> None:
         return float((smooth * delayed_sum(rows, slice(0, n), weight, delay)).sum())
 
     blocks = packed(smooth.reshape(-1, n_out), np.float64)
-    by_neuron = np.zeros((padded(n_out), n, 128))
+    by_neuron = np.zeros((padded(n_out), n, stride_of(n_steps)))
     delays.turn(blocks, n, n_steps, by_neuron)
-    trains = np.zeros((2, n_in, n, 2), np.uint64)
-    delays.trains_of(rows.offsets, rows.index, 0, n, n_steps, 1, trains)
+    trains = delays.trains_of(rows.offsets, rows.index, 0, n, n_steps, n_in)
     table, late = packed(weight, np.float64), packed(delay, np.int8)
     by_weight, by_delay = np.zeros_like(table), np.zeros_like(table)
-    delays.add_gradients(trains, by_neuron, n_steps, table, late, n_out, 1.0, by_weight, by_delay)
+    inputs = np.arange(n_in)
+    delays.add_gradients(inputs, trains, by_neuron, n_steps, table, late, n_out, 1.0, by_weight, by_delay)
     for i, j in [(0, 0), (2, 15), (4, 16), (3, 17)]:
         step = np.zeros_like(delay)
         step[i, j] = 1

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dse.native.simd import (
+    LANES_8,
     LANES_16,
     LANES_32,
     LANES_64,
@@ -20,6 +21,7 @@ from dse.native.simd import (
     either,
     fma,
     greater,
+    joined,
     larger,
     load,
     lowest_bit,
@@ -266,3 +268,18 @@ def _counted(x: Any) -> Any:
 @pytest.mark.parametrize("x", [1, 2, 0b1011000, 2**63, 2**64 - 1])
 def test_bits_of_a_number(x: int) -> None:
     assert _counted(np.uint64(x)) == (x.bit_count(), (x & -x).bit_length() - 1)
+
+
+def test_words_are_shifted_lane_by_lane() -> None:
+    @numba.njit(error_model="numpy")
+    def run(x: Any, y: Any, by: int, out: Any) -> None:
+        a, b = load(x, 0, LANES_8), load(y, 0, LANES_8)
+        shift = splat(np.uint64(by), a)
+        store(out, 0, joined(a << shift, (a >> shift) | b))
+
+    x, y = np.random.default_rng(0).integers(0, 2**64, (2, 8), np.uint64, endpoint=False)
+    for by in (0, 1, 63):
+        out = np.zeros(16, np.uint64)
+        run(x, y, by, out)
+        expected = [x << np.uint64(by), (x >> np.uint64(by)) | y]  # ones are not drawn in from the left
+        np.testing.assert_array_equal(out, np.concatenate(expected))
