@@ -1,6 +1,6 @@
 """What a bundle takes in every form: time, energy, decisions that differ.
 
-    python -m benchmarks.targets BUNDLE RECORDINGS [BUNDLE RECORDINGS ...] [--core cortex_m4] [--csv FILE]
+    python -m benchmarks.targets BUNDLE RECORDINGS [BUNDLE RECORDINGS ...] [--core cortex_m4 ...] [--csv FILE]
 
 A row per net and form: the engine in float32 and in integers, C on this machine, C on an emulated core, the
 stream. `ms` is the time of an inference: of the engine per recording of one batch, without preparation;
@@ -17,7 +17,7 @@ import argparse
 import dataclasses
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,14 +43,14 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("paths", nargs="+", help="bundle and recordings, in turns")
-    parser.add_argument("--core", choices=CHIPS, default="cortex_m4")
+    parser.add_argument("--core", choices=CHIPS, action="append", help="repeatable; default: cortex_m4")
     parser.add_argument("--csv", help="file for the rows")
     options = parser.parse_args()
     table = pd.DataFrame(
         [
             row
             for folder, data in zip(options.paths[::2], options.paths[1::2], strict=True)
-            for row in rows(folder, data, options.core)
+            for row in rows(folder, data, options.core or ["cortex_m4"])
         ]
     )
     if options.csv:
@@ -61,7 +61,7 @@ def main() -> None:
     Console(width=140).print(shown)
 
 
-def rows(folder: str, data_file: str, core: str) -> Iterator[dict[str, object]]:
+def rows(folder: str, data_file: str, cores: Sequence[str]) -> Iterator[dict[str, object]]:
     """Yield the rows of one bundle."""
     made = bundle.read(folder)
     reference = of_recordings(made, data_file)
@@ -72,18 +72,19 @@ def rows(folder: str, data_file: str, core: str) -> Iterator[dict[str, object]]:
     stream, c99 = measure(made, data_file, rest_s=0.1)
     in_c = _verdict(made, Path(folder), "c99", reference)
     yield {"net": name, "form": "C here", **_taken(c99), "differ": in_c.decisions_differ}
-    chip, figures = load(CHIPS[core]), _verdict(made, Path(folder), core, reference)
-    cycles = figures.figures["cycles_per_inference"]
-    predicted = _predicted(made, reference, CHIPS[core])
-    yield {
-        "net": name,
-        "form": known("targets")[core].label,
-        "ms": cycles / chip.clock_mhz.value / 1e3,
-        "uJ": cycles * chip.cycle_nj.value / 1e3,
-        "differ": figures.decisions_differ,
-        "cycles": cycles,
-        "predicted": f"{predicted / cycles - 1:+.1%}",
-    }
+    for core in cores:
+        chip, on_core = load(CHIPS[core]), _verdict(made, Path(folder), core, reference)
+        cycles = on_core.figures["cycles_per_inference"]
+        predicted = _predicted(made, reference, CHIPS[core])
+        yield {
+            "net": name,
+            "form": known("targets")[core].label,
+            "ms": cycles / chip.clock_mhz.value / 1e3,
+            "uJ": cycles * chip.cycle_nj.value / 1e3,
+            "differ": on_core.decisions_differ,
+            "cycles": cycles,
+            "predicted": f"{predicted / cycles - 1:+.1%}",
+        }
     quantiles = {f"step_us_p{q}": float(np.percentile(stream.step_us, q)) for q in (50, 99)}
     yield {"net": name, "form": "stream", **_taken(stream), **quantiles}
 

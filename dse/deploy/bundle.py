@@ -38,7 +38,18 @@ from dse.store import StoreError
 if TYPE_CHECKING:
     from dse.deploy.module import ClassifierModule, Examples
 
-__all__ = ["SCHEMA", "Bundle", "BundleError", "Input", "InputKind", "read", "sealed", "weights", "write"]
+__all__ = [
+    "SCHEMA",
+    "Bundle",
+    "BundleError",
+    "Input",
+    "InputKind",
+    "copy_target",
+    "read",
+    "sealed",
+    "weights",
+    "write",
+]
 
 _8_BIT = "_8bit"  # ends the names of 8-bit matrices
 _SCHEMA = "dse/bundle/"
@@ -201,6 +212,39 @@ def read(folder: str | Path) -> Bundle:
     return bundle
 
 
+def copy_target(folder: Path, name: str, place: Path) -> None:
+    """Copy the files of a target that a bundle lists, and no others, into a new folder.
+
+    Raises:
+        BundleError: the bundle is no more, or damaged.
+        StoreError: they cannot be copied.
+    """
+    root = f"{_TARGETS}/{name}/"
+    place.mkdir()
+    try:
+        for listed in _listed(folder):
+            if listed.startswith(root):
+                with store.explained(place):
+                    copy = place / listed.removeprefix(root)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(checks.file_in(folder, listed), copy)
+    except BundleError:
+        raise
+    except ValueError as error:
+        raise BundleError(f"{folder}: {error}") from None
+
+
+def _listed(folder: Path) -> list[str]:
+    """Return the files that a bundle lists.
+
+    Raises:
+        BundleError: it is no bundle of this version.
+        ValueError: it is damaged.
+        StoreError: it cannot be read.
+    """
+    return list(_document(folder).mapping("files"))
+
+
 def _document(folder: Path) -> checks.Document:
     """Return bundle.json, checked against its own checksum.
 
@@ -231,10 +275,10 @@ def _document(folder: Path) -> checks.Document:
 
 
 def _check_files(folder: Path, document: checks.Document) -> None:
-    """Check that the files of a bundle are those that it lists.
+    """Check that the files of a bundle are as it lists them; others, such as compiled programs, are ignored.
 
     Raises:
-        BundleError: one is missing, damaged or not listed.
+        BundleError: one is missing or damaged, or of no target.
         ValueError: a path leaves the folder, or names no regular file.
     """
     files = document.mapping("files")
@@ -248,12 +292,9 @@ def _check_files(folder: Path, document: checks.Document) -> None:
         if store.checksum(path) != expected:
             raise BundleError(f"{path}: is damaged (its checksum differs)")
     verdicts = document.mapping("targets")
-    for path in sorted((folder / _TARGETS).rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if name not in files and not (path.is_dir() and not path.is_symlink()):
-            raise BundleError(f"{path}: is not listed in {_DOCUMENT}")
-        if name.split("/")[1] not in verdicts:
-            raise BundleError(f"{path}: is of no target of {_DOCUMENT}")
+    for name in files:
+        if name.startswith(f"{_TARGETS}/") and name.split("/")[1] not in verdicts:
+            raise BundleError(f"{folder / name}: is of no target of {_DOCUMENT}")
 
 
 def _bundle(
@@ -392,7 +433,11 @@ def _copied_target(source: Path, name: str, bundle: Path) -> list[str]:
 
 
 def _copy_others(folder: Path, bundle: Path) -> None:
-    """Copy what is none of a bundle's own files from its old folder to the new one."""
+    """Copy what is none of a bundle's own files from its old folder to the new one.
+
+    Of the folders of targets, what is not listed is copied where the target stays; nothing if the old bundle
+    is damaged, which does not say what is its own.
+    """
     for path in folder.iterdir() if folder.is_dir() else ():
         if path.name in (_DOCUMENT, "README.md", _WEIGHTS, _PLUGINS, _TARGETS):
             continue
@@ -400,6 +445,16 @@ def _copy_others(folder: Path, bundle: Path) -> None:
             shutil.copytree(path, bundle / path.name, symlinks=True)
         else:
             shutil.copy2(path, bundle / path.name, follow_symlinks=False)
+    try:
+        own = set(_listed(folder))
+    except (ValueError, StoreError):
+        return
+    for path in sorted((folder / _TARGETS).rglob("*")):
+        name = path.relative_to(folder)
+        is_other = name.as_posix() not in own and path.is_file() and not path.is_symlink()
+        if is_other and (bundle / Path(*name.parts[:2])).is_dir() and not (bundle / name).exists():
+            (bundle / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, bundle / name)
 
 
 def _is_empty(folder: Path) -> bool:

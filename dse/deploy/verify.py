@@ -10,7 +10,7 @@ from typing import Any
 
 from dse import registry
 from dse.config.faults import known_names
-from dse.deploy.bundle import Bundle, BundleError, read, write
+from dse.deploy.bundle import Bundle, BundleError, copy_target, read, write
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, TargetError
 from dse.deploy.verdict import Verdict
@@ -63,8 +63,13 @@ def export_targets(
     """
     path = Path(folder)
     bundle = read(path)
-    kept = {name: path / "targets" / name for name, verdict in bundle.targets.items() if _is_written(verdict)}
-    return publish(bundle, path, names, recordings, kept)
+    with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
+        kept = {}
+        for name, verdict in bundle.targets.items():
+            if name not in names and _is_written(verdict):
+                kept[name] = Path(temporary) / name
+                copy_target(path, name, kept[name])
+        return publish(bundle, path, names, recordings, kept)
 
 
 def publish(
@@ -92,7 +97,6 @@ def publish(
         files = dict(kept or {})
         verified, faults = {}, []
         for name, target in targets.items():
-            files.pop(name, None)
             written = Path(temporary) / name
             written.mkdir()
             try:
@@ -138,7 +142,10 @@ def verify(
     verified, faults = {}, []
     for name, target in targets.items():
         try:
-            verdict = target.verify(bundle, path / "targets" / name, reference)
+            with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
+                files = Path(temporary) / name
+                copy_target(path, name, files)
+                verdict = target.verify(bundle, files, reference)
         except BundleError as error:
             faults.append(f"target {name}: {error}")
             continue

@@ -85,6 +85,19 @@ def test_targets_that_were_written_stay_and_so_do_files_of_others(folder: Path, 
     assert verify(folder, touch, ["arrays"])["arrays"].verdict.kind == "faithful"
 
 
+def test_programs_that_users_compile_beside_a_target_stay_and_are_not_used(folder: Path, touch: Path) -> None:
+    export_targets(folder, ["arrays"], touch)
+    program = folder / "targets" / "arrays" / "build" / "touch"
+    program.parent.mkdir()
+    program.write_bytes(b"compiled")
+    assert verify(folder, touch)["arrays"].verdict.kind == "faithful"
+    for name in ("unread", "arrays"):
+        export_targets(folder, [name], touch)
+        assert bundle.read(folder).targets["arrays"].kind == "faithful"
+        assert program.read_bytes() == b"compiled"
+    assert "touch" not in "".join(json.loads((folder / "bundle.json").read_text())["files"])
+
+
 def test_a_target_that_refuses_is_unsupported_and_has_no_files(tmp_path: Path, touch: Path) -> None:
     made = small_bundle()
     knn = sections({**RASTER, "model": {"kind": "knn"}})
