@@ -1,13 +1,13 @@
 """Racing against the full grid: what is trained, and what of the front is lost.
 
-    python -m benchmarks.racing SPACE [--results DIR] [--rungs 5 10 20] [--seeds 5]
+    python -m benchmarks.racing SPACE [--results DIR] [--rungs 5 10 20]
 
 The first call trains every design of the grid to its end and keeps what it was at each rung. Then races are
 replayed on these records, in seconds, with the code that `dse run` races with. Printed per choice of rungs
-and confidence, medians over seeds (which designs go ahead as scouts): designs that stopped, epochs trained as
-a percentage of the grid's, and the hypervolume of what finished as a percentage of the grid's, over full
-read-outs and over all design points; the smallest over tasks, families and chips. Hypervolumes are those of
-the objectives, each from 0 (best of the grid) to 1 (worst), with the reference 1.01.
+and `eta`: designs that stopped, epochs trained as a percentage of the grid's, and the hypervolume of what
+finished as a percentage of the grid's, over full read-outs and over all design points; the smallest over
+tasks, families and chips. Hypervolumes are those of the objectives, each from 0 (best of the grid) to 1
+(worst), with the reference 1.01.
 """
 
 from __future__ import annotations
@@ -30,21 +30,17 @@ from rich.table import Table
 from dse.config import SearchSpace, load_space
 from dse.config.settings import Racing
 from dse.hardware.profile import load_all
-from dse.skyline.front import comparable
 from dse.skyline.goals import checked_goals, costs_of
 from dse.skyline.pareto import hypervolume
 from dse.study import checkpoints, explore
 from dse.study.fronts import GROUPS
 from dse.study.journal import Entry, read_journal
-from dse.study.points import points_table
-from dse.study.precision import as_trained
 from dse.study.progress import Silent
 from dse.study.racing import Race
 from dse.study.record import RunRecord, load_records
 
 KEPT = "at_rungs"
-CONFIDENCES = (0.8, 0.95, 0.99)
-LEAST_GAINS = (0.0, 0.001, 0.005)
+ETAS = (1.5, 2.0, 3.0, 4.0)
 
 
 class Keeper:
@@ -105,16 +101,6 @@ class Replay:
                 self.ended.setdefault(trial, [self._all[trial]])
 
 
-class Replayed(Race):
-    """A race whose design points are looked up: those of each rung and of the ends, of all designs."""
-
-    tables: Mapping[Path, pd.DataFrame]
-
-    def _comparable(self, trials: Mapping[int, Sequence[RunRecord]], folder: Path) -> pd.DataFrame:
-        table = self.tables[folder]
-        return table[table["trial"].isin(trials.keys())].reset_index(drop=True)
-
-
 def kept(space: SearchSpace, results: Path) -> Path:
     """Return the folder of a study whose designs are all kept at every rung; train those that are not."""
     folder = results / space.study
@@ -140,56 +126,32 @@ def shares(points: pd.DataFrame, trials: set[int], space: SearchSpace) -> float:
     return least
 
 
-@dataclasses.dataclass(frozen=True)
-class Records:
-    """What a study's designs were: at their ends, and the comparable points of each folder."""
-
-    folder: Path
-    entries: Sequence[Entry]
-    finished: Mapping[int, RunRecord]
-    points: pd.DataFrame
-    tables: Mapping[Path, pd.DataFrame]
-
-
-def read(space: SearchSpace, folder: Path, rungs: Sequence[int]) -> Records:
-    """Return the records of a study whose designs are kept at some rungs."""
-    entries = read_journal(folder / "journal.log")
-    finished = {entry.trial: load_records(folder, entry.trial)[0] for entry in entries}
-    profiles = load_all(space.hardware, space.source.parent)
-
-    def table(place: Path, records: Mapping[int, RunRecord | None]) -> pd.DataFrame:
-        trials = {trial: [record] for trial, record in records.items() if record is not None}
-        every = points_table(space, place, trials, profiles)
-        return comparable(as_trained(every), space.objectives).rows
-
-    at = {rung: checkpoints.rung_folder(folder / KEPT, rung) for rung in rungs}
-    tables = {
-        place: table(place, {trial: at_rung(folder / KEPT, trial, 0, rung) for trial in finished})
-        for rung, place in at.items()
-    }
-    points = pd.read_parquet(folder / "points.parquet")
-    return Records(folder, entries, finished, points, {**tables, folder / KEPT: table(folder, finished)})
-
-
 at_rung = functools.cache(checkpoints.at_rung)
 
 
-def replayed(space: SearchSpace, records: Records, racing: Racing, seed: int) -> list[float]:
+def replayed(space: SearchSpace, folder: Path, entries: Sequence[Entry], racing: Racing) -> list[float]:
     """Return stopped designs, share of epochs, and shares of hypervolume of full read-outs and of points."""
-    space = dataclasses.replace(space, seed=seed, search=dataclasses.replace(space.search, racing=racing))
-    epochs, folder = int(space.parts["training"].values["epochs"]), records.folder / KEPT
-    shutil.rmtree(folder / "racing", ignore_errors=True)
-    runs: Any = Replay(folder, records.finished, epochs)
-    race = Replayed(space, folder, load_all(space.hardware, space.source.parent), runs, Silent())
-    race.tables = records.tables
-    for number in sorted({entry.batch for entry in records.entries}):
-        race.complete(number, [e for e in records.entries if e.batch == number], lambda: None)
+    space = dataclasses.replace(space, search=dataclasses.replace(space.search, racing=racing))
+    epochs = int(space.parts["training"].values["epochs"])
+    shutil.rmtree(folder / KEPT / "racing", ignore_errors=True)
+    runs: Any = Replay(
+        folder / KEPT, {entry.trial: finished(folder, entry.trial) for entry in entries}, epochs
+    )
+    race = Race(space, folder / KEPT, load_all(space.hardware, space.source.parent), runs, Silent())
+    for number in sorted({entry.batch for entry in entries}):
+        race.complete(number, [e for e in entries if e.batch == number], lambda: None)
     ended = {trial for trial, of in runs.ended.items() if of[0].finished}
-    points = records.points
+    points = pd.read_parquet(folder / "points.parquet")
     full = points[points["phi"].isna() & points["read_out_ms"].isna()]
     stopped = sum(of[0].stopped_at_epoch is not None for of in runs.ended.values())
-    trained = sum(runs.trained.values()) / (epochs * len(records.entries))
+    trained = sum(runs.trained.values()) / (epochs * len(entries))
     return [stopped, trained, shares(full, ended, space), shares(points, ended, space)]
+
+
+@functools.cache
+def finished(folder: Path, trial: int) -> RunRecord:
+    """Return the record of a design at its end."""
+    return load_records(folder, trial)[0]
 
 
 def main() -> None:
@@ -200,26 +162,22 @@ def main() -> None:
     parser.add_argument("space", type=Path)
     parser.add_argument("--results", type=Path, default=Path("results"))
     parser.add_argument("--rungs", type=int, nargs="+", default=[5, 10, 20])
-    parser.add_argument("--seeds", type=int, default=5)
     arguments = parser.parse_args()
     space = load_space(arguments.space)
     search = dataclasses.replace(space.search, racing=Racing(rungs=tuple(arguments.rungs)))
     folder = kept(dataclasses.replace(space, search=search), arguments.results)
-    records = read(space, folder, arguments.rungs)
-    n = len(records.entries)
+    entries = read_journal(folder / "journal.log")
     names = ("stopped", "epochs", "hypervolume", "of all points")
-    table = Table("rungs", "confidence", "least gain", *names, box=None, title=f"{n} designs")
+    table = Table("rungs", "eta", *names, box=None, title=f"{len(entries)} designs")
     choices = [
         rungs
-        for k in range(1, min(2, len(arguments.rungs)) + 1)
+        for k in range(1, min(3, len(arguments.rungs)) + 1)
         for rungs in itertools.combinations(arguments.rungs, k)
     ]
-    for rungs, confidence, least in itertools.product(choices, CONFIDENCES, LEAST_GAINS):
-        racing = Racing(rungs=rungs, confidence=confidence, least_gain=least)
-        results = [replayed(space, records, racing, seed) for seed in range(arguments.seeds)]
-        stopped, trained, full, every = np.median(results, axis=0)
+    for rungs, eta in itertools.product(choices, ETAS):
+        stopped, trained, full, every = replayed(space, folder, entries, Racing(rungs=rungs, eta=eta))
         cells = [f"{stopped:.0f}", f"{trained:.1%}", f"{full:.2%}", f"{every:.2%}"]
-        table.add_row(str(list(rungs)), str(confidence), str(least), *cells)
+        table.add_row(str(list(rungs)), str(eta), *cells)
     Console(width=120).print(table)
 
 

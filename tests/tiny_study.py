@@ -161,6 +161,9 @@ class Together(Fake):
     def shares(self, training: Any) -> tuple[Hashable, ...]:
         return (training.batch_size,)
 
+    def n_weights(self, n_channels: int, n_classes: int) -> int:
+        return sum(a * b for a, b in itertools.pairwise((n_channels, *self.hidden, n_classes)))
+
     def memory_bytes(self, n_channels: int, n_classes: int, n_steps: int, training: Any) -> int:
         return self.megabytes * 2**20
 

@@ -547,27 +547,17 @@ class Precision:
 
 @dataclass(frozen=True)
 class Racing:
-    """Which designs stop before their last epoch: those that cannot reach the front any more."""
+    """Which designs stop before their last epoch: those that others are ahead of."""
 
     rungs: tuple[int, ...] = param(
         doc="epochs after which each design is measured, and stops or goes on; rising", low=1, axis=False
     )
-    confidence: float = param(
-        0.95,
-        doc="probability with which a design gains no more than is predicted from those that have finished",
-        low=0,
+    eta: float = param(
+        3.0,
+        doc="of the designs at a rung one in so many goes on, the best front first, and two per objective at "
+        "least; less loses less of the front",
+        low=1,
         low_open=True,
-        high=1,
-        high_open=True,
-        axis=False,
-    )
-    least_gain: float = param(
-        0.001,
-        doc="a design goes on if it may add more than this fraction to the hypervolume of its front; 0: if "
-        "it may join the front at all",
-        low=0,
-        high=1,
-        high_open=True,
         axis=False,
     )
     audit: int = param(
@@ -647,7 +637,7 @@ class Search:
     )
     racing: Racing | None = param(  # noqa: RUF009
         None,
-        doc="stop designs early: keys rungs, confidence, audit (default: all designs train to the end)",
+        doc="stop designs early: keys rungs, eta, audit (default: all designs train to the end)",
         axis=False,
     )
     stop: Stop | None = param(  # noqa: RUF009
