@@ -86,12 +86,12 @@ def test_lines_are_the_recordings(folder: Path, capsys: pytest.CaptureFixture[st
     assert [row["answer"] for row in rows] == [answer["answer"] for answer in expected.answers]
 
 
-def test_windows_without_an_answer_are_counted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_recordings_without_an_answer_are_counted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "short.csv").write_text("0 0 0 0\n" * 5)
     assert main(["stream", str(folder / "spikes"), str(folder / "short.csv")]) == 0
     captured = capsys.readouterr()
     assert captured.out.count("\n") == 1  # the names of the columns
-    assert captured.err == "the input ended before 1 windows had an answer\n"
+    assert captured.err == "1 of 1 recordings ended before an answer\n"
 
 
 @pytest.mark.parametrize(

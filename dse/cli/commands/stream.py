@@ -79,16 +79,19 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if len(sources) > 1:
         raise RecordingError(f"a stream must have one source, got {' and '.join(sources)}")
     windows = _windows(arguments)
-    recording, n_open = 0, 0
-    if not arguments.json:
-        print(",".join(_COLUMNS), flush=True)
+    recording, n_without, is_answered = 0, 0, False
     with ExitStack() as files, contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends a stream
-        for item in _decisions(read(arguments.bundle), arguments, windows, files):
+        items = _decisions(read(arguments.bundle), arguments, windows, files)
+        if not arguments.json:
+            print(",".join(_COLUMNS), flush=True)
+        for item in items:
             if isinstance(item, End):
-                recording, n_open = recording + 1, n_open + item.n_open
+                n_without += item.n_open > 0 and not is_answered
+                recording, is_answered = recording + 1, False
             else:
+                is_answered = True
                 _print(item, recording, arguments.json)
-    notes = [f"the input ended before {n_open} windows had an answer"] if n_open else []
+    notes = [f"{n_without} of {recording} recordings ended before an answer"] if n_without else []
     return Answer([], notes, is_printed=True)
 
 

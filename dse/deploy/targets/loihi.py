@@ -91,7 +91,7 @@ class Loihi:
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write net.hdf5 and run.py (`dse.deploy.targets.Target`)."""
         if find_spec("h5py") is None:
-            raise TargetError("target loihi needs h5py: pip install 'dse[h5]'")
+            raise TargetError("h5py is not installed: pip install 'dse[h5]'")
         network = bundle.fitted
         assert isinstance(network, Network)
         _write_net(folder / _NET, bundle, network)

@@ -292,4 +292,4 @@ def _run(
 
 def _require_h5py() -> None:
     if find_spec("h5py") is None:
-        raise TargetError("target nir needs h5py: pip install 'dse[h5]'")
+        raise TargetError("h5py is not installed: pip install 'dse[h5]'")

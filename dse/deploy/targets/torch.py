@@ -80,4 +80,4 @@ def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:
 
 def _require_torch() -> None:
     if find_spec("torch") is None:
-        raise TargetError("target torch needs torch: pip install 'dse[torch]'")
+        raise TargetError("torch is not installed: pip install 'dse[torch]'")
