@@ -36,6 +36,7 @@ class Answer:
     code: exit code.
     essential: columns that a narrow terminal shows too; it leaves out others, the widest first. Empty: it
         leaves out none, and lists a row's values below each other where they do not fit side by side.
+    telling: columns that it leaves out last: what rows of different tasks and chips are told apart by.
     table: the rows of a table on a terminal, if these are fewer (equal ones as one row); other formats have
         all rows.
     all_rows: whether a terminal shows every row, however many.
@@ -47,6 +48,7 @@ class Answer:
     notes: Sequence[str] = ()
     columns: Sequence[str] = ()
     essential: Sequence[str] = ()
+    telling: Sequence[str] = ()
     table: Sequence[Row] | None = None
     text: str = ""
     code: int = 0
@@ -80,12 +82,13 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         print(document(answer, command))
         return
     if form == "table":
+        width = _width()
         if answer.text:
             print(answer.text)
         elif answer.rows:
             _print_table(answer)
         for note in answer.notes:
-            print(note)
+            print("\n".join(_wrap(note, width)) if width and not _is_copied(note) else note)
         for title, section in answer.sections.items():
             print(f"\n{title}")
             show(section, command, form)
@@ -138,14 +141,15 @@ def _print_table(answer: Answer) -> None:
         places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
         shown = [rows[place] for place in places]
     needed = {name: _least_width(name, shown) for name in columns}
-    left_out = _left_out(needed, answer.essential, width)
+    left_out = _left_out(needed, answer.essential, answer.telling, width)
     columns = [name for name in columns if name not in left_out]
     if _total(needed[name] for name in columns) <= width:
         _print_grid(shown, columns, needed, width)
     else:
         _print_records(shown, columns, width)
     if len(shown) < len(rows):
-        print(f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all")
+        text = f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all"
+        print("\n".join(_wrap(text, width)))
     if left_out:
         text = f"too narrow for {', '.join(left_out)}: widen the terminal, or --format csv prints all columns"
         print("\n".join(_wrap(text, width)))
@@ -177,10 +181,12 @@ def _total(widths: Iterable[int]) -> int:
     return sum(each) + _GAP * (len(each) - 1)
 
 
-def _left_out(needed: Mapping[str, int], essential: Sequence[str], width: int) -> list[str]:
-    """Return the columns that do not fit, the widest ones that are not essential, in their order."""
+def _left_out(
+    needed: Mapping[str, int], essential: Sequence[str], telling: Sequence[str], width: int
+) -> list[str]:
+    """Return the columns that do not fit: of those not essential the widest, but telling ones last."""
     out: list[str] = []
-    for name in sorted(needed, key=lambda name: -needed[name]) if essential else ():
+    for name in sorted(needed, key=lambda name: (name in telling, -needed[name])) if essential else ():
         if _total(needed[x] for x in needed if x not in out) <= width:
             break
         if name not in essential:
@@ -213,6 +219,11 @@ def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> N
     """Print a row's values below each other, and an empty line between rows."""
     texts = [[(name, cell(row.get(name))) for name in columns] for row in rows]
     print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
+
+
+def _is_copied(note: str) -> bool:
+    """Return whether a note holds a quoted part of a command, which a line break would spoil."""
+    return '"' in note
 
 
 def _wrap(text: str, width: int, subsequent_indent: str = "") -> list[str]:

@@ -26,6 +26,9 @@ _IDENTITY = (
 )
 
 
+TELLING = ("task", "hardware")
+"""Columns without which rows of a table cannot be compared."""
+
 POINTS = "points"
 """Column of a table on a terminal: how many points of a trial have these objectives."""
 
@@ -62,7 +65,7 @@ def front_answer(
         ]
     shown += [name for name in beside if name in rows and name not in shown]
     essential = [name for name in ("trial", *(name for name, _ in objectives)) if name in shown]
-    return Answer(records(rows), notes, shown, essential=essential, table=records(table))
+    return Answer(records(rows), notes, shown, essential=essential, telling=TELLING, table=records(table))
 
 
 def without_equals(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> pandas.DataFrame:

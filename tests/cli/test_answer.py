@@ -141,3 +141,18 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     assert done.stdout == "{\n"
     assert done.stderr == ""
     assert done.returncode == 0
+
+
+def test_a_chip_is_left_out_last_and_notes_are_wrapped_unless_they_hold_a_command(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [{"trial": n, "phi": n, "hardware": f"a long name {n}", "accuracy": 0.5 + n / 9} for n in range(5)]
+    notes = ["these words are longer than the terminal is wide", "restrict it with --budget \"task == 'a'\""]
+    answer = Answer(rows, notes, essential=["trial", "accuracy"], telling=["hardware"])
+    for width, columns in ((31, ["trial", "hardware", "accuracy"]), (24, ["trial", "accuracy"])):
+        monkeypatch.setenv("COLUMNS", str(width))
+        show(answer, "skyline", "table")
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0].split() == columns
+        assert lines[-1] == notes[1]
+        assert max(map(len, lines[:-1])) <= width

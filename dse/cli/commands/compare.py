@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
-from dse.cli.fronts import columns, records
+from dse.cli.fronts import TELLING, columns, records
 from dse.cli.options import add_hardware
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         records(compared.summary),
         notes,
         sections={
-            "Joint front": Answer(records(front), columns=shown, essential=essential),
+            "Joint front": Answer(records(front), columns=shown, essential=essential, telling=TELLING),
             "Best within a budget": Answer(records(compared.gains), all_rows=True),
         },
     )

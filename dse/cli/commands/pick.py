@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer, add_format
-from dse.cli.fronts import columns, records
+from dse.cli.fronts import TELLING, columns, records
 from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_duty, add_hardware, add_repeats, add_targets
 
@@ -88,7 +88,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         missed = [str(name) for name in choice.nearest.columns if str(name).startswith("missed ")]
         shown = [*columns(choice.nearest, goals), *missed]
         essential = [name for name in ("trial", *(name for name, _ in goals), *missed) if name in shown]
-        return Answer(records(choice.nearest), notes, shown, essential, code=_NOTHING_FEASIBLE)
+        return Answer(
+            records(choice.nearest), notes, shown, essential, telling=TELLING, code=_NOTHING_FEASIBLE
+        )
     row: dict[str, Any] = {str(name): value for name, value in choice.row.items()}
     if arguments.export and row.get("origin") == "told":
         text = f"trial {row['trial']} was measured elsewhere (`dse tell`): there is no network to export"

@@ -20,7 +20,8 @@ _SHOWN = (
     *_HONEST,
     *("runs", "hardware", "family", "trial", "study"),
 )
-_ESSENTIAL = ("system", "figure", "task", "published", "ours", "se")
+_ESSENTIAL = ("system", "figure", "published", "ours")
+_TELLING = ("task",)
 _PAPER = (
     *(
         "kind",
@@ -93,7 +94,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     audits = {f"audit of {name}": audit_answer(audit) for name, audit in gathered.audits.items()}
     notes = [*titles, *splits_of_rows, *gathered.notes]
-    return Answer(columns, notes, shown, _ESSENTIAL, code=code, all_rows=True, sections=audits)
+    return Answer(columns, notes, shown, _ESSENTIAL, _TELLING, code=code, all_rows=True, sections=audits)
 
 
 def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:
