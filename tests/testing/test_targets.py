@@ -13,7 +13,7 @@ from dse import registry
 from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Verdict, compare
-from dse.registry import param
+from dse.registry import Column, param
 from dse.testing import check_target
 from tests.plugins import with_targets
 from tests.plugins.arrays_target import Arrays
@@ -90,9 +90,17 @@ class Endless(Arrays):
         return replace(super().verify(bundle, folder, reference), figures={"ram_bytes": float("inf")})
 
 
+@dataclass(frozen=True)
+class Silent(Arrays):
+    """It declares what it never says."""
+
+    known_before = (Column("ram_bytes", "bytes", "min", "memory", known="bound"),)
+
+
 @pytest.mark.parametrize(
     ("target", "text"),
     [
+        (Silent(), "Silent.least_footprint must give what known_before names"),
         (Keyed(), "Keyed must have no keys"),
         (Random(), "Random.write must write the same bytes twice"),
         (Empty(), "Empty.write must write files"),
