@@ -100,7 +100,7 @@ class Silent(Arrays):
 @pytest.mark.parametrize(
     ("target", "text"),
     [
-        (Silent(), "Silent.least_footprint must give what known_before names"),
+        (Silent(), "Silent.least_footprint must give known_before"),
         (Keyed(), "Keyed must have no keys"),
         (Random(), "Random.write must write the same bytes twice"),
         (Empty(), "Empty.write must write files"),
