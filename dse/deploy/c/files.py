@@ -138,6 +138,11 @@ def readme(code: Code, title: str) -> str:
             else "\nThe encoder's thresholds are no multiples of 1/32: it computes in `double`, the network "
             "in integers.\n"
         )
+    if plan.t0_us is not None:
+        why += (
+            "\nTimes are those of simulated trials, which begin at 0; with `-DRECORDED`, those of a sensor's "
+            "recordings, whose steps begin with the first event.\n"
+        )
     window = {
         "start": "begins with the recording",
         "middle": "lies in the middle of the recording",

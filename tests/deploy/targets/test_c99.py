@@ -29,7 +29,7 @@ from dse.encoders.receptors import Receptors
 from dse.neurons import lif, parameters_of
 from dse.records import Array, Layer, Network, Parameters
 from tests.deploy.c import nets
-from tests.spaces import sections
+from tests.spaces import FINGERTIP, sections
 
 N_NETS = 50
 SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -232,6 +232,30 @@ def test_events_are_pooled_and_answered_as_by_evaluate(
     assert C99().verify(made, folder, reference).kind == "faithful"
     assert len(reference.spikes_in) and all(map(len, reference.fired))
     assert_answers(answers_of_main(folder, csv(parts), *checked), tmp_path, tmp_path / "touch.npz")
+
+
+def test_times_of_a_sensor_are_no_times_of_simulated_trials(tmp_path: Path) -> None:
+    (tmp_path / "tip.yaml").write_text(f"{FINGERTIP}forces_n: [1.0]\ntrials: 2\n")  # of 150 ms
+    scene = {"kind": "scene", "scene": str(tmp_path / "tip.yaml")}
+    window = {"n_steps": 10, "at": "middle"}
+    preprocessing = {"bin_ms": 5, "pool": 2}
+    changes = {"data": scene, "task": {"target": "texture"}, "encoder": None, "preprocessing": preprocessing}
+    design = sections({**EVENTS, "window": window, **changes})
+    made = replace(nets.bundle(network(1), 1), sections=design, input=Input("events", 0, 20, 6, 10, 5.0))
+    pools = nets.pools_of(made)
+    made = replace(nets.bundle(network(pools.n_channels), 1), sections=design, input=made.input)
+    C99().write(made, tmp_path / "c99")
+    assert "`-DRECORDED`" in (tmp_path / "c99" / "README.md").read_text()
+    rng = np.random.default_rng(2)
+    of_trial = np.column_stack(
+        [np.sort(rng.integers(0, 150_000, 900)), *rng.integers(0, [[20], [6], [2]], (3, 900))]
+    )
+    of_trial[0, 0] = 0
+    later = of_trial + np.array([10**9, 0, 0, 0])
+    [answer] = answers_of_main(tmp_path / "c99", csv([of_trial]))
+    assert answers_of_main(tmp_path / "c99", csv([of_trial, later]), "-DRECORDED") == [answer, answer]
+    with pytest.raises(AssertionError, match="an event is later than a simulated trial: -DRECORDED"):
+        answers_of_main(tmp_path / "c99", csv([later]))
 
 
 def assert_answers(printed: list[list[str]], folder: Path, data_file: Path) -> None:

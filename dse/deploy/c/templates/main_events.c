@@ -54,6 +54,9 @@ static int64_t window_start(int64_t t0_us)
     n_bins = last <= START_US ? 0 : (last - START_US + BIN_US - 1) / BIN_US;
 #ifdef N_BINS
     n_bins = N_BINS;
+    if (last - START_US > (n_bins + 1) * (int64_t)BIN_US) {
+        refuse("an event is later than a simulated trial: -DRECORDED compiles for recordings of a sensor");
+    }
 #endif
 #ifdef WINDOW_AT_MIDDLE
     if (n_bins >= DSE_WINDOW) {
