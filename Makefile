@@ -23,7 +23,7 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: example quickstart test test-gpu faults peers setup lint types kernels format clean
+.PHONY: example quickstart test test-gpu faults fuzz peers setup lint types kernels format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -50,6 +50,11 @@ test-gpu: $(GPU)
 FAULTS ?= 300
 faults: $(TESTS)
 	FAULTS=$(FAULTS) $(BIN)/python -m pytest -q tests/faults
+
+# Everything that is read back, by inputs that Hypothesis draws: so many minutes for each of 21 kinds.
+MINUTES ?= 3
+fuzz: $(TESTS)
+	$(BIN)/python -m tests.faults.fuzz --minutes $(MINUTES)
 
 # Norse and snnTorch, which run what target `nir` writes, and brian2-loihi for target `loihi`: some 100 MB.
 peers: $(PEERS)

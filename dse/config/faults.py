@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+_CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029\\ud800-\\udfff]")
+
+
+def one_line(text: str) -> str:
+    """Return a text whose control characters, as a file may hold them, are escaped."""
+    return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,7 @@ class Fault:
     def __str__(self) -> str:
         """Return `file:line: message`."""
         place = f"{self.path}:{self.line}" if self.line else self.path
-        return f"{place}: {self.message}"
+        return one_line(f"{place}: {self.message}")
 
 
 class ConfigError(Exception):

@@ -18,7 +18,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 import numpy as np
 
@@ -374,10 +374,13 @@ def _check_classifier(bundle: Bundle, arrays: Mapping[str, Array]) -> None:
     Raises:
         ValueError: shapes, ranges or numbers disagree with the description.
     """
-    fitted = bundle.fitted
+    fitted, model = bundle.fitted, bundle.sections.model
+    expected = get_type_hints(model.respond).get("fitted", object)
+    if not isinstance(fitted, expected):
+        raise ValueError(f"must hold {expected.__name__} for model.kind {bundle.sections.kinds['model']}")
     if isinstance(fitted, Parameters):
         checks.check_parameters(fitted)
-        check_fitted = getattr(bundle.sections.model, "check_fitted", None)
+        check_fitted = getattr(model, "check_fitted", None)
         if check_fitted is not None:
             check_fitted(fitted, bundle.n_outputs)
         return

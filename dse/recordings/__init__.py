@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Protocol, cast
 
 from dse.config.contracts import PLACES, EventSource, Recordings, Source
+from dse.config.faults import one_line
 from dse.records import Ints
 
 if TYPE_CHECKING:
@@ -26,7 +27,10 @@ __all__ = [
 
 
 class RecordingError(ValueError):
-    """What is wrong with recordings, in one line: where, what must be, what was found."""
+    """What is wrong with recordings, in a line or a line per fault: where, what must be, what was found."""
+
+    def __init__(self, *lines: str) -> None:
+        super().__init__("\n".join(map(one_line, lines)))
 
 
 class Simulated(EventSource, Protocol):

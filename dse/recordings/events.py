@@ -53,7 +53,8 @@ class EventFile:
         return [*arrays, *self.columns.values(), *self.class_names.values()]
 
     def _count(self, shapes: npz.Shapes) -> int | None:
-        return shapes[self.offsets][0] - 1 if self.offsets in shapes else None
+        shape = shapes.get(self.offsets, ())
+        return shape[0] - 1 if shape else None
 
     def check(self, base: Path) -> list[str]:
         """Return what the file's headers show to be wrong."""

@@ -169,7 +169,7 @@ class SceneTrials:
             RecordingError: anything wrong with the scene's file, or with what is asked of it.
         """
         if faults := self.check(base):
-            raise RecordingError("\n".join(faults))
+            raise RecordingError(*"\n".join(faults).splitlines())
         scene = _scene(self.scene, base)
         overrides = {"trials": self.trials, "duration_ms": self.duration_ms, "seed": self.seed}
         changes: dict[str, Any] = {key: value for key, value in overrides.items() if value is not None}

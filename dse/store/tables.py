@@ -37,10 +37,17 @@ def parquet(
 
 
 def write_table(path: Path, table: pandas.DataFrame, made_from: str = "") -> None:
-    """Write a table without its index; `made_from` as in `parquet`."""
+    """Write a table without its index; `made_from` as in `parquet`.
+
+    Raises:
+        StoreError: a column holds values of types that no table mixes.
+    """
     import pyarrow
 
-    content = pyarrow.Table.from_pandas(table, preserve_index=False)
+    try:
+        content = pyarrow.Table.from_pandas(table, preserve_index=False)
+    except pyarrow.ArrowException as error:
+        raise StoreError(f"{path}: cannot be written: {str(error).splitlines()[0]}") from error
     with parquet(path, content.schema, made_from) as writer:
         writer.write_table(content)
 

@@ -35,6 +35,7 @@ _READ = (CREATE_STUDY, CREATE_TRIAL, SET_TRIAL_STATE)
 Log = dict[str, Any]
 """An operation of Optuna."""
 
+_MALFORMED = (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
 _SUM = re.compile(rb'(\{.*),"sum":"([0-9a-f]{16})"\}')
 
 
@@ -107,6 +108,8 @@ def _log(line: bytes) -> Log | str:
         log = json.loads(line)
         if match is None and "sum" in log:
             return "is damaged (its checksum differs)"
+        if match is not None and not type(log["n"]) is type(log.get("trial", 0)) is int:
+            raise ValueError("numbers of lines and trials must be integers")
         int(log.get("trial_id", 0))
         if log["op_code"] == CREATE_TRIAL:
             int(log["user_attrs"]["batch"])
@@ -117,7 +120,7 @@ def _log(line: bytes) -> Log | str:
             [*map(float, log.get("values") or ())]
             if log.get("datetime_complete") is not None:
                 datetime.fromisoformat(log["datetime_complete"])
-    except (ValueError, KeyError, TypeError, IndexError, RecursionError) as error:
+    except _MALFORMED as error:
         return f"is damaged ({type(error).__name__}: {error})"
     return dict(log)
 

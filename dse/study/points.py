@@ -177,18 +177,39 @@ def _parts(
             yield from _told(space, runs[0], [chip.name for chip in profiles])
         if not all(record.finished for record in runs):
             continue
-        answered = answers(folder, runs)
-        about = tables.named(space, trial, runs[0].design, len(runs), runs[0].origin)
-        total = sum(map(len, answered))
-        step = n_rows or total
-        chips: list[Profile | None] = [*profiles] or [None]
-        for chip, start in itertools.product(chips, range(0, total, step)):
-            some = _between(answered, start, min(start + step, total))
-            rows = columns_of(some)
-            n = len(rows["accuracy"])
-            design = {name: _repeated(value, n) for name, value in about.items()}
-            costs = {"hardware": _repeated(chip.name, n)} | priced(some, chip) if chip else {}
-            yield design | {"point": np.arange(start, start + n)} | rows | costs
+        try:
+            yield from _of_trial(space, folder, trial, runs, profiles, n_rows)
+        except (LookupError, ValueError, TypeError) as error:
+            place = store.run_folder(folder, trial, 0).parent
+            text = f"its arrays cannot be evaluated ({type(error).__name__}: {error})"
+            raise store.StoreError(
+                f"{place}: {text}; without this folder, `dse run` trains it again"
+            ) from error
+
+
+def _of_trial(
+    space: SearchSpace,
+    folder: Path,
+    trial: int,
+    runs: Sequence[RunRecord],
+    profiles: Sequence[Profile],
+    n_rows: int | None,
+) -> Iterator[dict[str, Array]]:
+    answered = answers(folder, runs)
+    about = tables.named(space, trial, runs[0].design, len(runs), runs[0].origin)
+    total = sum(map(len, answered))
+    step = n_rows or total
+    chips: list[Profile | None] = [*profiles] or [None]
+    for chip, start in itertools.product(chips, range(0, total, step)):
+        some = _between(answered, start, min(start + step, total))
+        rows = columns_of(some)
+        n = len(rows["accuracy"])
+        design = {name: _repeated(value, n) for name, value in about.items()}
+        costs = {"hardware": _repeated(chip.name, n)} | priced(some, chip) if chip else {}
+        for name, column in (rows | costs).items():
+            if column.shape != (n,) or column.dtype.kind == "c":
+                raise ValueError(f"{name} has shape {column.shape} of {column.dtype}, not {n} rows")
+        yield design | {"point": np.arange(start, start + n)} | rows | costs
 
 
 def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterator[dict[str, Array]]:

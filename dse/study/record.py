@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -47,7 +48,13 @@ class Numbers:
     def from_plain(cls, plain: Mapping[str, Any]) -> Numbers:
         """Return the numbers in plain data; `to_plain` is the way back."""
         heads = {name: cls.from_plain(head) for name, head in plain.get("of_heads", {}).items()}
-        return cls(plain["columns"], plain["hardware"], heads, plain.get("unseen", {}))
+        numbers = cls(plain["columns"], plain["hardware"], heads, plain.get("unseen", {}))
+        _check(numbers, _KINDS_OF_NUMBERS)
+        for columns in (numbers.columns, *numbers.hardware.values()):
+            for name, value in columns.items():
+                if not isinstance(value, _SCALARS):
+                    raise TypeError(f"'{name}'")
+        return numbers
 
     def to_plain(self) -> dict[str, Any]:
         """Return the numbers as plain data."""
@@ -60,6 +67,17 @@ class Numbers:
     def of_head(self, head: str | None) -> Numbers:
         """Return the numbers of a head; None or '': of the whole classifier."""
         return self.of_heads[head] if head else self
+
+
+_SCALARS = (bool, int, float, str, types.NoneType)
+_KINDS_OF_NUMBERS = {"columns": Mapping, "hardware": Mapping, "unseen": Mapping}
+_KINDS = {
+    **dict.fromkeys(("design", "sections", "samples", "taken_from"), Mapping),
+    **dict.fromkeys(("reason", "details", "data", "leak"), str),
+    **dict.fromkeys(("needs_bytes", "stopped_at_epoch"), int | None),
+    "seed": int,
+}
+"""Types of fields as JSON holds them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +200,7 @@ class RunRecord:
             StoreError: a key is missing or invalid; `where` names the file.
         """
         try:
-            return cls(
+            record = cls(
                 trial=int(plain["trial"]),
                 repeat=int(plain["repeat"]),
                 design=plain["design"],
@@ -203,8 +221,21 @@ class RunRecord:
                 taken_from=plain.get("taken_from", {}),
                 told=plain["status"] == TOLD,
             )
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise StoreError(f"{where}: key {error} is missing or invalid") from error
+            _check(record, _KINDS)
+        except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+            raise store.damaged(where, f"key {error} is missing or invalid") from error
+        return record
+
+
+def _check(record: object, kinds: Mapping[str, Any]) -> None:
+    """Check the types of fields that were read.
+
+    Raises:
+        TypeError: names a field of another one.
+    """
+    for name, kind in kinds.items():
+        if not isinstance(getattr(record, name), kind):
+            raise TypeError(f"'{name}'")
 
 
 def plain_rungs(rungs: Mapping[int, Numbers]) -> dict[str, Any]:

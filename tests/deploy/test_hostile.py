@@ -187,6 +187,7 @@ NETWORKS = {
     "no layers": (arrays(n_layers=np.array(0)), "layers must hold at least the outputs"),
     "layers negative": (arrays(n_layers=np.array(-3)), "layers must hold at least the outputs"),
     "layers of text": (arrays(n_layers=np.array("two")), "invalid literal"),
+    "no network": (arrays(n_layers=None), "must hold Network for model.kind snn"),
     "outputs missing": (arrays(n_layers=np.array(1)), "last layer must have 3 neurons, one per class, got 8"),
     "layers beyond": (arrays(n_layers=np.array(10**9)), "Layer needs the array"),
     "no delays": (arrays(delays=np.zeros(0, np.int64)), "delays must hold at least one"),

@@ -71,7 +71,9 @@ def damage(path: Path, rng: random.Random) -> str:
     elif kind == "null":
         path.write_text(rng.choice(("null", "[]", "{}", "3\n", "~\n")))
     else:
-        others = sorted(x for x in path.parent.parent.parent.rglob(path.name) if x != path)
+        # of another run of the study, or of another entry of the cache
+        root = path.parents[2] if path.parent.name.startswith("repeat_") else path.parents[1]
+        others = sorted(x for x in root.rglob(path.name) if x != path)
         if others:
             shutil.copy(rng.choice(others), path)
     return f"{kind} {path.name}"

@@ -55,6 +55,7 @@ def test_pixel_events_without_polarity_are_all_on(write, tmp_path):
             {"taxel": np.array([0, 3, 1, -1, 2])},
             r"address must be in \[0, 3\], got -1 at event 0 of recording 1",
         ),
+        ({"offsets": np.array(3)}, r"offsets must be integers, .* got int64 of shape \(\)"),
         (
             {"taxel": np.array([0, 3, 1, 2])},
             r"'taxel' must be one integer for each of the 5 events, got .*\(4,\)",

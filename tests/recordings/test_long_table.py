@@ -33,6 +33,12 @@ def test_a_recording_begins_where_the_time_of_a_channel_falls(tmp_path: Path, by
     assert signals.columns["fabric"].tolist() == ["silk", "wool"] and signals.notes() == []
 
 
+def test_what_a_file_holds_stays_in_the_line_of_its_fault(tmp_path: Path) -> None:
+    LONG.assign(taxel=["a", "b\n\x1b[2J"] * 6).to_csv(tmp_path / "x.csv", index=False)
+    with pytest.raises(RecordingError, match=r"channel 'b\\n\\x1b\[2J' is not among data\.channels$"):
+        SOURCE.read(tmp_path)
+
+
 def test_recordings_and_labels_may_be_named_in_a_table_beside(tmp_path: Path) -> None:
     LONG.assign(id=LONG.cloth).drop(columns="cloth").sample(frac=1, random_state=1).sort_values("t").to_csv(
         tmp_path / "x.csv", index=False

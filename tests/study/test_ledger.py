@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.study.journal import CREATE_TRIAL, RUNNING, SET_TRIAL_STATE, Entry, read_journal
 from dse.study.ledger import Ledger
+from dse.study.lines import _sum
 from tests import families, tiny_study
 from tests.spaces import write_space
 
@@ -166,6 +168,15 @@ def test_damage_in_the_middle_loses_no_trial(
         mended.ask(1, DESIGNS[:1])
         assert Ledger(path, space).notes == []
         assert Ledger(path, space).entries == read_journal(path)
+
+
+def test_a_line_without_its_number_is_damage(ledger: Ledger, tmp_path: Path, space: SearchSpace) -> None:
+    path = tmp_path / "journal.log"
+    *before, last, end = path.read_bytes().split(b"\n")
+    text = re.sub(rb',"n":\d+|,"sum":.*', b"", last)
+    path.write_bytes(b"\n".join([*before, text + b',"sum":"%s"}' % _sum(text), before[-1], end]))
+    assert "line 7 is damaged (KeyError" in Ledger(path, space).notes[0]
+    assert without_times(read_journal(path))[:2] == EXPECTED[:2]
 
 
 def test_what_is_missing_and_has_no_record_is_proposed_again(

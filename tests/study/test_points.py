@@ -223,6 +223,15 @@ def study(space: SearchSpace, tmp_path: Path) -> Path:
     return folder
 
 
+def test_arrays_that_disagree_are_named_with_their_trial(space: SearchSpace, tmp_path: Path) -> None:
+    runs = [published(tmp_path, work=spiking(10.0))]
+    path = store.run_folder(tmp_path, 0, 0) / "read_out.npz"
+    arrays = store.load_arrays(path)
+    store.save_arrays(path, arrays | {"work/awake": np.zeros((0, 3))})
+    with pytest.raises(store.StoreError, match=r"artefacts/00000: its arrays cannot be evaluated \("):
+        points.points_table(space, tmp_path, {0: runs}, [LOIHI])
+
+
 def test_points_are_priced_on_other_hardware_without_training(study: Path) -> None:
     found = pricing.points(study, ["op_4.6_0.9", "loihi1_silicon"])
     assert found["hardware"].tolist() == ["op_4.6_0.9"] * 2 + ["loihi1_silicon"] * 2

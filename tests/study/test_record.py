@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dse.store import StoreError
+from dse.store import Damaged, StoreError
 from dse.study.record import RunRecord
 
 MEASURED: dict[str, Any] = {
@@ -66,3 +66,18 @@ def test_a_key_that_is_missing_is_named(key: str) -> None:
     plain = {name: value for name, value in FINISHED.items() if name != key}
     with pytest.raises(StoreError, match=rf"run/record.json: key '{key}' is missing or invalid"):
         RunRecord.from_plain(plain, Path("run/record.json"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("design", None), ("sections", []), ("seed", "7"), ("data", 3), ("hardware", 1), ("unseen", [])],
+)
+def test_a_key_of_another_type_is_damage(key: str, value: object) -> None:
+    with pytest.raises(Damaged, match=rf"record.json: key '?'{key}'?' is missing or invalid; `dse doctor"):
+        RunRecord.from_plain({**FINISHED, key: value}, Path("run/record.json"))
+
+
+def test_a_number_that_is_a_list_is_damage() -> None:
+    columns = {**FINISHED["columns"], "accuracy": [0.5]}
+    with pytest.raises(Damaged, match="'accuracy'"):
+        RunRecord.from_plain({**FINISHED, "columns": columns}, Path("run/record.json"))
