@@ -4,6 +4,9 @@ const Figure = (() => {
   const turns = new WeakMap(); // the last figure asked for on each node: earlier ones are not drawn any more
   const drawings = new WeakMap(); // the last drawing of each node: a promise
   let started;
+  let onPaper = false; // while the page is printed: light, whatever the reader's scheme
+  addEventListener("beforeprint", () => { onPaper = true; });
+  addEventListener("afterprint", () => { onPaper = false; });
 
   // The library is most of a page, so that it starts once the page's numbers have been seen.
   function library() {
@@ -22,6 +25,7 @@ const Figure = (() => {
 
   // The reader's colours; `palette` has a list of colours for light pages and what they become on dark ones.
   function style(palette) {
+    if (onPaper) return { ...print(palette), dark: false };
     const css = getComputedStyle(document.documentElement);
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const colours = ["text", "page", "panel", "rule", "quiet", "focus", "warn"];

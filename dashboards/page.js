@@ -659,6 +659,7 @@
     render();
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => render());
+  for (const event of ["beforeprint", "afterprint"]) addEventListener(event, () => render());
   render();
   // The first step of a slider would take twice as long as the others: what it needs is made while nothing is done.
   if (nRows > WARM_ROWS) {

@@ -331,8 +331,8 @@ const Front = (() => {
     }
 
     // A narrow figure is seen from further away, so that its axes stay inside.
-    function camera(narrow) {
-      const far = narrow ? 1.5 : 1;
+    function camera(width) {
+      const far = Math.min(1.5, Math.max(1, 720 / width));
       return { eye: { x: 1.7 * far, y: -1.9 * far, z: 0.6 * far }, center: { x: 0, y: 0, z: -0.25 } };
     }
 
@@ -343,13 +343,13 @@ const Front = (() => {
       const figureLayout = {
         ...Figure.face(look, narrow),
         margin: flat() ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
-        legend: { orientation: "h", x: 0, y: 1.08, itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
+        legend: { orientation: "h", x: 0, y: !flat() ? 1.08 : panels.length > 1 ? 1.07 : 1, yanchor: flat() ? "bottom" : "top", itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
         uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
       };
       if (!flat()) {
         figureLayout.scene = {
           xaxis: axis("x", look), yaxis: axis("z", look), zaxis: axis("y", look), aspectmode: "manual",
-          aspectratio: { x: 1.5, y: 1.5, z: 1 }, camera: camera(narrow),
+          aspectratio: { x: 1.5, y: 1.5, z: 1 }, camera: camera(plot.clientWidth),
         };
         return figureLayout;
       }

@@ -294,6 +294,8 @@ def test_two_tasks_are_told_apart(opened):
     assert set(page.cells(2)) == {"velocity"}
 
 
+INK = "getComputedStyle(document.querySelector('#plot .ytitle')).fill"
+
 FITS = """() => {
   const [drawing, place] = ["#plot .main-svg", "#plot"].map((at) => document.querySelector(at));
   return drawing.clientWidth <= place.clientWidth;
@@ -328,6 +330,10 @@ def test_readable_at_any_size_in_light_and_dark(opened):
         page.tab.wait_for_function(
             "(ink) => getComputedStyle(document.querySelector('#plot .ytitle')).fill === ink", arg=ink
         )
+    page.tab.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.tab.evaluate(INK) == "rgb(27, 30, 34)", "on paper, also of a dark screen"
+    page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.tab.evaluate(INK) == "rgb(232, 234, 237)"
 
 
 @pytest.mark.parametrize(
