@@ -397,11 +397,6 @@ def send_on_delta_plan(encoder: SendOnDelta, n_sensors: int) -> SendOnDeltaPlan:
     )
 
 
-def _on_grid(thresholds: tuple[float, ...], shift: int) -> bool:
-    """Return whether all are multiples of 2^-shift."""
-    return all((theta * 2**shift).is_integer() for theta in thresholds)
-
-
 def is_endless(pools: Pooling) -> bool:
     """Return whether no event is too late for the temporal crop."""
     return pools.end_us >= END_OF_TIME_US

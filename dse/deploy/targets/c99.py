@@ -26,7 +26,7 @@ from dse.registry import Column, register
 @register("targets", "c99")
 @dataclass(frozen=True)
 class C99:
-    """One header and one source: integers only, static memory only (dse.deploy.c)."""
+    """One header and one source, static memory only; networks in integers only (dse.deploy.c)."""
 
     label: ClassVar[str] = "C99 for any processor"
     extra: ClassVar[str] = ""

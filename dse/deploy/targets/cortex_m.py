@@ -123,7 +123,7 @@ class CortexM(Target):
 @register("targets", "cortex_m0plus")
 @dataclass(frozen=True)
 class CortexM0Plus(CortexM):
-    """Cortex-M0+: no instruction for divisions or products of 64 bits."""
+    """The C of c99, executed in an emulator; the core has no instruction for divisions or long products."""
 
     label: ClassVar[str] = "Cortex-M0+"
     core: ClassVar[Core] = CORES["cortex_m0plus"]
@@ -133,7 +133,7 @@ class CortexM0Plus(CortexM):
 @register("targets", "cortex_m4")
 @dataclass(frozen=True)
 class CortexM4(CortexM):
-    """Cortex-M4."""
+    """The C of c99, executed in an emulator."""
 
     label: ClassVar[str] = "Cortex-M4"
     core: ClassVar[Core] = CORES["cortex_m4"]
@@ -143,7 +143,7 @@ class CortexM4(CortexM):
 @register("targets", "cortex_m7")
 @dataclass(frozen=True)
 class CortexM7(CortexM):
-    """Cortex-M7."""
+    """The C of c99, executed in an emulator."""
 
     label: ClassVar[str] = "Cortex-M7"
     core: ClassVar[Core] = CORES["cortex_m7"]
@@ -153,7 +153,7 @@ class CortexM7(CortexM):
 @register("targets", "cortex_m33")
 @dataclass(frozen=True)
 class CortexM33(CortexM):
-    """Cortex-M33."""
+    """The C of c99, executed in an emulator."""
 
     label: ClassVar[str] = "Cortex-M33"
     core: ClassVar[Core] = CORES["cortex_m33"]
