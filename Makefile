@@ -10,8 +10,9 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-# Tests that compile most kernels: they run first, in one process, so that no two compile the same.
-COMPILING := tests/engine/test_cpu.py tests/engine/test_kernels.py tests/scene/test_simulate.py
+# Tests that compile most kernels run first, a process for each package, so that no two compile the same.
+OF_ENGINE := tests/engine/test_cpu.py tests/engine/test_kernels.py
+OF_SCENE := tests/scene/test_simulate.py
 
 # Stamps, each written last, so that a broken set-up is tried again.
 STUDY := $(VENV)/.study
@@ -23,7 +24,7 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: example quickstart test test-gpu faults fuzz peers setup lint types kernels format clean
+.PHONY: example quickstart test test-gpu faults fuzz peers setup lint types kernels-engine kernels-scene format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -34,14 +35,14 @@ example: $(STUDY)
 	$(BIN)/dse run search_spaces/example.yaml --quiet
 	rm -rf results/example/checkpoints results/example/page.html results/example/.lock
 
-# Types are checked while one process compiles kernels. Test files with studies and pages come first
+# Types are checked while kernels are compiled. Test files with studies and pages come first
 # (tests/conftest.py), and wait much: there are more processes than cores.
 test: $(TESTS) $(PEERS)
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@$(MAKE) --no-print-directory -j 2 types kernels
-	$(PYTEST) --ignore tests/engine/gpu $(COMPILING:%=--ignore %)
+	@$(MAKE) --no-print-directory -j 2 types kernels-engine kernels-scene
+	$(PYTEST) --ignore tests/engine/gpu $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
 
 test-gpu: $(GPU)
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
@@ -69,8 +70,11 @@ lint: $(TESTS)
 types: $(TESTS)
 	$(BIN)/mypy
 
-kernels: $(TESTS)
-	$(BIN)/python -m pytest -q $(COMPILING)
+kernels-engine: $(TESTS)
+	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_ENGINE)
+
+kernels-scene: $(TESTS)
+	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_SCENE)
 
 format: $(TESTS)
 	$(BIN)/ruff check --fix .

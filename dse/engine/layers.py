@@ -206,7 +206,6 @@ def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
     )
 
 
-@compiled()
 def _sum_delayed(
     layer: KernelLayer, offsets: Array, index: Array, first_row: int, n_samples: int, n_steps: int, z: Array
 ) -> None:
@@ -241,7 +240,6 @@ def _sum_delayed(
     )
 
 
-@compiled()
 def run(
     layer: KernelLayer,
     offsets: Array,
@@ -256,11 +254,30 @@ def run(
     peak: Array,
 ) -> int:
     """Run some samples through a layer; return the number of its spikes (arguments as in kernels.scan)."""
+    if layer.delay.size > 0:
+        # Not from compiled code: delays take as long to compile as all the rest, and few networks have any.
+        _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
+    return int(_run(layer, offsets, index, first_row, n_samples, n_steps, what, z, fired, updates, peak))
+
+
+@compiled()
+def _run(
+    layer: KernelLayer,
+    offsets: Array,
+    index: Array,
+    first_row: int,
+    n_samples: int,
+    n_steps: int,
+    what: int,
+    z: Array,
+    fired: Array,
+    updates: Array,
+    peak: Array,
+) -> int:
+    """Run some samples through a layer whose weighted input, if delayed, is there; arguments as in `run`."""
     n_rows, n_groups = n_samples * n_steps, layer.n_columns // LANES
     recurrent, delayed = layer.ring.size > 0, layer.delay.size > 0
     n_fired, column = 0, 0
-    if delayed:
-        _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
     while column < layer.n_columns:
         width = width_at(column, layer.n_columns)
         for n in range(n_samples):

@@ -213,7 +213,7 @@ def wake(view):  # type: ignore[no-untyped-def]
         _wake_disc(view, i)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def look(view, i, x, y, t0, t1):  # type: ignore[no-untyped-def]
     """Move pin i straight to (x, y) between two times, and send the events of the pixels that see it.
 
@@ -240,13 +240,13 @@ def look(view, i, x, y, t0, t1):  # type: ignore[no-untyped-def]
     view.at_px[i, 1] = y
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _index(pixels, x, y):  # type: ignore[no-untyped-def]
     """Return the place of a pixel in the flat arrays."""
     return (y + PAD) * pixels.stride + x + PAD
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _near_pins(view, i, cx, cy):  # type: ignore[no-untyped-def]
     """Write the centres of the pins whose discs overlap that of pin i at (cx, cy); return how many."""
     n = 0
@@ -280,7 +280,7 @@ def _wake_disc(view, i):  # type: ignore[no-untyped-def]
                 _begin(pixels, light, at, x, y, white)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _look_at_disc(view, n_near, leg):  # type: ignore[no-untyped-def]
     """Send the events of the pixels in a pin's disc after a leg of at most a pixel, 16 to a strip."""
     pixels, disc = view.pixels, view.light.disc
@@ -297,7 +297,7 @@ def _look_at_disc(view, n_near, leg):  # type: ignore[no-untyped-def]
             _look_at_strip(view, n_near, leg, start, y, lanes, dx2)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _look_at_strip(view, n_near, leg, start, y, lanes, dx2):  # type: ignore[no-untyped-def]
     """Send the events of the 16 pixels of row y from column `start` on.
 
@@ -318,7 +318,7 @@ def _look_at_strip(view, n_near, leg, start, y, lanes, dx2):  # type: ignore[no-
     _send_single(view, leg, at, start, y, crossed)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _in_other_discs(view, n_near, start, y, lanes):  # type: ignore[no-untyped-def]
     """Return which of 16 pixels lie in the discs of pins nearby."""
     disc2 = np.float32(view.light.disc * view.light.disc)
@@ -331,7 +331,7 @@ def _in_other_discs(view, n_near, start, y, lanes):  # type: ignore[no-untyped-d
     return inside
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _send_shared(view, n_near, leg, at, start, y, shared):  # type: ignore[no-untyped-def]
     """Send the events of those of 16 pixels that several pins light."""
     light = view.light
@@ -347,7 +347,7 @@ def _send_shared(view, n_near, leg, at, start, y, shared):  # type: ignore[no-un
             _send_by_light(view, at + lane, x, y, white0, white, leg.t0, leg.t1)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _send_single(view, leg, at, start, y, crossed):  # type: ignore[no-untyped-def]
     """Send the events of those of 16 pixels that one pin lights and whose next level it has crossed."""
     while crossed:
@@ -359,7 +359,7 @@ def _send_single(view, leg, at, start, y, crossed):  # type: ignore[no-untyped-d
         _send_by_distance(view, at + lane, x, y, hx * hx + hy * hy, d2, leg.t0, leg.t1)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _white_of_others(view, n_near, x, y):  # type: ignore[no-untyped-def]
     """Return the share of white that pins nearby give a pixel."""
     disc2 = np.float32(view.light.disc * view.light.disc)
@@ -372,7 +372,7 @@ def _white_of_others(view, n_near, x, y):  # type: ignore[no-untyped-def]
     return white
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _send_by_distance(view, at, x, y, d2_before, d2, t0, t1):  # type: ignore[no-untyped-def]
     """Send the events of a pixel whose squared distance to its pin changed from d2_before to d2."""
     pixels, light = view.pixels, view.light
@@ -404,7 +404,7 @@ def _send_by_distance(view, at, x, y, d2_before, d2, t0, t1):  # type: ignore[no
     pixels.far[at] = far
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _send_by_light(view, at, x, y, white_before, white, t0, t1):  # type: ignore[no-untyped-def]
     """Send the events of a pixel whose share of white changed from white_before to white."""
     pixels, light = view.pixels, view.light
@@ -426,7 +426,7 @@ def _send_by_light(view, at, x, y, white_before, white, t0, t1):  # type: ignore
     _set(pixels, light, at, level)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _send(view, at, x, y, pole, t_us):  # type: ignore[no-untyped-def]
     """Send an event, unless its pixel is refractory."""
     pixels = view.pixels
@@ -449,7 +449,7 @@ def _begin(pixels, light, at, x, y, white):  # type: ignore[no-untyped-def]
     _set(pixels, light, at, min(1.0, max(light.black, level)))
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _set(pixels, light, at, level):  # type: ignore[no-untyped-def]
     """Set a pixel's level, and the distances of its next events."""
     pixels.state[at, LEVEL] = level
@@ -457,7 +457,7 @@ def _set(pixels, light, at, level):  # type: ignore[no-untyped-def]
     pixels.far[at] = _far(light, level * pixels.state[at, OFF_GAIN])
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _near(light, level):  # type: ignore[no-untyped-def]
     """Return the squared distance below which light is at least `level`; negative where it never is."""
     if level >= light.top:
@@ -465,7 +465,7 @@ def _near(light, level):  # type: ignore[no-untyped-def]
     return _distance2(light, level)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _far(light, level):  # type: ignore[no-untyped-def]
     """Return the squared distance above which light is at most `level`; infinite where it never is."""
     if level <= light.black:
@@ -473,7 +473,7 @@ def _far(light, level):  # type: ignore[no-untyped-def]
     return _distance2(light, level)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _distance2(light, level):  # type: ignore[no-untyped-def]
     """Return D(level)^2 from the table; 0 above the light at the centre."""
     place = max(0.0, (level - light.black) * light.per_light)
@@ -482,7 +482,7 @@ def _distance2(light, level):  # type: ignore[no-untyped-def]
     return here + np.float32(place - k) * (light.distance2[k + 1] - here)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _white(light, d2):  # type: ignore[no-untyped-def]
     """Return the share of white at a squared distance within a disc, from the table."""
     place = d2 * light.per_px2

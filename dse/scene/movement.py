@@ -183,7 +183,7 @@ def walk(tip, pins, s, x, marks, skin, view, steps, background, raster):  # type
             written = finish_bins(view.sink, background, raster, view.tally, written, until_us)
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _begin(tip, pins, view, steps, x):  # type: ignore[no-untyped-def]
     """Place the pins at t = 0; return the fastest movement by the force's drift, px/us."""
     _read(tip, x, pins.filtered_mm)
@@ -247,7 +247,7 @@ def _place(tip, i, s, f, drift, out):  # type: ignore[no-untyped-def]
     out[i, 1] = tip.middle_px[1] + bend * y
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untyped-def]
     """Place moving pin i and look at it where a look is due; return whether the pixels are awake."""
     _place(tip, i, moment.s_mm, pins.filtered_mm, moment.drift, pins.at_px)
@@ -275,14 +275,14 @@ def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untype
     return awake
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _from_last_look(tip, pins, view, i):  # type: ignore[no-untyped-def]
     """Return the squared distance of moving pin i from its last look."""
     dx, dy = pins.at_px[i, 0] - view.at_px[tip.pin[i], 0], pins.at_px[i, 1] - view.at_px[tip.pin[i], 1]
     return dx**2 + dy**2
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def _look(tip, pins, view, steps, moment, i, at_turn):  # type: ignore[no-untyped-def]
     """Look at moving pin i where it turned, at the mark before, or where it is now."""
     place_px = pins.mark_px if at_turn else pins.at_px

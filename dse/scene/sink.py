@@ -132,7 +132,7 @@ def raster_sink(pooling: Pooling, n_bins: int, delay_us: float) -> Sink:
     )
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def store(sink, tally, x, y, pole, stamp):  # type: ignore[no-untyped-def]
     """Store an event in the list, or count it in the raster."""
     n = tally[EVENTS]
@@ -148,7 +148,7 @@ def store(sink, tally, x, y, pole, stamp):  # type: ignore[no-untyped-def]
         tally[OVERFLOW] += 1
 
 
-@compiled(inline="always", _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def into_raster(sink, x, y, pole, stamp):  # type: ignore[no-untyped-def]
     """Count an event in the raster's slots."""
     if sink.only >= 0 and pole != sink.only:
