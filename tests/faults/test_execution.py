@@ -79,7 +79,7 @@ def test_killed_at_random_moments(
         rng = random.Random(f"{backend} {number}")
         folder = prepare(tmp_path / str(number), backend)
         kept: dict[str, tuple[int, int]] = {}
-        process, n_kills = start(folder), 0
+        process, n_kills, of_worker = start(folder), 0, rng.random() < 0.6
         try:
             while process.poll() is None or n_kills < MOST_KILLS:
                 time.sleep(rng.uniform(0.0, 1.0))
@@ -88,14 +88,16 @@ def test_killed_at_random_moments(
                     n_kills = MOST_KILLS
                 elif n_kills == MOST_KILLS:
                     process.wait(PATIENCE_S)
-                elif victims and rng.random() < 0.7:
+                elif victims and of_worker:
                     rng.choice(victims).kill()
                     n_kills += 1
+                    of_worker = rng.random() < 0.6
                     tried[f"a worker killed, {backend}"] += 1
-                elif finished_runs(folder):
+                elif not of_worker and finished_runs(folder).keys() - kept.keys():
                     process.send_signal(signal.SIGKILL)
                     process.wait()
                     n_kills += 1
+                    of_worker = rng.random() < 0.6
                     tried[f"the coordinator killed, {backend}"] += 1
                     assert kept.items() <= finished_runs(folder).items(), "a run was lost or made twice"
                     kept = finished_runs(folder)
