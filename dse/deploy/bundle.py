@@ -10,6 +10,7 @@ README.md     the same for people
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -375,7 +376,7 @@ def _check_classifier(bundle: Bundle, arrays: Mapping[str, Array]) -> None:
         ValueError: shapes, ranges or numbers disagree with the description.
     """
     fitted, model = bundle.fitted, bundle.sections.model
-    expected = get_type_hints(model.respond).get("fitted", object)
+    expected = _fitted_type(model)
     if not isinstance(fitted, expected):
         raise ValueError(f"must hold {expected.__name__} for model.kind {bundle.sections.kinds['model']}")
     if isinstance(fitted, Parameters):
@@ -388,6 +389,15 @@ def _check_classifier(bundle: Bundle, arrays: Mapping[str, Array]) -> None:
     for name, matrix in _8_bit(fitted).items():
         if name not in arrays or not np.array_equal(arrays[name], matrix):
             raise ValueError(f"array '{name}' must be the 8-bit rounding of '{name.removesuffix(_8_BIT)}'")
+
+
+def _fitted_type(model: object) -> type:
+    """Return the class that a family's `respond` reads; `object` where its annotation names none."""
+    with contextlib.suppress(AttributeError, NameError, TypeError):  # a family of a user's module
+        hint = get_type_hints(model.respond).get("fitted")  # type: ignore[attr-defined]
+        if isinstance(hint, type):
+            return hint
+    return object
 
 
 def weights(fitted: Network | Parameters) -> dict[str, Array]:
