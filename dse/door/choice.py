@@ -137,10 +137,10 @@ def _corrected(
     except StoreError as error:
         return [f"no corrected {name}: {error}"]
     row[f"{name}_corrected"] = row[name] - gained
-    n_stopped = stopped["trial"].nunique()
+    n_designs, n_stopped = among["trial"].nunique(), stopped["trial"].nunique()
     beside = f" and {n_stopped} that racing stopped" if n_stopped else ""
     return [
-        f"{name} {row[name]:.3f} is the best of {len(among)} points of {among['trial'].nunique()} designs"
+        f"{name} {row[name]:.3f} is the best of {len(among)} points of {n_designs} design{'s' if n_designs > 1 else ''}"
         f"{beside}; corrected for that choice it is {row[f'{name}_corrected']:.3f}"
     ]
 
