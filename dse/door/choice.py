@@ -138,10 +138,11 @@ def _corrected(
         return [f"no corrected {name}: {error}"]
     row[f"{name}_corrected"] = row[name] - gained
     n_designs, n_stopped = among["trial"].nunique(), stopped["trial"].nunique()
+    designs = "1 design" if n_designs == 1 else f"{n_designs} designs"
     beside = f" and {n_stopped} that racing stopped" if n_stopped else ""
     return [
-        f"{name} {row[name]:.3f} is the best of {len(among)} points of {n_designs} design{'s' if n_designs > 1 else ''}"
-        f"{beside}; corrected for that choice it is {row[f'{name}_corrected']:.3f}"
+        f"{name} {row[name]:.3f} is the best of {len(among)} points of {designs}{beside}; "
+        f"corrected for that choice it is {row[f'{name}_corrected']:.3f}"
     ]
 
 
