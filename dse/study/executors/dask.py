@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, cast
 from dse.native.extras import MissingExtra
 from dse.store import StoreError
 from dse.study.executors.loky import memory_bytes, without_ctrl_c
-from dse.study.executors.work import THREADS, Failure, perform
+from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -95,7 +95,7 @@ class Dask:
         self._client.subscribe_topic(self._topic, lambda event: self._post(event[1]))
         self._executor = self._client.get_executor(pure=False)
         if self._cluster is not None:
-            self._client.run(_quiet)
+            self._client.run(stdout_to_stderr)
         self._is_closed = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
         try:
@@ -249,11 +249,6 @@ async def _kill(cluster: LocalCluster) -> None:
         nanny.auto_restart = False
         if nanny.process is not None and nanny.process.process is not None:
             await nanny.process.process.kill()
-
-
-def _quiet() -> None:
-    """Send what a worker of ours prints to stderr: stdout is for results."""
-    os.dup2(2, 1)
 
 
 def _ignore(message: bytes) -> None:

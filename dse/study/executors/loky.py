@@ -22,7 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import cast
 
-from dse.study.executors.work import THREADS, Failure, perform
+from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr
 
 _GRACE_S = 0.2
 _EXIT_CODE = re.compile(r"\((-?\d+)\)")
@@ -153,7 +153,7 @@ _to_parent: list[Connection] = []  # of a worker: one
 def _begin(connection: Connection) -> None:
     """Prepare a worker: its output goes to stderr, and it ends when its parent does."""
     _to_parent.append(connection)
-    os.dup2(2, 1)  # stdout is for results
+    stdout_to_stderr()
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)

@@ -6,8 +6,10 @@ list of all messages, for whoever missed one.
 
 from __future__ import annotations
 
+import os
 import pickle
 import secrets
+import sys
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -130,3 +132,9 @@ def perform(task: bytes, post: Callable[[bytes], object]) -> list[bytes]:
 def part_of(message: Message) -> Any:
     """Return the part in a message."""
     return pickle.loads(message.part)
+
+
+def stdout_to_stderr() -> None:
+    """Send what a worker prints to stderr, line by line: a worker may be killed."""
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr

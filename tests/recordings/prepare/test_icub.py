@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -45,6 +46,11 @@ def test_a_taxel_is_a_place_of_the_patch_and_the_record_has_both_checksums(tmp_p
         prepare("icub", other, tmp_path / "data")
 
 
+def members(archive):
+    with zipfile.ZipFile(archive) as opened:
+        return [(name, opened.read(name)) for name in opened.namelist()]
+
+
 def test_the_recordings_of_the_search_space_are_made_byte_for_byte(shared_data, tmp_path):
     path = shared_data / SETS["icub"].file
     if not path.is_file():
@@ -52,7 +58,8 @@ def test_the_recordings_of_the_search_space_are_made_byte_for_byte(shared_data, 
     shipped = np.load(path)
     patch = shipped["signal"].transpose(0, 2, 1).reshape(-1, 6, 10, 75)
     source = published(tmp_path / "source", signal=patch, label=shipped["label"].astype(np.int64))
-    assert prepare("icub", source, tmp_path / "data").read_bytes() == path.read_bytes()
+    made = prepare("icub", source, tmp_path / "data")
+    assert members(made) == members(path), "the archive's own header depends on the release of Python"
 
 
 @pytest.mark.parametrize(
