@@ -192,7 +192,7 @@ def read(folder: str | Path) -> Bundle:
         sources = tuple(str(path / name) if name.endswith(".py") else name for name in plugins)
         where = path / _WEIGHTS
         checks.check_archive(where)
-        arrays = store.load_arrays(where)
+        arrays = store.load_arrays(where, needs_seal=False)  # as of bundle.json
         where = path / _DOCUMENT
         for source in sources:  # before their components are named
             registry.load_plugin(source)

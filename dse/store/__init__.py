@@ -15,7 +15,8 @@
         front_repeats.json  which designs were repeated because their place on the front was undecided
 
 Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
-byte, or of the seal, is an error when it is read. The journal has a checksum per line (`dse.study.journal`).
+byte, or of the seal, or a file of another study, is an error when it is read. The journal has a checksum per
+line (`dse.study.lines`).
 
 A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
 therefore either complete or absent, and its presence is what makes the run finished.
@@ -30,6 +31,7 @@ from dse.store.arrays import (
     response_arrays,
     response_of,
     save_arrays,
+    seal_archive,
     work_arrays,
     work_of,
 )
@@ -59,11 +61,14 @@ from dse.store.sealed import (
     Damaged,
     StoreError,
     damaged,
+    identity,
     is_sealed,
+    new_identity,
     read_bytes,
     requires_seal,
     unreadable,
     verify,
+    witnessed,
 )
 from dse.store.tables import is_made_from, parquet, write_table
 
@@ -85,11 +90,13 @@ __all__ = [
     "fitted_of",
     "heads_document",
     "heads_of",
+    "identity",
     "is_made_from",
     "is_sealed",
     "is_temporary",
     "load_arrays",
     "load_run",
+    "new_identity",
     "parquet",
     "plain",
     "plain_cell",
@@ -107,9 +114,11 @@ __all__ = [
     "run_folder",
     "save_arrays",
     "save_run",
+    "seal_archive",
     "sweep",
     "unreadable",
     "verify",
+    "witnessed",
     "work_arrays",
     "work_of",
     "write_json",

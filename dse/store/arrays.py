@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from dse.records import Answers, Array, Ints, Layer, Network, Operations, Parameters, Response, Workload
-from dse.store.sealed import BLANK, StoreError, damaged, is_sealed, read_bytes, seal
+from dse.store.sealed import StoreError, blank, damaged, is_sealed, read_bytes, seal
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -57,19 +57,32 @@ def save_arrays(path: Path, arrays: Mapping[str, Array], *, compressed: bool = T
     save = np.savez_compressed if compressed else np.savez
     with path.open("wb") as file:
         save(file, **dict(arrays))  # type: ignore[arg-type]
+    seal_archive(path)
+
+
+def seal_archive(path: Path) -> None:
+    """Seal an .npz as a file of the study that it is in now.
+
+    Raises:
+        OSError, zipfile.BadZipFile: it cannot be read or written.
+    """
     with zipfile.ZipFile(path, "a") as archive:
-        archive.comment = BLANK
+        archive.comment = blank(path)
     seal(path)
 
 
-def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, Array]:
+def load_arrays(
+    path: Path, names: Collection[str] | None = None, *, needs_seal: bool | None = None
+) -> dict[str, Array]:
     """Return the arrays of an .npz; only those among `names`, if given, are read.
+
+    `needs_seal` as in `read_bytes`.
 
     Raises:
         Damaged: the file is missing, or not what was written.
         StoreError: it cannot be read now.
     """
-    content = io.BytesIO(read_bytes(path))
+    content = io.BytesIO(read_bytes(path, needs_seal=needs_seal))
     try:
         with np.load(content, allow_pickle=False) as archive:
             is_empty = not archive.files and len(content.getbuffer()) > _EMPTY_BYTES

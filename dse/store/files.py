@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from dse.store.plain import plain
-from dse.store.sealed import BLANK, StoreError, damaged, is_sealed, read_bytes, seal
+from dse.store.sealed import StoreError, blank, damaged, is_sealed, read_bytes, seal
 
 WARNINGS = "warnings.json"
 TEMPORARY = ".writing-"
@@ -149,7 +149,7 @@ def write_text(path: Path, text: str) -> None:
 def write_sealed_text(path: Path, text: str) -> None:
     """Replace a text file in whose format `#` begins a comment; the first line is its seal."""
     with published(path) as temporary:
-        temporary.write_text(f"{_COMMENT}{BLANK.decode()}\n{text}", encoding="utf-8")
+        temporary.write_text(f"{_COMMENT}{blank(path).decode()}\n{text}", encoding="utf-8")
         seal(temporary)
 
 
@@ -188,7 +188,7 @@ def write_sealed_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -
         TypeError: as in `write_json`.
     """
     members = document if isinstance(document, Mapping) else {_ROWS: document}
-    content = json.dumps({_SEAL: BLANK.decode(), **members}, indent=1, default=plain)
+    content = json.dumps({_SEAL: blank(path).decode(), **members}, indent=1, default=plain)
     path.write_text(content + "\n", encoding="utf-8")
     seal(path)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.store.sealed import BLANK, StoreError, seal, verify
+from dse.store.sealed import StoreError, blank, seal, verify
 
 if TYPE_CHECKING:
     import pandas
@@ -32,7 +32,7 @@ def parquet(
 
     with pyarrow.parquet.ParquetWriter(path, schema) as writer:
         yield writer
-        writer.add_key_value_metadata({_MADE_FROM: made_from, "seal": BLANK.decode()})
+        writer.add_key_value_metadata({_MADE_FROM: made_from, "seal": blank(path).decode()})
     seal(path)
 
 

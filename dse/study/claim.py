@@ -74,13 +74,11 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
         ]
         if faults:
             raise ConfigError(faults)
+    sessions = _sessions(folder, notes)
+    environment.begin(folder, sessions, is_sealed=bool(sessions) or not _has_unsealed_runs(folder))
     store.write_sealed_text(path, space.to_yaml())
     for file, copy in copies.items():
         store.write_sealed_text(copy, _text(file))
-    sessions = _sessions(folder / store.ENVIRONMENT, notes)
-    is_sealed = bool(sessions) or not _has_unsealed_runs(folder)
-    now_here = {**environment.describe(), "sealed": is_sealed}
-    store.write_json(folder / store.ENVIRONMENT, [*sessions, now_here])
     return notes
 
 
@@ -113,16 +111,13 @@ def _copied(copy: Path, notes: list[str]) -> str | None:
         return None
 
 
-def _sessions(path: Path, notes: list[str]) -> list[Any]:
+def _sessions(folder: Path, notes: list[str]) -> list[Any]:
     """Return the sessions so far; none, with a note, if the file is damaged."""
     try:
-        sessions = store.read_json(path) if path.exists() else []
-        if not isinstance(sessions, list):
-            raise store.damaged(path, "holds no list of sessions")
+        return environment.sessions(folder)
     except store.Damaged as error:
         notes.append(f"{error}; it is begun anew")
         return []
-    return sessions
 
 
 def _check_runs(space: SearchSpace, folder: Path) -> None:

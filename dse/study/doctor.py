@@ -12,7 +12,7 @@ from dse.audit import record
 from dse.config import ConfigError, SearchSpace, load_space
 from dse.hardware.profile import load_all
 from dse.store import StoreError
-from dse.study import lines, notes, points, precision, pricing
+from dse.study import environment, lines, notes, points, precision, pricing
 from dse.study import trials as tables
 from dse.study.ledger import Ledger
 from dse.study.record import RunRecord, load_record
@@ -102,10 +102,9 @@ def _texts(folder: Path) -> Iterator[Damage]:
     if fault := _fault(folder / _SPACE, plain_space):
         remedy = f"{_AGAIN} writes it again once it has compared it with the finished runs"
         yield Damage(_SPACE, fault, "nothing: runs hold their settings", remedy, None)
-    sessions = folder / store.ENVIRONMENT
-    if fault := _fault(sessions, _list):
-        remedy, cost = "an empty one is written", "when and where earlier sessions ran"
-        yield Damage(store.ENVIRONMENT, fault, cost, remedy, lambda: store.write_json(sessions, []))
+    if fault := _fault(folder / store.ENVIRONMENT, _sessions):
+        remedy, cost = "one of this session is written", "when and where earlier sessions ran"
+        yield Damage(store.ENVIRONMENT, fault, cost, remedy, lambda: environment.begin(folder, []))
     removed = f"it is removed; {_AGAIN} writes it again"
     for name, read, cost in (
         (store.WARNINGS, _list, "warnings, until they are found again"),
@@ -139,6 +138,17 @@ def _profiles(folder: Path) -> Iterator[Damage]:
 
 def _set_aside(path: Path) -> None:
     path.replace(path.with_name(f"{path.name}.damaged"))
+
+
+def _sessions(path: Path) -> None:
+    """Read the sessions of a study.
+
+    Raises:
+        Damaged: the file is missing, or not what was written.
+    """
+    if not path.exists():
+        raise store.damaged(path, "is missing")
+    environment.sessions(path.parent)
 
 
 def _list(path: Path) -> None:

@@ -6,6 +6,10 @@ import importlib.metadata
 import os
 import platform
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from dse import store
 
 PACKAGES = ("dse", "numpy", "numba", "torch", "optuna", "pandas", "pyarrow", "scikit-learn", "moocore")
 
@@ -20,6 +24,37 @@ def describe() -> dict[str, object]:
         "cpus": os.cpu_count(),
         "versions": {name: version for name in PACKAGES if (version := _version(name)) is not None},
     }
+
+
+def sessions(folder: Path) -> list[Any]:
+    """Return the sessions of a study, first to last; none where nothing is written yet.
+
+    Raises:
+        Damaged: the file is not what was written, or is that of another study.
+        StoreError: it cannot be read now.
+    """
+    path = folder / store.ENVIRONMENT
+    if not path.exists():
+        return []
+    written = store.read_json(path)
+    if not isinstance(written, list) or not all(isinstance(one, dict) for one in written):
+        raise store.damaged(path, "holds no list of sessions")
+    named = [one["identity"] for one in written if one.get("identity")]
+    if (named[-1] if named else "") != store.identity(path):
+        raise store.damaged(path, "is a file of another study")
+    return written
+
+
+def begin(folder: Path, earlier: list[Any], *, is_sealed: bool = True) -> None:
+    """Write that a session begins; `is_sealed`: whether all files of the study have seals.
+
+    The first session of a study draws its identity; a study that an earlier version began has none.
+    """
+    identity = store.identity(folder / store.ENVIRONMENT) or store.witnessed(folder)
+    if not (identity or earlier or any(folder.glob("artefacts/*/repeat_*"))):
+        identity = store.new_identity()
+    session = {**describe(), "sealed": is_sealed, **({"identity": identity} if identity else {})}
+    store.write_json(folder / store.ENVIRONMENT, [*earlier, session])
 
 
 def _version(package: str) -> str | None:

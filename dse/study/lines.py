@@ -6,6 +6,8 @@ A line is the JSON object of an operation of Optuna and three members that Optun
     trial   number of the trial that the line creates
     sum     the beginning of the SHA-256 of the line before it
 
+The line that creates Optuna's study has a member `identity`: that of the study (`dse.store.sealed`).
+
 So a line that was changed, lost, doubled or moved is known by its number, and later trials keep theirs.
 A journal of an earlier version begins with lines without them, which are read as they are, unless all
 sessions of the study wrote them (`dse.store.requires_seal`).
@@ -36,6 +38,7 @@ Log = dict[str, Any]
 """An operation of Optuna."""
 
 _MALFORMED = (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
+_IDENTITY = "identity"
 _SUM = re.compile(rb'(\{.*),"sum":"([0-9a-f]{16})"\}')
 
 
@@ -69,6 +72,7 @@ def read(path: Path) -> Lines:
     logs: list[Log] = []
     faults: list[str] = []
     n, n_bad, fault, is_sealed = 0, 0, "", store.requires_seal(path)
+    identity = store.identity(path)
     *lines, torn = content.split(b"\n")
     for number, line in enumerate(lines, start=1):
         if fault:
@@ -91,6 +95,8 @@ def read(path: Path) -> Lines:
             elif not is_sealed:
                 n += 1
             logs.append(log)
+            if log["op_code"] == CREATE_STUDY and log.get(_IDENTITY, identity) != identity:
+                return Lines(faults=["it is the journal of another study"], n_bytes=len(content))
     n_bytes = len(content) - len(torn)
     if fault and not torn:  # what the machine was writing when it went down
         n_bytes -= len(lines[-1]) + 1
@@ -220,6 +226,8 @@ class JournalLines:
         if log["op_code"] == CREATE_TRIAL:
             members["trial"] = self._n_trials
             self._n_trials += 1
+        elif log["op_code"] == CREATE_STUDY and self._path and (identity := store.identity(self._path)):
+            members[_IDENTITY] = identity
         text = json.dumps(members, separators=(",", ":"))[:-1].encode()
         return text + b',"sum":"' + _sum(text) + b'"}\n'
 

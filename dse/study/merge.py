@@ -156,11 +156,11 @@ def _written(space: SearchSpace, studies: Sequence[_Study], folder: Path) -> dic
             merged[number_of[key]] = batch, better, joined
     with store.explained(folder):
         folder.mkdir(parents=True)
+    _write_lists(studies, folder)
     store.write_sealed_text(folder / _SPACE, space.to_yaml())
     for study in reversed(studies):  # copies of the first one last
         for path in [*study.folder.glob("hardware/*.yaml"), *study.folder.glob("plugins/*.py")]:
             store.write_sealed_text(folder / path.relative_to(study.folder), store.read_sealed_text(path))
-    _write_lists(studies, folder)
     ledger = Ledger(folder / _JOURNAL, space)
     # A search goes through batches without a gap, and what no study has finished is trained after all others.
     merged.sort(key=lambda one: not one[1].excluded and not one[1].is_reported and not one[2])
@@ -185,11 +185,14 @@ def _written(space: SearchSpace, studies: Sequence[_Study], folder: Path) -> dic
 
 
 def _write_lists(studies: Sequence[_Study], folder: Path) -> None:
-    """Write the sessions and the warnings of both studies."""
+    """Write the sessions and the warnings of both studies; all that is written here has one identity."""
+    identity = {"identity": store.new_identity()}
     for name in (store.ENVIRONMENT, store.WARNINGS):
         items: dict[str, Any] = {}
         for path in (study.folder / name for study in studies):
             for item in store.read_json(path) if path.exists() else ():
                 items.setdefault(json.dumps(item, sort_keys=True), item)
         if items:
-            store.write_json(folder / name, list(items.values()))
+            is_session = name == store.ENVIRONMENT
+            written = [item | identity if is_session else item for item in items.values()]
+            store.write_json(folder / name, written)

@@ -84,7 +84,7 @@ def waiting(space: SearchSpace, folder: Path) -> list[tuple[Path, Design | None]
     read = []
     for path in _files(folder):
         try:
-            design = on_axes(space, store.read_json(path)["design"])
+            design = on_axes(space, store.read_json(path, needs_seal=False)["design"])
         except (store.StoreError, LookupError, TypeError, AttributeError):
             design = None
         read.append((path, design))

@@ -198,12 +198,12 @@ def copy_run(source: Path, trial: int, target: Path, taken_from: Mapping[str, An
 
 
 def _copier(source: Path) -> Callable[[Path], None]:
-    """Return what copies a file; arrays that an earlier version wrote receive a seal."""
+    """Return what copies a file; arrays become files of the study that they are copied to."""
 
     def copy(path: Path) -> None:
-        if source.suffix == ".npz" and not store.is_sealed(source.read_bytes()):
-            store.save_arrays(path, store.load_arrays(source))
-        else:
-            shutil.copyfile(source, path)
+        store.verify(source)
+        shutil.copyfile(source, path)
+        if source.suffix == ".npz":
+            store.seal_archive(path)
 
     return copy

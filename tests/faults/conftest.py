@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -38,9 +39,21 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder of a finished study's search space, with its results and its cache."""
     folder = tmp_path_factory.mktemp("whole")
+    _finish(folder)
+    yield folder
+    tiny_study.unregister()
+
+
+@pytest.fixture(scope="module")
+def another(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished study of the same name and designs as that of `whole`, of another seed."""
+    folder = tmp_path_factory.mktemp("another")
+    _finish(folder, seed=8)
+    return folder / "results" / "tiny"
+
+
+def _finish(folder: Path, **sections: Any) -> None:
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("DSE_CACHE", str(folder / "cache"))
-        space = tiny_study.make_space(folder, execution={"jobs": 1})
+        space = tiny_study.make_space(folder, execution={"jobs": 1}, **sections)
         explore.run(space, folder / "results", progress=False)
-        yield folder
-    tiny_study.unregister()

@@ -54,14 +54,17 @@ INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
 }  # fmt: skip
 
 
-def damage(path: Path, rng: random.Random) -> str:
-    """Damage a file; return how."""
-    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null", "unseal"])
+def damage(path: Path, rng: random.Random, foreign: Path | None = None) -> str:
+    """Damage a file; return how. `foreign`: the same file of another study of the same name."""
+    from_another = ["foreign"] * 2 if foreign is not None and foreign.is_file() else []
+    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null", "unseal", *from_another])
     if kind in INSIDE:
         content = bytearray(path.read_bytes())
         if content:
             INSIDE[kind](content, rng)
         path.write_bytes(content)
+    elif kind == "foreign" and foreign is not None:
+        shutil.copy(foreign, path)
     elif kind == "remove":
         path.unlink()
     elif kind == "empty":

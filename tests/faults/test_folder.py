@@ -64,7 +64,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def test_no_reader_believes_a_damaged_file(
-    whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
+    whole: Path, another: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
 ) -> None:
     study = results.open(whole / "results" / "tiny")
     assert examine(study.folder) == []
@@ -74,7 +74,7 @@ def test_no_reader_believes_a_damaged_file(
         copy = Path(shutil.copytree(study.folder, tmp_path / "tiny"))
         path = rng.choice(_files(copy))
         before = path.read_bytes()
-        what = damage(path, rng)
+        what = damage(path, rng, another / path.relative_to(copy))
         is_changed = not path.exists() or path.read_bytes() != before
         read = _read(Study(copy))
         for name, part in read.items():
@@ -105,15 +105,41 @@ def test_a_removed_seal_is_noticed_in_every_file(whole: Path, tmp_path: Path) ->
     assert examine(copy) == []
 
 
+def test_no_file_of_another_study_is_believed(whole: Path, another: Path, tmp_path: Path) -> None:
+    """Each file alone, then all that make a table, then all but the runs: those tell which study it is."""
+    expected = _read(results.open(whole / "results" / "tiny"))
+    space, folder = load_space(whole / "tiny.yaml"), tmp_path / "results" / "tiny"
+    shutil.copytree(whole / "results" / "tiny", folder)
+    names = sorted({path.relative_to(folder) for path in _files(folder)})
+    of_study = [name for name in names if name.parts[0] != "artefacts"]
+    of_run = [name for name in names if name.parts[:2] == ("artefacts", "00003")]
+    alone = [[name] for name in (*of_study, of_run[0])]
+    for changed in (*alone, of_run, [Path("points.parquet"), Path("trials.parquet")], of_study):
+        for name in changed:
+            assert (folder / name).read_bytes() != (another / name).read_bytes()
+            shutil.copy(another / name, folder / name)
+        faults = {damage.file: damage.fault for damage in examine(folder)}
+        assert len(faults) == (1 if changed == of_run else len(changed)), (changed, faults)
+        assert all("another study" in fault or changed[0] == of_run[0] for fault in faults.values()), faults
+        explore.run(space, tmp_path / "results", progress=False)
+        assert examine(folder) == [], changed
+        read = _read(Study(folder))
+        for table in ("trials", "points"):
+            assert_frame_equal(
+                _table(read[table]), _table(expected[table]), check_exact=True, obj=str(changed)
+            )
+
+
 def test_a_damaged_study_goes_on_to_the_same_tables(
-    whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
+    whole: Path, another: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
 ) -> None:
     expected = _read(results.open(whole / "results" / "tiny"))
     space, rng = load_space(whole / "tiny.yaml"), random.Random(21)
     for number in range(max(2, n_faults // 10)):
         copy = tmp_path / "results" / "tiny"
         shutil.copytree(whole / "results" / "tiny", copy)
-        what = [damage(rng.choice(_files(copy)), rng) for _ in range(rng.choice((1, 1, 3)))]
+        paths = [rng.choice(_files(copy)) for _ in range(rng.choice((1, 1, 3)))]
+        what = [damage(x, rng, another / x.relative_to(copy)) for x in paths if x.exists()]
         if number % 2:
             left = repair(copy, examine(copy))
             assert not left or "search_space.yaml" in left, (what, left)

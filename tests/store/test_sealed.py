@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import random
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -104,6 +106,28 @@ def test_a_removed_seal_is_an_error_in_a_study_that_has_always_had_seals(tmp_pat
         read(tmp_path / name)
     write_sessions({"started": "2025"}, {"sealed": True})  # begun by an earlier version
     read(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_file_of_another_study_is_an_error(tmp_path: Path, name: str) -> None:
+    write, read = FORMS[name]
+    name = "trials.parquet" if name == "x.parquet" else name
+    for folder, identity in (("one", "1" * 16), ("two", "2" * 16), ("before", "")):
+        (tmp_path / folder / "deep").mkdir(parents=True)
+        session = {"sealed": True, **({"identity": identity} if identity else {})}
+        store.write_json(tmp_path / folder / store.ENVIRONMENT, [session])
+        write(tmp_path / folder / "deep" / name)
+    expected = repr(read(tmp_path / "one" / "deep" / name))
+    for target, source in itertools.permutations(("one", "two", "before"), 2):
+        path = tmp_path / target / "deep" / f"{source}_{name}"
+        shutil.copy(tmp_path / source / "deep" / name, path)
+        with pytest.raises(store.Damaged, match="is a file of another study"):
+            store.verify(path)
+    moved = tmp_path / "one" / "deep"
+    moved.rename(tmp_path / "elsewhere")  # out of any study
+    assert repr(read(tmp_path / "elsewhere" / name)) == expected
+    shutil.copytree(tmp_path / "two", tmp_path / "copy")
+    assert repr(read(tmp_path / "copy" / "deep" / name)) == expected
 
 
 def test_files_of_earlier_versions_are_read_as_they_are(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from dse.config import ConfigError
 from dse.search.space import design_at
 from dse.store import read_record, run_folder
 from dse.study import explore
+from dse.study.doctor import examine
 from dse.study.results import Study
 from dse.study.warm import Takeover, earlier_trials
 from tests.tiny_study import make_space, unregister
@@ -55,6 +56,7 @@ def test_equal_designs_are_taken_over_and_not_trained_again(search: Explore, tmp
     warm = search("second", model=model(4, 16), search={"sampler": "grid", "from": ["results/first"]})
     assert [x and (x["study"], x["trial"]) for x in taken(warm)] == [("first", 0), ("first", 1), None, None]
     store.load_run(run_folder(warm.folder, 1, 0))  # whole, by its checksums
+    assert examine(warm.folder) == []
     assert rows(search("alone", model=model(4, 16))) == rows(warm)
 
 
