@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def answer(arguments: argparse.Namespace) -> Answer:
     """Convert the set, or list the sets with their origins."""
     from dse.recordings import RecordingError
-    from dse.recordings.prepare import RECORD, SETS, prepare
+    from dse.recordings.prepare import SETS, prepare
 
     if arguments.set is None:
         rows = [
@@ -39,7 +39,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
                 "file": one.file,
                 "origin": one.origin,
                 "licence": one.licence or "none stated",
-                "converted from": ", ".join(one.files) or "not converted: no documented layout",
+                "converted from": ", ".join(one.files),
             }
             for name, one in SETS.items()
         ]
@@ -49,5 +49,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     out = arguments.out or os.environ.get("DSE_DATA")
     if not out:
         raise RecordingError("prepare needs --out DIR, or DSE_DATA, the folder of recordings")
-    path = prepare(arguments.set, arguments.source, Path(out))
-    return Answer([{"file": str(path), "record": f"{path}{RECORD}"}])
+    written = prepare(arguments.set, arguments.source, Path(out))
+    answers = {True: "yes", False: "no, other recordings", None: "in no search space"}
+    rows = [{"file": str(one.path), "as in the published results": answers[one.published]} for one in written]
+    return Answer(rows)

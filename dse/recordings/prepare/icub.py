@@ -14,30 +14,36 @@ from pathlib import Path
 import numpy as np
 
 from dse.recordings import RecordingError
+from dse.recordings.prepare.parts import Converted, folder
 from dse.records import Array
 
-FILES = ("icub_test.npy", "labels_test.npy")
+FILES = ("temp_data/icub_test.npy", "temp_data/labels_test.npy")
 _PATCH = (6, 10, 75)
 
 
-def convert(source: Path) -> dict[str, Array]:
-    """Return the arrays of the result, `signal` and `label`.
+def convert(source: Path) -> Converted:
+    """Return the recordings, `signal` and `label`.
 
     Raises:
-        RecordingError: a file is no array of this layout.
+        RecordingError: a file is missing or is no array of this layout.
     """
-    signal, label = (_array(source / name) for name in FILES)
+    files = [folder(source, *name.split("/"))[0] for name in FILES]
+    signal, label = map(_array, files)
     if signal.ndim != 4 or signal.shape[1:] != _PATCH or signal.dtype.kind != "f":
         layout = f"floats of shape (recordings, {', '.join(map(str, _PATCH))})"
-        raise RecordingError(f"{source / FILES[0]}: must hold {layout}, got {signal.dtype} {signal.shape}")
+        raise RecordingError(f"{files[0]}: must hold {layout}, got {signal.dtype} {signal.shape}")
     label = label.reshape(-1)
     whole = label.dtype.kind in "iuf" and np.isfinite(label).all() and (label == np.floor(label)).all()
     fits = len(label) == len(signal) and whole and bool((label >= 0).all() and (label < 2**15).all())
     if not fits:
         text = f"one whole number for each of {len(signal)} recordings"
-        raise RecordingError(f"{source / FILES[1]}: must hold {text}, got {label.dtype} {label.shape}")
+        raise RecordingError(f"{files[1]}: must hold {text}, got {label.dtype} {label.shape}")
     steps = signal.reshape(len(signal), -1, _PATCH[2]).transpose(0, 2, 1)
-    return {"signal": np.ascontiguousarray(steps, np.float32), "label": label.astype(np.int16)}
+    arrays: dict[str, Array] = {
+        "signal": np.ascontiguousarray(steps, np.float32),
+        "label": label.astype(np.int16),
+    }
+    return Converted(files, {"icub_roboskin20_test200.npz": arrays})
 
 
 def _array(path: Path) -> Array:
