@@ -83,11 +83,11 @@ def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], l
     rows += [*moved, *twins.rows(read), *leaks.rows(read), *groups.rows(read)]
     notes = [f"{read.task}: {silence}"] if (silence := totals.silence(read)) else []
     for part, drawn, every in (
-        ("training", read.train, read.dataset.train),
-        ("validation", read.validation, read.dataset.validation),
+        ("training", read.train, read.drawn_from[0]),
+        ("validation", read.validation, read.drawn_from[1]),
     ):
-        if len(drawn) < len(every):
-            notes.append(f"{read.task}: {len(drawn)} of {len(every)} {part} samples are drawn")
+        if len(drawn) < every:
+            notes.append(f"{read.task}: {len(drawn)} of {every} {part} samples are drawn")
     if not moved:
         notes.append(f"{read.task}: windows have no room to move in their recordings")
     constant = [name for name, values in read.columns.items() if len(set(values[read.train].tolist())) == 1]

@@ -18,14 +18,16 @@ from dse.config.settings import Window
 from dse.config.space import Design
 from dse.config.values import echo
 from dse.dataset.parts import Progress, place_signals, seen_by_encoder, silent
-from dse.recordings import RecordingError
+from dse.recordings import RecordingError, trials_of
 from dse.recordings.targets import target_columns
 from dse.recordings.windows import mean_levels
-from dse.records import Bools, Floats, Ints, Signals, Spikes
+from dse.records import Bools, Floats, Ints, Rasters, Signals, Spikes
 from dse.search.space import corners
 
 MOST = 1000
 """Training and validation samples that the probes use, each; of more, a random draw."""
+MOST_SIMULATED = 400
+"""The same of simulated touch, a tenth of a second each: no more of it is simulated than the probes use."""
 FIRST = 16
 """The resting level is the mean of the first sixteenth of a window."""
 
@@ -84,10 +86,13 @@ def material(
     """
     base, sections = space.source.parent, sections_of(space, design)
     roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts))
-    folder = dataset.prepare(roomy, base, root, space.execution.threads, progress)
-    data = dataset.load(folder)
-    train, validation = (_drawn(samples) for samples in (data.train, data.validation))
     recordings = dataset.recordings(sections, base)
+    simulated = not isinstance(recordings, Signals | Rasters) and trials_of(recordings) is not None
+    of_split = dataset.split_of(recordings, sections)[:2]
+    train, validation = (_drawn(samples, MOST_SIMULATED if simulated else MOST) for samples in of_split)
+    only = np.concatenate([train, validation]) if simulated else None
+    folder = dataset.prepare(roomy, base, root, space.execution.threads, progress, only)
+    data = dataset.load(folder)
     window = sections.window
     every = window.every_steps or window.cut_steps or 1
     levels = None
@@ -102,6 +107,7 @@ def material(
         dataset=data,
         train=train,
         validation=validation,
+        drawn_from=(len(of_split[0]), len(of_split[1])),
         columns=recordings.columns,
         lengths=dataset.lengths(folder),
         target_columns=target_columns(sections.task.target),
@@ -127,12 +133,12 @@ def _with_room(window: Window, shifts: Sequence[int]) -> Window:
     return dataclasses.replace(window, jitter_steps=max(window.jitter_steps, most))
 
 
-def _drawn(samples: Ints) -> Ints:
-    """Return at most `MOST` of some samples, in rising order."""
-    if len(samples) <= MOST:
+def _drawn(samples: Ints, most: int) -> Ints:
+    """Return some samples, in rising order; of more than `most`, a random draw."""
+    if len(samples) <= most:
         return samples
     rng = seeds.generator(0, {}, "audit samples")
-    return np.sort(rng.choice(samples, MOST, replace=False))
+    return np.sort(rng.choice(samples, most, replace=False))
 
 
 def _levels(signals: Signals, design: Sections, encoder: Encoder, used: Bools) -> Levels:

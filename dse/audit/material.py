@@ -47,6 +47,7 @@ class Material:
     reach: windows that were cut from one recording share steps where their numbers differ by at most this.
     leak: why the evaluation has seen its answers; '' where it has not.
     reads_labels: whether the encoder reads the labels of what it encodes.
+    drawn_from: training and validation samples of the split, from which these were drawn.
     """
 
     task: str
@@ -64,6 +65,7 @@ class Material:
     reach: int = 0
     leak: str = ""
     reads_labels: bool = False
+    drawn_from: tuple[int, int] = (0, 0)
 
     @property
     def codes(self) -> Ints:

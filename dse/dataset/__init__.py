@@ -14,6 +14,7 @@ from dse.dataset.assemble import (
     load_or_prepare,
     prepare,
     recordings,
+    split_of,
     transductive,
     warnings,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "recordings",
     "same_spikes",
     "shifted",
+    "split_of",
     "stages",
     "transductive",
     "warnings",

@@ -51,7 +51,14 @@ class _Labels:
     train: Ints
 
 
-def prepare(design: Sections, base: Path, root: Path, threads: int = 1, progress: Progress = silent) -> Path:
+def prepare(
+    design: Sections,
+    base: Path,
+    root: Path,
+    threads: int = 1,
+    progress: Progress = silent,
+    only: Ints | None = None,
+) -> Path:
     """Return the folder of a design's data set in a cache; the data set is made if it is absent.
 
     Sample i is recording i of the data; recordings of a `test` file follow. Recordings in no part of the
@@ -64,15 +71,27 @@ def prepare(design: Sections, base: Path, root: Path, threads: int = 1, progress
         root: of the cache.
         threads: for trials that are simulated; the result is the same with any number.
         progress: called with a sentence as recordings are read and their spikes written.
+        only: recordings that the parts of the split are limited to, and no test file; None: all.
 
     Raises:
         RecordingError: anything wrong with the recordings or with what is asked of them.
         OSError: the cache cannot be written.
     """
-    making = _Making(base, root, threads, progress)
+    making = _Making(base, root, threads, progress, only)
     wide = widened(design)
     jitter = None if wide is design else design.window.jitter_steps
-    return cache.made(root, dataset_key(design, base), lambda folder: _fill(folder, wide, making, jitter))
+    key = dataset_key(design, base, only)
+    return cache.made(root, key, lambda folder: _fill(folder, wide, making, jitter))
+
+
+def split_of(recordings: Recordings, design: Sections) -> tuple[Ints, Ints, Ints]:
+    """Return the train, validation and test recordings of a design's data, test file aside; rising indices.
+
+    Raises:
+        RecordingError: the split does not fit the recordings.
+    """
+    codes, classes = target(recordings.columns, design.task.target)
+    return split(recordings.columns, codes, classes, design.split)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +102,7 @@ class _Making:
     root: Path
     threads: int
     progress: Progress
+    only: Ints | None = None
 
 
 def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | None) -> None:
@@ -100,6 +120,8 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     codes, classes = target(recordings.columns, task.target)
     train, validation, test = split(recordings.columns, codes, classes, design.split)
     reasons = [leak(recordings.columns, design.split, train, validation, test, design.window)]
+    if making.only is not None:
+        train, validation, test = (part[np.isin(part, making.only)] for part in (train, validation, test))
     used = np.zeros(len(codes), dtype=bool)
     used[np.concatenate([train, validation, test])] = True
     codes, classes = in_use(codes, classes, used)
@@ -110,7 +132,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     joint = heads(recordings.columns, task.target, codes) if task.joint else ()
     fitted = cropped(recordings, design, train, making.progress)
     sources, targets = [_Read(recordings, positions, used)], [codes]
-    if design.test is not None:
+    if design.test is not None and making.only is None:
         if len(test):
             raise RecordingError(
                 "test recordings must come either from split.test or from the test file, not from both"

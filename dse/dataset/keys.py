@@ -11,7 +11,7 @@ from pathlib import Path
 from dse.config.contracts import PLACES
 from dse.config.resolved import Sections
 from dse.config.yaml_lines import Raw
-from dse.records import Bools
+from dse.records import Bools, Ints
 
 # Raised when the same sections and recordings give another data set than before.
 _VERSION = 2
@@ -26,10 +26,15 @@ _ADDED: Mapping[str, Mapping[str, Raw]] = {
 }
 
 
-def dataset_key(design: Sections, base: Path) -> str:
+def dataset_key(design: Sections, base: Path, only: Ints | None = None) -> str:
     """Return a hash of all that a data set follows from: the sections, and what the recordings hold.
 
     Where the recordings lie and what their files are called does not matter.
+
+    Args:
+        design: its sections.
+        base: folder that recordings are looked up beside.
+        only: recordings that it is limited to; None: all of the split.
 
     Raises:
         RecordingError: a file is not found.
@@ -37,10 +42,12 @@ def dataset_key(design: Sections, base: Path) -> str:
     sections = widened(design).to_plain()
     parts = {name: _hashed(name, sections) for name in ("split", *_OF_SPIKES)}
     task = sections["task"]
-    evaluated = []
+    evaluated: list[Raw] = []
     if design.evaluation is not None:
         out = design.left_out
         evaluated = [sections["evaluation"], design.window.jitter_steps, out and [out.column, out.values]]
+    if only is not None:
+        evaluated.append({"only": only.tolist()})
     return _hash([_VERSION, task["target"], task["joint"], parts | sources(design, base), *evaluated])
 
 

@@ -12,6 +12,7 @@ from dse.dataset import cache
 from dse.recordings import RecordingError
 from dse.study import explore
 from dse.study.preview import preview
+from tests.spaces import FINGERTIP
 
 SPACE = """\
 study: felt
@@ -22,6 +23,17 @@ window: {n_steps: 32, at: middle}
 split: {train: {part: [0]}, validation: {part: [1]}}
 encoder: {kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}
 model: {kind: naive_bayes, window_ms: 80}
+hardware: [op_4.6_0.9]
+objectives: [accuracy:max, n_weights:min]
+"""
+
+SIMULATED = """\
+study: tip
+data: {kind: scene, scene: tip.yaml}
+task: {target: texture}
+split: {train: {repetition: [0, 1, 2, 3]}, validation: {repetition: [5]}, test: {repetition: [4]}}
+preprocessing: {bin_ms: 10, pool: 16, polarity: merge}
+model: {kind: naive_bayes, window_ms: 50}
 hardware: [op_4.6_0.9]
 objectives: [accuracy:max, n_weights:min]
 """
@@ -105,6 +117,25 @@ def test_folds_and_draws_are_stated(tmp_path, monkeypatch):
     notes = audit(write(tmp_path, text=folds), tmp_path / "cache").notes
     assert "audited on fold 0 of 2" in notes
     assert "material: 30 of 40 training samples are drawn" in notes
+
+
+def test_no_more_touch_is_simulated_than_probes_use(tmp_path, monkeypatch):
+    (tmp_path / "tip.yaml").write_text(FINGERTIP + "trials: 6\n", encoding="utf-8")
+    (tmp_path / "sim.yaml").write_text(SIMULATED, encoding="utf-8")
+    space = load_space(tmp_path / "sim.yaml")
+    monkeypatch.setattr(gather, "MOST_SIMULATED", 6)
+    (design,) = gather.designs(space)
+    read = gather.material(space, design, tmp_path / "cache")
+    assert len(read.train) == 6 and read.validation.tolist() == [5, 11, 17, 23]
+    recordings = np.arange(24)
+    drawn = np.isin(recordings, [*read.train, *read.validation])
+    assert read.columns["repetition"][read.train].max() <= 3
+    n_spikes = np.diff(read.dataset.spikes.row_offsets[:: read.dataset.spikes.n_steps])
+    assert (n_spikes[drawn] > 0).all() and not n_spikes[~drawn].any()
+    notes = audit(space, tmp_path / "cache").notes
+    assert "texture: 6 of 16 training samples are drawn" in notes
+    monkeypatch.setattr(gather, "MOST_SIMULATED", 400)
+    assert len(gather.material(space, design, tmp_path / "cache").train) == 16
 
 
 def test_an_audit_is_stored_and_mentioned(tmp_path, monkeypatch, capsys):
