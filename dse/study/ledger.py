@@ -42,7 +42,10 @@ if TYPE_CHECKING:
     from optuna.trial import TrialState
 
 _NAME = "dse"
-_REFUSALS = (LookupError, ValueError, TypeError, AttributeError, AssertionError)
+_REFUSALS = (
+    *(LookupError, ValueError, TypeError, AttributeError),
+    *(AssertionError, ArithmeticError, RuntimeError),
+)
 """What Optuna raises about operations."""
 _NAMED = 3
 _COMPARED = 5
@@ -96,14 +99,12 @@ class Ledger:
 
     def _opened(self) -> JournalStorage:
         """Return Optuna's storage of the journal; what Optuna refuses is damage."""
-        from optuna.storages import JournalStorage
-
         try:
-            return JournalStorage(self._lines)  # type: ignore[arg-type]
+            return _replayed(self._lines)
         except _REFUSALS:
             self._lines.faults = _drop_refused(self._lines.logs)
             self._mend(self._lines)
-            return JournalStorage(self._lines)  # type: ignore[arg-type]
+            return _replayed(self._lines)
 
     def _create_study(self, storage: JournalStorage) -> int:
         from optuna.study import StudyDirection
@@ -122,10 +123,8 @@ class Ledger:
 
     def _mend(self, lines: JournalLines) -> None:
         """Write a damaged journal anew."""
-        from optuna.storages import JournalStorage
-
         apart = JournalLines(None)
-        self._study = self._create_study(JournalStorage(apart))  # type: ignore[arg-type]
+        self._study = self._create_study(_replayed(apart))
 
         def made(trial: int, batch: int) -> Log | None:
             """Return the line that created a trial, by the record of one of its runs."""
@@ -134,10 +133,14 @@ class Ledger:
                 return None
             return self._created(batch, design)
 
-        begins = [log for log in lines.logs if log["op_code"] == CREATE_STUDY] or apart.logs
-        rest = [log for log in lines.logs if log["op_code"] != CREATE_STUDY]
-        faults, n_before = lines.faults, _n_trials(rest)
-        lines.replace([begins[0], *counted(rest, made, self._space.search.batch)])
+        logs, faults, n_before, refused = lines.logs, lines.faults, _n_trials(lines.logs), [""]
+        while refused:  # what follows one operation may let Optuna read another, and refuse that
+            begins = [log for log in logs if log["op_code"] == CREATE_STUDY] or apart.logs
+            rest = [log for log in logs if log["op_code"] != CREATE_STUDY]
+            logs = [begins[0], *counted(rest, made, self._space.search.batch)]
+            refused = _drop_refused(logs)
+            faults = faults + refused
+        lines.replace(logs)
         more = f" and {len(faults) - _NAMED} more faults" if len(faults) > _NAMED else ""
         self.notes.append(
             f"{self._path}: {'; '.join(faults[:_NAMED])}{more}: the journal is written anew with "
@@ -325,10 +328,18 @@ def _scalar(value: object) -> bool | float | str:
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
 
 
-def _drop_refused(logs: list[Log]) -> list[str]:
-    """Remove the operations that Optuna refuses; return a sentence about each."""
+def _replayed(lines: JournalLines) -> JournalStorage:
+    """Return Optuna's storage of a journal after it has read everything."""
     from optuna.storages import JournalStorage
 
+    storage = JournalStorage(lines)  # type: ignore[arg-type]
+    for study in storage.get_all_studies():
+        storage.get_study_system_attrs(study._study_id)
+    return storage
+
+
+def _drop_refused(logs: list[Log]) -> list[str]:
+    """Remove the operations that Optuna refuses; return a sentence about each."""
     reason = ""
 
     def is_refused(n: int) -> bool:
@@ -336,7 +347,7 @@ def _drop_refused(logs: list[Log]) -> list[str]:
         apart = JournalLines(None)
         apart.logs = logs[:n]
         try:
-            JournalStorage(apart)  # type: ignore[arg-type]
+            _replayed(apart)
         except _REFUSALS as error:
             reason = f"{type(error).__name__}: {error}"
             return True

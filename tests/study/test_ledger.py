@@ -16,7 +16,7 @@ from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.study.journal import CREATE_TRIAL, RUNNING, SET_TRIAL_STATE, Entry, read_journal
 from dse.study.ledger import Ledger
-from dse.study.lines import _sum
+from dse.study.lines import CREATE_STUDY, _sum
 from tests import families, tiny_study
 from tests.spaces import write_space
 
@@ -177,6 +177,28 @@ def test_a_line_without_its_number_is_damage(ledger: Ledger, tmp_path: Path, spa
     path.write_bytes(b"\n".join([*before, text + b',"sum":"%s"}' % _sum(text), before[-1], end]))
     assert "line 7 is damaged (KeyError" in Ledger(path, space).notes[0]
     assert without_times(read_journal(path))[:2] == EXPECTED[:2]
+
+
+@pytest.mark.parametrize("parameter", [99.0, -1e17, float("inf"), "x", None])
+@pytest.mark.parametrize("has_study", [True, False])
+def test_what_optuna_refuses_is_mended_with_one_copy(
+    ledger: Ledger, records: None, tmp_path: Path, space: SearchSpace, parameter: object, has_study: bool
+) -> None:
+    """Lines with checksums of operations that Optuna refuses: one may keep it from reading the next."""
+    path = tmp_path / "journal.log"
+    logs = [json.loads(line) for line in path.read_bytes().splitlines()]
+    [trial] = [log for log in logs if log.get("trial") == 1]
+    trial["params"]["model.hidden"] = parameter
+    logs[0]["op_code"] = CREATE_STUDY if has_study else 77
+    texts = [json.dumps({k: x for k, x in log.items() if k != "sum"}, separators=(",", ":")) for log in logs]
+    content = b"".join(b'%s,"sum":"%s"}\n' % (x[:-1].encode(), _sum(x[:-1].encode())) for x in texts)
+    path.write_bytes(content)
+    mended = Ledger(path, space)
+    [note] = mended.notes
+    assert note.count("Optuna refuses operation") == (1 if has_study else 2)
+    assert [entry[:3] for entry in without_times(mended.entries)][:2] == [entry[:3] for entry in EXPECTED[:2]]
+    assert (tmp_path / "journal.log.damaged").read_bytes() == content
+    assert Ledger(path, space).notes == []
 
 
 def test_what_is_missing_and_has_no_record_is_proposed_again(
