@@ -3,7 +3,7 @@
 // The rules are those of dse.skyline, so that the page and the commands give the same rows.
 const Budgets = (() => {
   const STEPS = 200; // of a slider
-  const SUM_MS = 8; // that the hypervolume is summed at a time
+  const [SUM_MS, REST_MS] = [8, 150]; // that the hypervolume is summed at a time; after a slider has moved
   const MAX_FRONTS = 3; // tasks whose hypervolumes are listed
 
   // ---- pure: rows and numbers in, rows and numbers out
@@ -331,7 +331,11 @@ const Budgets = (() => {
     const joined = (result, named) => byTask((result.conditions.length ? result.rivals : budgets.contenders).filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
       named.map((c) => costOf(c, page.objectives[c])));
 
-    return { evaluate, joined, leftOut };
+    // Each budget alone, at half of its slider.
+    const halfway = (state) => Object.entries(rangesOf(filters(state))).filter(([column, range]) => range && budgets.columns[column])
+      .map(([column, range]) => ({ [`b.${column}`]: scale(range, budgets.columns[column]).limit(STEPS / 2) }));
+
+    return { evaluate, joined, leftOut, halfway };
   }
 
   // ---- the panel
@@ -384,7 +388,7 @@ const Budgets = (() => {
         element("span", { className: "note missed", textContent: `misses ${clip(columns[column].label, 40)} by ${number(by, true)}\u00a0${columns[column].unit}`.trim() })));
     }
 
-    function show(state, result) {
+    function show(state, result, moving) {
       const { page } = result;
       const { budgets } = page;
       if (built !== JSON.stringify(budgets.columns)) {
@@ -412,7 +416,7 @@ const Budgets = (() => {
       write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} points feasible`);
       write("#n-front", `${many(result.front.length)} on the front${result.sure ? `, in at least ${Math.round(100 * result.sure)}\u202f% of the samples` : ""}`);
       write("#fit", fitOf(page, result));
-      sum(result);
+      sum(result, moving);
       part("#clear").disabled = result.limits.length === 0;
       const several = result.picks.length > 1;
       const [heading, ...nodes] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
@@ -455,7 +459,7 @@ const Budgets = (() => {
     }
 
     // The hypervolume of a large front takes longer than a slider may: it is summed between other work.
-    function sum(result) {
+    function sum(result, moving) {
       const key = JSON.stringify([result.front, result.chosen]);
       if (summed.page === result.page && summed.key === key) return;
       summed = { page: result.page, key };
@@ -485,7 +489,8 @@ const Budgets = (() => {
         const named = fronts.map(({ name }, k) => `${fronts.length > 1 ? `${clip(name, 16)} ` : ""}${number(sums[k], true)}`);
         out.textContent = `hypervolume ${named.join(", ")}`;
       };
-      step();
+      if (moving) setTimeout(step, REST_MS);
+      else step();
     }
 
     return show;

@@ -7,11 +7,12 @@
   const BOTH = "all";
   const COMPARED = 4; // designs side by side, at most
   const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
-  const [WARM_ROWS, WARM_MS] = [2000, 300]; // of a page that is warmed, after its first drawing
+  const WARM_ROWS = 2000; // of a page that is warmed
   const SURE = ["", ...Array.from({ length: 19 }, (_, k) => String((k + 1) / 20))]; // shares of the samples
   const MAX_PAST = 100; // changes that can be undone
   const UNDO_MS = 1000; // steps of a slider nearer than this are one change
-  const NOTES = matchMedia("(max-width: 800px)").matches ? 0 : 2; // that are open to begin with
+  const SMALL = matchMedia("(max-width: 800px)");
+  const NOTES = SMALL.matches ? 0 : 2; // that are open to begin with
 
   // ---- words and numbers
 
@@ -405,6 +406,8 @@
     byId("view-s").hidden = tasks.length < 2;
     byId("third").hidden = state.view !== "3";
     for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
+    const words = [`${columns[state.y].label} over ${columns[state.x].label}`, tasks.length > 1 ? (state.task === BOTH ? "all tasks" : state.task) : "", state.hardware];
+    byId("shown-as").querySelector("summary").textContent = clip(words.filter(Boolean).join(" · "), 60);
   }
 
   function renderSure() {
@@ -541,7 +544,7 @@
       return;
     }
     byId("undo").disabled = past.length === 0;
-    showBudgets(state, shown.budgeted);
+    showBudgets(state, shown.budgeted, moving);
     renderSure();
     if (!moving) {
       renderLeftOut(shown);
@@ -584,42 +587,41 @@
   });
   byId("undo").addEventListener("click", undo);
 
-  // ---- saved views: links of this page by name, in the reader's browser
+  // ---- saved views: links of this page by name; a served page writes them into the study
 
-  const SHELF = `dse views of ${page.name}`;
-  const MOST_SAVED = 50;
-
-  function saved() {
+  async function saveView(name, link) {
+    const status = byId("saved-note");
+    status.textContent = "…";
     try {
-      const list = JSON.parse(localStorage.getItem(SHELF) ?? "[]");
-      return list.filter(({ name, link }) => typeof name === "string" && typeof link === "string");
+      const body = JSON.stringify({ name, link });
+      const answer = await fetch(Details.address("view", {}), { method: "POST", body, headers: { "X-Note-Token": page.note_token } });
+      status.textContent = answer.ok ? "" : `not saved: ${await answer.text()}`;
+      if (!answer.ok) return;
+      given.saved_views = page.saved_views = [...savedViews().filter((one) => one.name !== name), ...(link ? [{ name, link }] : [])];
+      renderSaved();
     } catch {
-      return []; // nothing is kept for this page, or not by it
+      status.textContent = "not saved: the connection is lost";
     }
   }
 
-  function keep(list) {
-    try {
-      localStorage.setItem(SHELF, JSON.stringify(list.slice(-MOST_SAVED)));
-      byId("saved-note").textContent = "";
-    } catch {
-      byId("saved-note").textContent = "This browser keeps nothing for this page: keep its address instead.";
-    }
-    renderSaved();
-  }
+  const savedViews = () => page.saved_views ?? [];
 
   function renderSaved() {
-    byId("saved").replaceChildren(...saved().map(({ name, link }) => {
+    const canWrite = Boolean(page.note_token);
+    byId("save-view").hidden = !canWrite;
+    byId("kept-where").textContent = canWrite ? "The study keeps them: everyone who opens it sees them." :
+      "This page is a file: views are saved on the served page (dse dashboard RESULTS). Its address carries what is shown now.";
+    byId("saved").replaceChildren(...savedViews().map(({ name, link }) => {
       const open = element("button", { type: "button", textContent: clip(name, 60) });
-      const remove = element("button", { type: "button", textContent: "×", title: "remove this view" });
-      remove.setAttribute("aria-label", `remove the view ${name}`);
       open.addEventListener("click", () => {
         past.push(state);
         location.hash = link;
         byId("shelf").close();
       });
+      const remove = element("button", { type: "button", textContent: "×", title: "remove this view", hidden: !canWrite });
+      remove.setAttribute("aria-label", `remove the view ${name}`);
       remove.addEventListener("click", () => {
-        keep(saved().filter((one) => one.name !== name));
+        saveView(name, "");
         byId("view-name").focus();
       });
       return element("li", {}, open, " ", remove);
@@ -635,10 +637,18 @@
     const name = byId("view-name").value.trim();
     if (!name) return;
     writeState();
-    keep([...saved().filter((one) => one.name !== name), { name, link: location.hash.slice(1) }]);
+    saveView(name, location.hash.slice(1) || "view=" + state.view);
     byId("view-name").value = "";
   });
   byId("help").addEventListener("click", does["?"]);
+  // On a small screen budgets are a drawer at its foot, and what the figure shows is one line.
+  byId("drawer").addEventListener("click", () => {
+    const isClosed = byId("budgets").classList.toggle("closed");
+    byId("drawer").setAttribute("aria-expanded", String(!isClosed));
+    byId("drawer").textContent = isClosed ? "show" : "hide";
+  });
+  byId("shown-as").open = !SMALL.matches;
+  SMALL.addEventListener("change", () => { byId("shown-as").open ||= !SMALL.matches; });
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
   for (const id of ["x", "y", "z", "task", "family", "hardware", "pace", "colour"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
   for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
@@ -651,7 +661,10 @@
     renderFilters();
     filterOf(column).querySelector("input").focus();
   });
-  addEventListener("live", (event) => show(event.detail));
+  addEventListener("live", (event) => {
+    show(event.detail);
+    if (byId("shelf").open) renderSaved();
+  });
   addEventListener("hashchange", () => {
     const pace = paceOf(location.hash.slice(1));
     if (pace !== state.pace) take(given, pace);
@@ -661,9 +674,10 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => render());
   for (const event of ["beforeprint", "afterprint"]) addEventListener(event, () => render());
   render();
-  // The first step of a slider would take twice as long as the others: what it needs is made while nothing is done.
+  // The first step of a slider would take twice as long as the others: what it needs is made before it.
   if (nRows > WARM_ROWS) {
-    const warm = () => { if (!past.length && page.state === null) render(true); };
-    Figure.library().then(() => (window.requestIdleCallback ?? setTimeout)(() => setTimeout(warm, WARM_MS)));
+    const isUntouched = () => !past.length && page.state === null;
+    setTimeout(() => { if (isUntouched()) for (const limits of engine.halfway(state)) engine.evaluate({ ...state, ...limits }); });
+    Figure.library().then(() => requestAnimationFrame(() => setTimeout(() => { if (isUntouched()) render(true); })));
   }
 })();

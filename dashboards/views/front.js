@@ -392,10 +392,19 @@ const Front = (() => {
       return placed.get(points);
     }
 
+    // Its size is asked for when it changes: to ask at every step would lay the page out twice.
+    let size = [plot.clientWidth, plot.clientHeight];
+    new ResizeObserver(() => {
+      const now = [plot.clientWidth, plot.clientHeight];
+      if (String(now) === String(size)) return;
+      size = now;
+      paint();
+    }).observe(plot);
+
     function paint() {
       const frame = plot._fullLayout;
       const ratio = devicePixelRatio || 1;
-      const [width, height] = [plot.clientWidth, plot.clientHeight];
+      const [width, height] = size;
       if (canvas.width !== width * ratio || canvas.height !== height * ratio) [canvas.width, canvas.height] = [width * ratio, height * ratio];
       const brush = canvas.getContext("2d");
       brush.setTransform(ratio, 0, 0, ratio, 0, 0);

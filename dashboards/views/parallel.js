@@ -393,7 +393,7 @@ const Parallel = (() => {
 
     function arrange() {
       const { axes } = made;
-      const least = width < 480 ? 72 : 80;
+      const least = width < 480 ? 72 : 64;
       const room = width - LEFT - made.right;
       gap = Math.max(least, axes.length > 1 ? Math.floor(room / (axes.length - 1)) : room);
       const total = `${wide()}px`;

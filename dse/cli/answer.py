@@ -246,7 +246,8 @@ def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:
     """
     width = width or _width()
     indent = max((len(name) for name, _ in pairs), default=0) + _GAP
-    if width is None or width - indent < _PROSE // 2:
+    longest_word = max((len(word) for _, text in pairs for word in text.split()), default=0)
+    if width is None or width - indent < max(_PROSE // 2, min(longest_word, width - _GAP)):
         indent = indent if width is None else _GAP
     lines = []
     for name, text in pairs:

@@ -277,6 +277,16 @@ def _state(
     return None
 
 
+def _lacking(points: pandas.DataFrame, values: Array) -> Array:
+    """Return which points lack a number that others of their family have on their chip, or that all lack."""
+    known = np.isfinite(values)
+    groups = [name for name in ("family", "hardware") if name in points]
+    if not groups or not known.any():
+        return ~known
+    runs = points.assign(known=known).groupby(groups, dropna=False)["known"].transform("any")
+    return ~known & np.asarray(runs, bool)
+
+
 def _remarks(
     points: pandas.DataFrame, objectives: Mapping[str, str], present: Mapping[str, str], n_kept: int
 ) -> list[str]:
@@ -290,7 +300,7 @@ def _remarks(
     ]
     for column in present:
         values = numbers(points, column)
-        missing = int((~np.isfinite(values)).sum())
+        missing = int(_lacking(points, values).sum())
         if missing:
             remarks.append(
                 f"{missing} of {len(points)} points have no value of {column} and are excluded from fronts "

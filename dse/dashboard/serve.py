@@ -40,7 +40,7 @@ LOOPBACK = "127.0.0.1"
 LONGEST_ADDRESS = 1024
 """Characters of a path with its query; the longest that the page asks for has fewer than 200."""
 LONGEST_NOTE = 16_384
-"""Bytes of a note that is sent."""
+"""Bytes of a note or a view that is sent."""
 LONGEST_HEADERS = 16_384
 """Characters of all headers of a request."""
 MOST_READERS = 64
@@ -103,14 +103,16 @@ def _no_bundle(trial: int, point: int, hardware: str) -> Download:
 
 @dataclass(frozen=True)
 class Writing:
-    """How notes are written.
+    """How notes and views are written.
 
     token: of the page; a request without it is refused, so that no other page can send one.
     note: trial, point or None, text and pin of a note -> nothing; may raise Refused.
+    view: name and link of a view -> nothing; '' for a link removes it; may raise Refused.
     """
 
     token: str
     note: Callable[[int, int | None, str, bool], None]
+    view: Callable[[str, str], None]
 
 
 @dataclass(frozen=True)
@@ -308,7 +310,7 @@ class Server(ThreadingHTTPServer):
             design: number of a trial -> its details; may raise Refused. Called once for each version of the
                 page's points.
             bundle: trial, point and hardware -> a file; may raise Refused. Never called concurrently.
-            writing: how notes are written; None: they are not.
+            writing: how notes and views are written; None: they are not.
 
         Raises:
             OSError: the host is not an address of this machine, or the port is in use; the text is for users.
@@ -485,7 +487,7 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def do_POST(self) -> None:
-        """Write a note: an object with trial, point, text and pinned."""
+        """Write a note: an object with trial, point, text and pinned; or a view: name and link."""
         # The body belongs to the request: it must come within the time for that.
         if refused := self._refused() or self._unwritable():
             self.send_error(refused)
@@ -495,7 +497,10 @@ class _Handler(BaseHTTPRequestHandler):
         body = self.rfile.read(int(self.headers["Content-Length"]))
         self.server.waits_for(self.connection, "")
         try:
-            writing.note(*_note(body))
+            if self.path.partition("?")[0] == "/note":
+                writing.note(*_note(body))
+            else:
+                writing.view(*_view(body))
         except Refused as reason:
             self._answer(reason.status, str(reason))
         except Exception as error:  # a damaged study raises nearly anything, and the server goes on
@@ -507,7 +512,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _unwritable(self) -> HTTPStatus | None:
         """Return why a request to write is refused, or None."""
         writing = self.server.writing
-        if writing is None or self.path.partition("?")[0] != "/note":
+        if writing is None or self.path.partition("?")[0] not in ("/note", "/view"):
             return HTTPStatus.METHOD_NOT_ALLOWED
         if not hmac.compare_digest(self.headers.get("X-Note-Token", "").encode(), writing.token.encode()):
             return HTTPStatus.FORBIDDEN
@@ -635,6 +640,22 @@ def _note(body: bytes) -> tuple[int, int | None, str, bool]:
     if trial is None or not is_number or not isinstance(text, str) or not isinstance(pinned, bool):
         raise Refused(HTTPStatus.BAD_REQUEST, "A note must have trial, point, text and pinned.")
     return trial, point, text, pinned
+
+
+def _view(body: bytes) -> tuple[str, str]:
+    """Return name and link of a view that was sent.
+
+    Raises:
+        Refused: it is something else.
+    """
+    try:
+        view = json.loads(body)
+        name, link = view["name"], view["link"]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        name = link = None
+    if not isinstance(name, str) or not isinstance(link, str):
+        raise Refused(HTTPStatus.BAD_REQUEST, "A view must have name and link.")
+    return name, link
 
 
 def _packed(body: bytes) -> bytes:

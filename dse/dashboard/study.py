@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import secrets
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
@@ -146,7 +147,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
 
     from dse import store
     from dse.dashboard.serve import Live, Server, Writing, stamp
-    from dse.study import notes, results
+    from dse.study import notes, results, saved_views
     from dse.study.results import Study
 
     if not (folder / "search_space.yaml").is_file():
@@ -159,15 +160,15 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     tables = [folder / name for name in (*_NEEDED, store.WARNINGS)]
     last_stamps: list[Stamp | None] = []
     last_page: dict[str, Any] = {}
-    last_notes: tuple[Stamp | None, list[dict[str, Any]]] = (None, [])
+    last_written: tuple[list[Stamp | None], dict[str, Any]] = ([], {})
     token = secrets.token_urlsafe(24)
 
-    def on_designs() -> dict[str, Any]:
-        nonlocal last_notes
-        now = stamp(folder / notes.FILE)
-        if now != last_notes[0]:
-            last_notes = (now, notes.plain(folder))
-        return {"design_notes": last_notes[1], "note_token": token}
+    def by_readers() -> dict[str, Any]:
+        nonlocal last_written
+        now = [stamp(folder / name) for name in (notes.FILE, saved_views.FILE)]
+        if now != last_written[0]:
+            last_written = (now, _by_readers(folder))
+        return {**last_written[1], "note_token": token}
 
     def read() -> Mapping[str, Any]:
         nonlocal last_stamps, last_page
@@ -179,10 +180,11 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
             designs.shown = _with_recordings(study, designs.points)
             page = _gathered(study, _with_failures(study, designs.shown), request)
             last_stamps, last_page = stamps, page
-        return {**last_page, **_progress(folder), **on_designs()}
+        return {**last_page, **_progress(folder), **by_readers()}
 
     empty = _gathered(Study(folder), pandas.DataFrame(), request)
-    going_on = [folder / "journal.log", folder / "artefacts", folder / notes.FILE, tables[-1]]
+    going_on = [folder / "journal.log", folder / "artefacts", tables[-1]]
+    going_on += [folder / notes.FILE, folder / saved_views.FILE]
     live = Live(read, tables[:-1], going_on, lambda: {**empty, **_progress(folder)})
     return Server(
         live,
@@ -190,25 +192,35 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
         port,
         designs.details,
         designs.bundle,
-        Writing(token, lambda *note: _write_note(folder, *note)),
+        Writing(
+            token,
+            lambda *note: _write(folder, notes.write, *note),
+            lambda *view: _write(folder, saved_views.write, *view),
+        ),
     )
 
 
-def _write_note(folder: Path, trial: int, point: int | None, text: str, pinned: bool) -> None:
-    """Write a note on a design.
+def _write(folder: Path, write: Callable[..., object], *what: object) -> None:
+    """Write a note or a view.
 
     Raises:
         Refused: it cannot be written; the text names no path.
     """
     from dse.dashboard.serve import Refused
     from dse.store import StoreError
-    from dse.study import notes
 
     try:
-        notes.write(folder, trial, point, text, pinned)
+        write(folder, *what)
     except StoreError as error:
-        text = str(error).removeprefix(f"{folder}: ").removeprefix(f"{folder / notes.FILE}: ")
+        text = re.sub(rf"^{re.escape(str(folder))}(/[^:/]*)?: ", "", str(error))
         raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+
+
+def _by_readers(folder: Path) -> dict[str, Any]:
+    """Return what readers of the page have written."""
+    from dse.study import notes, saved_views
+
+    return {"design_notes": notes.plain(folder), "saved_views": saved_views.plain(folder)}
 
 
 class _Designs:
@@ -305,7 +317,6 @@ def _zipped(folder: Path, name: str) -> bytes:
 def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, Any]:
     from dse.dashboard.gather import gather_page
     from dse.store import plain_cell
-    from dse.study import notes
 
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
@@ -323,11 +334,8 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         repeats=request.repeats,
     )
     rows = [] if audit is None else [plain_cell(row.columns) for row in audit.rows]
-    written = {
-        "points_at": _written_at(study.folder / "points.parquet"),
-        "design_notes": notes.plain(study.folder),
-    }
-    return page | {"audit": rows} | written
+    points_at = _written_at(study.folder / "points.parquet")
+    return page | {"audit": rows, "points_at": points_at} | _by_readers(study.folder)
 
 
 def _of_runs(request: PageRequest) -> list[str]:

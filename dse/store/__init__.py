@@ -3,7 +3,7 @@
     results/<study>/
         search_space.yaml   what is explored, fully resolved       environment.json   where it ran
         journal.log         the ledger (dse.study.ledger)   trials.parquet, points.parquet, page.html
-        notes.json          notes and pins on designs
+        notes.json          notes and pins on designs    views.json    saved views of the page
         warnings.json       what is suspicious about the recordings
         audit.json          what could pass for skill in them (dse.audit), if they have been audited
         plugins/            copies of its plugins' files    hardware/   its hardware profiles

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from dse.audit import record
 from dse.config import ConfigError, SearchSpace, load_space
 from dse.hardware.profile import load_all
 from dse.store import StoreError
-from dse.study import environment, lines, notes, points, precision, pricing
+from dse.study import environment, lines, notes, points, precision, pricing, saved_views
 from dse.study import trials as tables
 from dse.study.ledger import Ledger
 from dse.study.record import RunRecord, load_record
@@ -113,10 +114,14 @@ def _texts(folder: Path) -> Iterator[Damage]:
         path = folder / name
         if path.exists() and (fault := _fault(path, read)):
             yield Damage(name, fault, cost, removed, _removal(path))
-    written = folder / notes.FILE
-    if written.exists() and (fault := _fault(written, notes.read)):
-        remedy = f"it is renamed to {notes.FILE}.damaged, to be read by eye"
-        yield Damage(notes.FILE, fault, "notes and pins on designs", remedy, lambda: _set_aside(written))
+    for name, reader, cost in (
+        (notes.FILE, notes.read, "notes and pins on designs"),
+        (saved_views.FILE, saved_views.read, "saved views of the page"),
+    ):
+        written = folder / name
+        if written.exists() and (fault := _fault(written, reader)):
+            remedy = f"it is renamed to {name}.damaged, to be read by eye"
+            yield Damage(name, fault, cost, remedy, functools.partial(_set_aside, written))
     for path in sorted([*folder.glob("hardware/*.yaml"), *folder.glob("plugins/*.py")]):
         if fault := _fault(path, store.read_sealed_text):
             yield Damage(

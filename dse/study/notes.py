@@ -100,7 +100,7 @@ def write(folder: Path, trial: int, point: int | None, text: str, pinned: bool) 
     if not _has(folder, trial, point):
         design = f"trial {trial}" if point is None else f"point {point} of trial {trial}"
         raise store.StoreError(f"{folder}: has no {design}")
-    with _locked(folder):
+    with locked(folder):
         notes = [note for note in of(folder) if (note.trial, note.point) != (trial, point)]
         if text or pinned:
             at = datetime.now(UTC).isoformat(timespec="seconds")
@@ -149,8 +149,8 @@ def _has(folder: Path, trial: int, point: int | None) -> bool:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Wait for the other writers of notes; the study itself may run."""
+def locked(folder: Path) -> Iterator[None]:
+    """Wait for the other writers of notes and views; the study itself may run."""
     with store.explained(folder / FILE):
         handle = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
         try:

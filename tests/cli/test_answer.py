@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.cli.answer import Answer, cell, document, show
+from dse.cli.answer import Answer, cell, document, listing, show
 
 
 def test_a_document_has_only_what_json_has() -> None:
@@ -156,3 +156,9 @@ def test_a_chip_is_left_out_last_and_notes_are_wrapped_unless_they_hold_a_comman
         assert lines[0].split() == columns
         assert lines[-1] == notes[1]
         assert max(map(len, lines[:-1])) <= width
+
+
+def test_a_listing_indents_less_where_a_word_of_its_texts_would_not_fit() -> None:
+    lines = listing([("a_name_of_many_letters", "4.6 pJ per multiply-accumulate")], 40).splitlines()
+    assert all(len(line) <= 40 for line in lines)
+    assert lines[1] == "  multiply-accumulate"

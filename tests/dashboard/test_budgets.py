@@ -278,6 +278,7 @@ def test_hostile_names_are_words_in_the_panel_and_one_argument_in_the_shell(open
         ignore_index=True,
     )
     page = opened(frame, results="a 'b' $(c) `d`\n; e", size=size, name=HOSTILE[0])
+    page.tab.evaluate("document.getElementById('shown-as').open = true")
     page.tab.select_option("#task", HOSTILE[2])
     page.tab.select_option("#family", HOSTILE[-3])
     words = shlex.split(page.tab.text_content("#command"))

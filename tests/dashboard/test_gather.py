@@ -138,3 +138,18 @@ def test_table_is_not_changed():
 def test_wrong_input(frame, objectives, message):
     with pytest.raises(ValueError, match=message):
         gather(frame, objectives)
+
+
+def test_costs_that_a_family_cannot_have_on_a_chip_are_no_warning():
+    """Who else lacks a number is warned of: here one row of a family that has them."""
+    frame = points(family=["snn", "snn", "snn", "elm", "elm"], hardware="loihi")
+    frame.loc[[3, 4], "energy_uj"] = None
+    lacks = [
+        note for note in gather_page(frame, name="x", objectives=OBJECTIVES)["notes"] if "no value" in note
+    ]
+    assert lacks == []
+    frame.loc[0, "energy_uj"] = None
+    lacks = [
+        note for note in gather_page(frame, name="x", objectives=OBJECTIVES)["notes"] if "no value" in note
+    ]
+    assert lacks == ["1 of 5 points have no value of energy_uj and are excluded from fronts with it."]

@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 import pandas as pd
 import pytest
 
-from dse.dashboard.write import write_page
+from dse.dashboard.gather import gather_page
+from dse.dashboard.write import write_filled, write_page
 from tests.dashboard.page import HOSTILE, SPOT
 from tests.page_data import OBJECTIVES, failed, points
 
@@ -30,9 +31,9 @@ PRESSED_IN_SPACE = """(row) => {
 def opened(shown, page_path):
     """Return a function that writes a page of a table and opens it."""
 
-    def open_page(frame, *, name="fabric", fragment=""):
+    def open_page(frame, *, name="fabric", fragment="", size=(1280, 720)):
         write_page(frame, page_path, name=name, objectives=OBJECTIVES)
-        return shown(fragment)
+        return shown(fragment, size=size)
 
     return open_page
 
@@ -214,28 +215,6 @@ def test_before_a_choice_the_panel_shows_the_pick_and_families_have_colours(open
     page.tab.wait_for_function("document.querySelector('#design h2').textContent === 'Trial 1'")
 
 
-def test_a_saved_view_comes_back_by_its_name(opened):
-    page = opened(points())
-    page.tab.select_option("#x", "n_weights")
-    page.tab.fill("#budget-1", "30")
-    page.tab.click("#open-shelf")
-    page.tab.fill("#view-name", '<b>cheap "ones"</b>')
-    page.tab.keyboard.press("Enter")
-    page.tab.keyboard.press("Escape")
-    page.open()
-    assert page.tab.input_value("#x") == "energy_uj"
-    page.tab.click("#open-shelf")
-    page.tab.click("#saved button >> nth=0")
-    page.tab.wait_for_function("document.getElementById('x').value === 'n_weights'")
-    assert page.tab.input_value("#budget-1") == "30" and not page.tab.is_visible("#shelf")
-    page.tab.click("#undo")
-    assert page.tab.input_value("#x") == "energy_uj"
-    page.tab.click("#open-shelf")
-    assert page.tab.inner_text("#saved li button >> nth=0") == '<b>cheap "ones"</b>'
-    page.tab.click("#saved button >> nth=1")
-    assert page.tab.locator("#saved li").count() == 0
-
-
 def test_tasks_stand_side_by_side_when_asked(opened):
     both = pd.concat([points(), points(task="velocity", trial=range(5, 10))], ignore_index=True)
     page = opened(both)
@@ -262,6 +241,37 @@ def test_many_tasks_side_by_side_have_room_on_a_phone(opened):
     )
     assert all(left["right"] <= right["left"] for left, right in itertools.pairwise(boxes))
     assert page.tab.locator("#plot .xtitle, #plot .x2title").count() == 1, "the first says it for all"
+
+
+def test_on_a_phone_budgets_stay_at_the_foot_beside_what_they_change(opened):
+    page = opened(points(), size=(390, 844))
+    ids = ["plot", "budgets"]
+    boxes = f"() => {ids}.map((id) => document.getElementById(id).getBoundingClientRect())"
+    plot, budgets = page.tab.evaluate(boxes)
+    assert plot["bottom"] <= budgets["top"] + 8 and budgets["bottom"] <= 844
+    assert not page.tab.evaluate("document.getElementById('shown-as').open"), "what it shows is one line"
+    assert "accuracy over energy" in page.tab.inner_text("#shown-as summary")
+    page.tab.evaluate("scrollTo(0, document.documentElement.scrollHeight / 2)")
+    assert page.tab.locator("#slider-1").is_visible() and page.tab.evaluate(boxes)[1]["bottom"] == 844
+    page.tab.click("#drawer")
+    assert not page.tab.locator("#slider-1").is_visible() and page.tab.evaluate(boxes)[1]["height"] < 100
+    assert "5 of 5 points feasible" in page.tab.inner_text("#budgets")
+    page.tab.set_viewport_size({"width": 1280, "height": 720})
+    assert page.tab.locator("#controls").is_visible() and not page.tab.locator("#drawer").is_visible()
+
+
+def test_a_page_in_a_file_shows_the_views_of_its_study_and_says_where_they_are_saved(shown, page_path):
+    data = gather_page(points(), name="fabric", objectives=OBJECTIVES)
+    views = [{"name": "cheap", "link": "b.energy_uj=21"}]
+    write_filled("page", data | {"saved_views": views}, page_path)
+    page = shown()
+    page.tab.click("#open-shelf")
+    assert not page.tab.is_visible("#save-view") and page.tab.locator("#saved button:visible").count() == 1
+    assert "views are saved on the served page" in page.tab.inner_text("#shelf")
+    page.tab.click("#saved button")
+    page.tab.wait_for_function("document.getElementById('budget-1').value === '21'")
+    page.tab.click("#undo")
+    assert page.tab.input_value("#budget-1") == ""
 
 
 def test_keys_are_listed_and_work(opened):

@@ -802,7 +802,8 @@ def test_a_note_needs_the_token_of_the_page_and_whole_words(folder):
     folder.write(points())
     written = []
     note = {"trial": 1, "point": None, "text": "x", "pinned": True}
-    with running(folder.live(), writing=Writing("secret", lambda *one: written.append(one))) as server:
+    writing = Writing("secret", lambda *one: written.append(one), lambda *one: written.append(one))
+    with running(folder.live(), writing=writing) as server:
 
         def post(body, token="secret", path="/note", **headers):
             given = {"X-Note-Token": token, **headers}
@@ -824,7 +825,9 @@ def test_a_note_needs_the_token_of_the_page_and_whole_words(folder):
         assert {post(body) for body in wrong} == {400}
         assert written == []
         assert post(note) == 204
-        assert written == [(1, None, "x", True)]
+        assert {post(body, path="/view") for body in ({"name": "a"}, {"name": 1, "link": ""}, [])} == {400}
+        assert post({"name": "a", "link": "view=3"}, path="/view") == 204
+        assert written == [(1, None, "x", True), ("a", "view=3")]
 
 
 def test_the_page_writes_a_note_and_shows_it_in_its_table(folder, new_tab):
@@ -839,7 +842,7 @@ def test_the_page_writes_a_note_and_shows_it_in_its_table(folder, new_tab):
         return {**folder.read(), **kept}
 
     live = Live(read, [folder.table], [], read)
-    with running(live, writing=Writing("secret", write)) as server:
+    with running(live, writing=Writing("secret", write, lambda name, link: None)) as server:
         tab = new_tab((1280, 720))
         tab.goto(server.url)
         tab.click("#front tbody tr[data-key='1.0']")
@@ -849,3 +852,35 @@ def test_the_page_writes_a_note_and_shows_it_in_its_table(folder, new_tab):
         tab.wait_for_selector("#notes-on li")
         assert "★ Trial 1, point 0 <b>survives rain</b>" in tab.inner_text("#notes-on li").replace("\n", " ")
         assert "★" in tab.inner_text("#front tbody tr[data-key='1.0']")
+
+
+def test_a_saved_view_is_the_study_s_and_who_cannot_write_is_told(folder, new_tab):
+    folder.write(points(point=0))
+    kept = {"saved_views": [{"name": "cheap", "link": "b.energy_uj=21"}], "note_token": "secret"}
+
+    def write(name, link):
+        if name == "no room":
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, "Read-only file system")
+        kept["saved_views"] = [{"name": name, "link": link}] if link else []
+        folder.write(points(point=0))
+
+    live = Live(lambda: {**folder.read(), **kept}, [folder.table], [], dict)
+    with running(live, writing=Writing("secret", lambda *note: None, write)) as server:
+        tab = new_tab((1280, 720))
+        tab.goto(server.url)
+        tab.click("#open-shelf")
+        tab.click("#saved button:text('cheap')")
+        tab.wait_for_function("document.getElementById('budget-1').value === '21'")
+        tab.fill("#budget-1", "30")
+        tab.click("#open-shelf")
+        for name, status in (("no room", "not saved: Read-only file system"), ("<b>mine</b>", "")):
+            tab.fill("#view-name", name)
+            tab.click("#save-view button")
+            tab.wait_for_function(
+                "text => document.getElementById('saved-note').textContent.trim() === text", arg=status
+            )
+        tab.wait_for_selector("#saved button:text('<b>mine</b>')")
+        assert kept["saved_views"] == [{"name": "<b>mine</b>", "link": "b.energy_uj=30"}]
+        tab.click("#saved button[aria-label='remove the view <b>mine</b>']")
+        tab.wait_for_function("document.getElementById('saved').children.length === 0")
+        assert kept["saved_views"] == []
