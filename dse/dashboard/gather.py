@@ -279,12 +279,13 @@ def _state(
 
 def _lacking(points: pandas.DataFrame, values: Array) -> Array:
     """Return which points lack a number that others of their family have on their chip, or that all lack."""
-    known = np.isfinite(values)
+    known: Array = np.isfinite(values)
     groups = [name for name in ("family", "hardware") if name in points]
     if not groups or not known.any():
         return ~known
     runs = points.assign(known=known).groupby(groups, dropna=False)["known"].transform("any")
-    return ~known & np.asarray(runs, bool)
+    lacking: Array = ~known & np.asarray(runs, bool)
+    return lacking
 
 
 def _remarks(
