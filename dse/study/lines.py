@@ -156,13 +156,14 @@ def counted(
             missing = made(n_trials, batch if n_of < n_of_batch else batch + 1)
             if missing is None:
                 return
-            yield missing
+            yield missing | {"trial": n_trials}
             n_of, batch = _in_batch(missing, n_of, batch)
             n_trials += 1
         if log is None:
             return
         if log["op_code"] == CREATE_TRIAL:
             n_of, batch = _in_batch(log, n_of, batch)
+            log = log | {"trial": n_trials}
             n_trials += 1
         yield log
 

@@ -1,8 +1,11 @@
-"""Coordinators and workers that are killed at random moments: no run is lost or made twice."""
+"""Coordinators and workers that are killed at any moment of a study: no run is lost or made twice."""
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
 import os
+import platform
 import random
 import resource
 import signal
@@ -23,13 +26,16 @@ from dse.study import results
 from dse.study import workers as study_workers
 from dse.study.results import Study
 from tests import tiny_study
-from tests.in_process import InProcess
+from tests.in_process import Forked, InProcess
 from tests.study import test_crash
-from tests.study.test_crash import ROOT, assert_same, finished_runs
+from tests.study.test_crash import assert_same, finished_runs
 from tests.waiting import PATIENCE_S, until
 
-MOST_KILLS = 3
-"""In a study: its runs are begun again three times, and at the next session."""
+N_RUNS = 6
+VICTIMS = ("worker", "worker", "coordinator", "coordinator")
+"""Who is killed in a study: a run is begun again three times, and at the next session."""
+SHARES = {"forked": 8, "loky": 60, "dask": 60}
+"""Of so many faults, one is a study with that executor."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -54,57 +60,74 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
     return results.open(folder / "results" / "tiny")
 
 
-def start(folder: Path) -> subprocess.Popen[bytes]:
-    code = f"import sys; from tests.tiny_study import run_folder; sys.exit(run_folder({str(folder)!r}))"
-    return subprocess.Popen([sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, start_new_session=True)
-
-
-def workers_of(coordinator: subprocess.Popen[bytes]) -> list[psutil.Process]:
+def workers_of(coordinator: int, backend: str) -> list[psutil.Process]:
     found = []
-    for process in psutil.Process(coordinator.pid).children(recursive=True):
-        try:
-            command = " ".join(process.cmdline())
-        except psutil.Error:
-            continue
-        if ("popen_loky" in command or "spawn_main" in command) and "resource_tracker" not in command:
-            found.append(process)
+    with contextlib.suppress(psutil.NoSuchProcess):
+        for process in psutil.Process(coordinator).children(recursive=True):
+            with contextlib.suppress(psutil.Error):
+                command = " ".join(process.cmdline())
+                is_worker = "popen_loky" in command or "spawn_main" in command
+                if backend == "forked" or (is_worker and "resource_tracker" not in command):
+                    found.append(process)
     return found
 
 
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_killed_at_random_moments(
+def killed_worker(coordinator: ForkServerProcess, backend: str, rng: random.Random) -> bool:
+    """Kill a worker, as soon as there is one; return whether the study went on so long."""
+    while coordinator.exitcode is None:
+        assert coordinator.pid is not None
+        if victims := workers_of(coordinator.pid, backend):
+            with contextlib.suppress(psutil.NoSuchProcess):  # its job ended meanwhile
+                rng.choice(victims).kill()
+                return True
+        time.sleep(0.002)
+    return False
+
+
+def killed_coordinator(coordinator: ForkServerProcess, backend: str) -> None:
+    """Kill a coordinator; wait for the job of a forked one, which has its lock, as no other worker has."""
+    assert coordinator.pid is not None
+    os.kill(coordinator.pid, signal.SIGSTOP)
+    left = workers_of(coordinator.pid, backend) if backend == "forked" else []
+    test_crash.killed(coordinator)
+    until(lambda: not any(map(is_alive, left)), "jobs of a killed coordinator to end")
+
+
+def is_alive(process: psutil.Process) -> bool:
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    return False
+
+
+@pytest.mark.parametrize("backend", SHARES)
+def test_killed_at_moments_spread_over_a_study(
     tmp_path: Path, whole: Study, backend: str, n_faults: int, tried: Counter[str]
 ) -> None:
-    for number in range(max(1, n_faults // 10)):
+    """The moments: a number of finished runs, drawn, and a part of a run."""
+
+    executor = Forked if backend == "forked" else None
+    for number in range(max(1, n_faults // SHARES[backend])):
         rng = random.Random(f"{backend} {number}")
-        folder = prepare(tmp_path / str(number), backend)
+        folder = prepare(tmp_path / str(number), "dask" if backend == "dask" else "loky", seconds=0.06)
         kept: dict[str, tuple[int, int]] = {}
-        process, n_kills, of_worker = start(folder), 0, rng.random() < 0.6
-        try:
-            while process.poll() is None or n_kills < MOST_KILLS:
-                time.sleep(rng.uniform(0.0, 1.0))
-                victims = workers_of(process) if process.poll() is None else []
-                if process.poll() is not None:
-                    n_kills = MOST_KILLS
-                elif n_kills == MOST_KILLS:
-                    process.wait(PATIENCE_S)
-                elif victims and of_worker:
-                    rng.choice(victims).kill()
-                    n_kills += 1
-                    of_worker = rng.random() < 0.6
-                    tried[f"a worker killed, {backend}"] += 1
-                elif not of_worker and finished_runs(folder).keys() - kept.keys():
-                    process.send_signal(signal.SIGKILL)
-                    process.wait()
-                    n_kills += 1
-                    of_worker = rng.random() < 0.6
-                    tried[f"the coordinator killed, {backend}"] += 1
-                    assert kept.items() <= finished_runs(folder).items(), "a run was lost or made twice"
-                    kept = finished_runs(folder)
-                    process = start(folder)
-        finally:
-            process.kill()
-            process.wait()
+        process = test_crash.start(folder, executor=executor)
+        for n_finished, of in zip(
+            sorted(rng.sample(range(N_RUNS), len(VICTIMS))), rng.sample(VICTIMS, len(VICTIMS)), strict=True
+        ):
+            test_crash.wait_until(process, lambda at=folder, n=n_finished: len(finished_runs(at)) >= n)
+            time.sleep(rng.uniform(0.0, 0.1))
+            if of == "worker" and not killed_worker(process, backend, rng):
+                break
+            if of == "coordinator" and process.exitcode is not None:
+                break
+            if of == "coordinator":
+                killed_coordinator(process, backend)
+                assert kept.items() <= finished_runs(folder).items(), "a run was lost or made twice"
+                kept = finished_runs(folder)
+                process = test_crash.start(folder, executor=executor)
+            tried[f"a {of} killed, {backend}"] += 1
+        process.join(PATIENCE_S)
+        assert process.exitcode == 0, (number, (folder / "told").read_text())
         assert tiny_study.run_folder(str(folder)) == 0
         assert kept.items() <= finished_runs(folder).items(), "a run was lost or made twice"
         assert_same(folder, whole)
@@ -151,6 +174,44 @@ def test_a_process_without_memory(tmp_path: Path, whole: Study, n_faults: int, t
         assert_same(folder, whole)
         tried["no memory"] += 1
     assert codes[2] or n_faults < 100, codes  # one run alone may end natively
+
+
+def test_a_clock_that_jumps_for_all_processes(
+    tmp_path: Path, whole: Study, n_faults: int, tried: Counter[str]
+) -> None:
+    """By libfaketime: what coordinator and workers read as the time is another every few moments."""
+    spec = importlib.util.find_spec("libfaketime")
+    if n_faults < 100 or spec is None or spec.origin is None or platform.machine() != "x86_64":
+        pytest.skip("processes of their own: only with all faults, on x86-64")
+    library = Path(spec.origin).parent / "vendor" / "libfaketime" / "src" / "libfaketime.so.1"
+    clock, rng = tmp_path / "clock", random.Random(29)
+
+    def jump() -> None:
+        (tmp_path / "next").write_text(f"{rng.randint(-30, 30) * 86400 + rng.randint(-600, 600):+d}")
+        (tmp_path / "next").replace(clock)
+
+    jump()
+    faked = {
+        **{"LD_PRELOAD": str(library), "FAKETIME_TIMESTAMP_FILE": str(clock), "FAKETIME_NO_CACHE": "1"},
+        **{"FAKETIME_DONT_FAKE_MONOTONIC": "1", "NO_FAKE_STAT": "1"},
+    }
+    for backend in ("loky", "dask"):
+        folder = prepare(tmp_path / backend, backend, seconds=0.3)
+        code = "import sys, time; from tests.tiny_study import run_folder; print(time.time(), flush=True)"
+        code += f"; sys.exit(run_folder({str(folder)!r}))"
+        for _ in range(2):  # the second one finds all
+            process = subprocess.Popen(
+                [sys.executable, "-c", code], cwd=test_crash.ROOT, env={**os.environ, **faked},
+                stdout=subprocess.PIPE, text=True,
+            )  # fmt: skip
+            assert process.stdout is not None
+            assert abs(float(process.stdout.readline()) - time.time()) > 3600, "its clock is another"
+            while process.poll() is None:
+                jump()
+                tried["a clock that jumps, of all processes"] += 1
+                time.sleep(0.1)
+            assert process.returncode == 0
+        assert_same(folder, whole)
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])

@@ -55,21 +55,27 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
     return results.open(folder / "results" / "tiny")
 
 
-def study_process(folder: Path, limit: int | None, told: Path, cache: str) -> None:
-    """Run the study of a folder without worker processes; write what it says to a file."""
+def study_process(
+    folder: Path, limit: int | None, told: Path, cache: str, executor: type[InProcess] | None
+) -> None:
+    """Run the study of a folder, with an executor instead of loky; write what it says to a file."""
     os.environ["DSE_CACHE"] = cache
-    workers.Loky = InProcess  # type: ignore[assignment, misc]
+    if executor is not None:
+        workers.Loky = executor  # type: ignore[assignment, misc]
     os.dup2(os.open(told, os.O_WRONLY | os.O_CREAT), 2)
     if limit is not None:  # the largest file that the process may write
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     sys.exit(tiny_study.run_folder(str(folder)))
 
 
-def start(folder: Path, limit: int | None = None) -> ForkServerProcess:
+def start(
+    folder: Path, limit: int | None = None, executor: type[InProcess] | None = InProcess
+) -> ForkServerProcess:
     """Start a process that runs a study: a fork of one that has imported everything."""
     CHILDREN.set_forkserver_preload([__name__, *LAZY])
     cache = os.environ["DSE_CACHE"]  # those of the server are older
-    process = CHILDREN.Process(target=study_process, args=(folder, limit, folder / "told", cache))
+    arguments = folder, limit, folder / "told", cache, executor
+    process = CHILDREN.Process(target=study_process, args=arguments)
     process.start()
     return process
 

@@ -179,6 +179,25 @@ def test_a_line_without_its_number_is_damage(ledger: Ledger, tmp_path: Path, spa
     assert without_times(read_journal(path))[:2] == EXPECTED[:2]
 
 
+def _forged(logs: list[dict[str, object]]) -> bytes:
+    """Return the lines of a journal with checksums that fit."""
+    texts = [json.dumps({k: x for k, x in log.items() if k != "sum"}, separators=(",", ":")) for log in logs]
+    return b"".join(b'%s,"sum":"%s"}\n' % (x[:-1].encode(), _sum(x[:-1].encode())) for x in texts)
+
+
+def test_trials_keep_their_numbers_when_one_is_lost_and_another_refused(
+    ledger: Ledger, records: None, tmp_path: Path, space: SearchSpace
+) -> None:
+    path = tmp_path / "journal.log"
+    logs = [json.loads(line) for line in path.read_bytes().splitlines()]
+    del logs[2]["worker_id"]  # Optuna refuses the first trial
+    logs[2]["n"] = 9_905_077_650  # and all others look as if they were moved
+    path.write_bytes(_forged(logs))
+    mended = Ledger(path, space)
+    assert [entry[:3] for entry in without_times(mended.entries)][:2] == [entry[:3] for entry in EXPECTED[:2]]
+    assert Ledger(path, space).notes == []
+
+
 @pytest.mark.parametrize("parameter", [99.0, -1e17, float("inf"), "x", None])
 @pytest.mark.parametrize("has_study", [True, False])
 def test_what_optuna_refuses_is_mended_with_one_copy(
@@ -190,8 +209,7 @@ def test_what_optuna_refuses_is_mended_with_one_copy(
     [trial] = [log for log in logs if log.get("trial") == 1]
     trial["params"]["model.hidden"] = parameter
     logs[0]["op_code"] = CREATE_STUDY if has_study else 77
-    texts = [json.dumps({k: x for k, x in log.items() if k != "sum"}, separators=(",", ":")) for log in logs]
-    content = b"".join(b'%s,"sum":"%s"}\n' % (x[:-1].encode(), _sum(x[:-1].encode())) for x in texts)
+    content = _forged(logs)
     path.write_bytes(content)
     mended = Ledger(path, space)
     [note] = mended.notes
