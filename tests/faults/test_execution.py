@@ -195,22 +195,21 @@ def test_a_clock_that_jumps_for_all_processes(
         **{"LD_PRELOAD": str(library), "FAKETIME_TIMESTAMP_FILE": str(clock), "FAKETIME_NO_CACHE": "1"},
         **{"FAKETIME_DONT_FAKE_MONOTONIC": "1", "NO_FAKE_STAT": "1"},
     }
-    for backend in ("loky", "dask"):
-        folder = prepare(tmp_path / backend, backend, seconds=0.3)
-        code = "import sys, time; from tests.tiny_study import run_folder; print(time.time(), flush=True)"
-        code += f"; sys.exit(run_folder({str(folder)!r}))"
-        for _ in range(2):  # the second one finds all
-            process = subprocess.Popen(
-                [sys.executable, "-c", code], cwd=test_crash.ROOT, env={**os.environ, **faked},
-                stdout=subprocess.PIPE, text=True,
-            )  # fmt: skip
+    folder = prepare(tmp_path / "jumping", "loky", seconds=0.3)
+    code = "import sys, time; from tests.tiny_study import run_folder; print(time.time(), flush=True)"
+    command = [sys.executable, "-c", f"{code}; sys.exit(run_folder({str(folder)!r}))"]
+    for _ in range(2):  # the second one finds all
+        process = subprocess.Popen(
+            command, cwd=test_crash.ROOT, env={**os.environ, **faked}, stdout=subprocess.PIPE, text=True
+        )
+        with process:
             assert process.stdout is not None
-            assert abs(float(process.stdout.readline()) - time.time()) > 3600, "its clock is another"
+            assert abs(float(process.stdout.readline()) - time.time()) > 1, "its clock is another"
             while process.poll() is None:
                 jump()
                 tried["a clock that jumps, of all processes"] += 1
                 time.sleep(0.1)
-            assert process.returncode == 0
+        assert process.returncode == 0
         assert_same(folder, whole)
 
 

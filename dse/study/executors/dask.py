@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.metadata
+import itertools
 import logging
 import os
 import platform
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from distributed import Client, LocalCluster
 
 _CONNECT_S = 20.0
+_STARTS = 3
 _REFRESH_S = 5.0
 _WATCH_S = 0.5
 _OF_RESULTS = ("dse", "numpy", "numba")
@@ -53,6 +55,7 @@ class Dask:
     Raises:
         MissingExtra: Dask is not installed.
         Unusable: no scheduler answers, or a worker has other versions or does not see a file.
+        StoreError: workers on this machine end again and again while they start.
     """
 
     def __init__(
@@ -80,22 +83,32 @@ class Dask:
             "logging": {"distributed": "critical"},
         }
         with without_ctrl_c(), dask.config.set(settings):
-            if address is None and scheduler_file is None:
-                self._cluster = LocalCluster(
-                    n_workers=n,
-                    threads_per_worker=1,
-                    memory_limit=memory_bytes("cpu") // n,
-                    dashboard_address=None,
-                    worker_dashboard_address=None,
-                    scheduler_kwargs={"dashboard_address": ":0"},  # where its HTTP server listens
-                    silence_logs=logging.CRITICAL,
-                    env=THREADS,
-                )
+            for n_starts in itertools.count(1) if address is None and scheduler_file is None else ():
+                try:
+                    self._cluster = LocalCluster(
+                        n_workers=n,
+                        threads_per_worker=1,
+                        memory_limit=memory_bytes("cpu") // n,
+                        dashboard_address=None,
+                        worker_dashboard_address=None,
+                        scheduler_kwargs={"dashboard_address": ":0"},  # where its HTTP server listens
+                        silence_logs=logging.CRITICAL,
+                        env=THREADS,
+                    )
+                    break
+                except (RuntimeError, OSError, TimeoutError) as error:  # a worker ended while it started
+                    if n_starts == _STARTS:
+                        self._logs.setLevel(self._level)
+                        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+                        raise StoreError(
+                            f"the Dask workers of this machine ended while they started ({reason}); finished "
+                            "runs are kept: run the same command again"
+                        ) from error
             self._client = self._connected(Client, address, scheduler_file)
         self._client.subscribe_topic(self._topic, lambda event: self._post(event[1]))
         self._executor = self._client.get_executor(pure=False)
         if self._cluster is not None:
-            self._client.run(stdout_to_stderr)
+            self._client.run(stdout_to_stderr, on_error="return")  # one may have ended already
         self._is_closed = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
         try:
@@ -181,6 +194,8 @@ class Dask:
         with self._answering():
             seen = self._client.run(look, on_error="return")
         for worker, answer in seen.items():
+            if isinstance(answer, BaseException) and self._cluster is not None:
+                continue  # it has ended, and another one like it is started
             if isinstance(answer, BaseException):
                 raise Unusable(f"the Dask worker {worker} does not answer: {answer}")
             versions, missing = answer

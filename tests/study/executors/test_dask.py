@@ -100,6 +100,21 @@ def test_a_worker_that_does_not_fit_is_one_line(workers: Workers, monkeypatch: p
         list(workers.stream(parts, ["a"]))  # one that has joined since
 
 
+def test_workers_that_end_while_they_start_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts = []
+
+    def failing(**_: object) -> None:
+        starts.append(1)
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("distributed.LocalCluster", failing)
+    with pytest.raises(
+        StoreError, match=r"ended while they started \(RuntimeError: Nanny failed.*; finished"
+    ):
+        Dask(2, None, None)
+    assert len(starts) == 3
+
+
 def test_what_a_user_writes_about_a_cluster(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
