@@ -291,6 +291,10 @@ def _unit_of(times: Floats, name: str, notes: _Notes) -> str:
     return unit
 
 
+_JITTER = 0.1
+"""Share of a step by which times may differ without a word."""
+
+
 def _step(t_ms: Floats, number: Array, notes: _Notes, stated_ms: float | None) -> tuple[float, bool]:
     """Return the usual step of times in ms, and whether all times are even."""
     order = np.argsort(number, kind="stable")
@@ -304,6 +308,8 @@ def _step(t_ms: Floats, number: Array, notes: _Notes, stated_ms: float | None) -
     notes.add(f"a step is {step_ms:g} ms, the median of the times")
     if n_uneven:
         notes.add(f"{n_uneven} of {len(parts)} series have uneven times: resampled every {step_ms:g} ms")
+    elif (off_ms := float(np.abs(steps - step_ms).max())) > _JITTER * step_ms:
+        notes.add(f"steps differ from that by up to {off_ms:.2g} ms; samples are taken as they are")
     return step_ms, n_uneven == 0
 
 
@@ -546,8 +552,23 @@ def _frame(events: EventSource) -> dict[str, int]:
     return {"width": ends["x"], "height": ends["y"]}
 
 
-def _folder(path: Path, options: Options, notes: _Notes) -> Look:
+def _read_folder(path: Path, keys: dict[str, Any], data: dict[str, Any], notes: _Notes) -> EventSource:
+    """Return the event files of a folder; a frame that they do not state is added to keys and data."""
     from dse.recordings.event_files import EventFiles
+
+    try:
+        return EventFiles(**keys).read(path.parent)
+    except RecordingError as error:
+        if "data.width and data.height" not in str(error):
+            raise
+    frame = _frame(EventFiles(**keys, width=_WIDEST, height=_WIDEST).read(path.parent))
+    data |= frame
+    keys |= frame
+    notes.add("the files do not state their frame: it is as large as the addresses need")
+    return EventFiles(**keys).read(path.parent)
+
+
+def _folder(path: Path, options: Options, notes: _Notes) -> Look:
     from dse.recordings.file_labels import folder_columns
     from dse.recordings.folders import files_below
 
@@ -559,6 +580,8 @@ def _folder(path: Path, options: Options, notes: _Notes) -> Look:
         raise RecordingError(f"{path}: the folder holds no files")
     data: dict[str, Any] = {"kind": "event_files", "folder": options.place(path)}
     keys: dict[str, Any] = {"folder": str(path.absolute())}
+    if options.time_unit is not None:
+        keys["time_unit"] = data["time_unit"] = options.time_unit
     if table is not None:
         beside_files = [str(x) for x in read_table(table, None, head=True).columns if str(x) != "file"]
         keys |= {"labels": table.name, "columns": {name: name for name in beside_files}}
@@ -572,14 +595,15 @@ def _folder(path: Path, options: Options, notes: _Notes) -> Look:
         keys |= {"label_from": "folder", "columns": {name: name for name in folders}}
         notes.add("the folder of a file is its label")
     try:
-        source = EventFiles(**keys).read(path.parent)
+        source = _read_folder(path, keys, data, notes)
     except RecordingError as error:
-        if "data.width and data.height" not in str(error):
-            raise
-        frame = _frame(EventFiles(**keys, width=_WIDEST, height=_WIDEST).read(path.parent))
-        data, keys = data | frame, keys | frame
-        source = EventFiles(**keys).read(path.parent)
-        notes.add("the files do not state their frame: it is as large as the addresses need")
+        if "has no known format" in str(error):
+            text = "a folder must hold event files; sampled signals go into one table, a row per sample"
+            raise RecordingError(f"{path}: {text}; {error}") from None
+        if "floating-point times need their unit" in str(error):
+            text = "the unit of the times is not known; state it with --time-unit"
+            raise RecordingError(f"{path}: {text}") from None
+        raise
     notes.add(f"{source.n_recordings} event files of {source.width} x {source.height} addresses")
     columns, n_values = _label_candidates(source.columns, source.n_recordings)
     data |= {key: value for key, value in keys.items() if key in ("labels", "label_from")}

@@ -42,7 +42,7 @@ _MOST_NAMED = 5
 
 def _arrays_key() -> Any:
     rule = Rule(
-        "names of the arrays t, x, y and p in .npz and .h5 files (default: the usual names)", axis=False
+        "names of the arrays t, x, y and p in .npz, .h5 and .csv files (default: the usual names)", axis=False
     )
     return dataclasses.field(default_factory=dict, metadata={"rule": rule})
 
@@ -96,7 +96,7 @@ class EventFiles:
     arrays: Mapping[str, str] = _arrays_key()
     time_unit: str | None = param(
         None,
-        doc="unit of the times in .npz and .h5 files (default: integers are us)",
+        doc="unit of the times in .npz, .h5 and .csv files (default: integers are us)",
         choices=tuple(UNITS_US),
         axis=False,
     )

@@ -115,8 +115,15 @@ def test_every_layout_gives_a_space_that_runs(
         place.parent.mkdir(parents=True, exist_ok=True)
         columns = {key: events.integers(0, 9, 60) for key in "xy"} | {"p": events.integers(0, 2, 60)}
         np.savez(place, t=np.sort(events.integers(0, 90_000, 60)), **columns)
+        if number > 3:  # some of them are text
+            pd.DataFrame(dict(np.load(place))).to_csv(place.with_suffix(".csv"), index=False)
+            place.unlink()
     assert main(["init", "events", "--out", "x.yaml", "--force", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["classes"] == ["a", "b"]
+    jitter = recordings().time_s + np.random.default_rng(2).uniform(0, 0.001, len(recordings()))
+    recordings().assign(time_s=jitter).to_csv("jitter.csv", index=False)
+    assert main(["init", "jitter.csv", "--out", "x.yaml", "--force"]) == 0
+    assert "steps differ from that by up to" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -134,6 +141,8 @@ def test_every_layout_gives_a_space_that_runs(
         ("touch.csv", ["--out", "taken.yaml"], "taken.yaml: exists already; --force replaces it"),
         ("one.csv", [], "one.csv: must hold several recordings, got one"),
         ("bare.csv", [], "no label column was found"),
+        ("signals", [], "signals: a folder must hold event files; sampled signals go into one table"),
+        ("seconds", [], "seconds: the unit of the times is not known; state it with --time-unit"),
         ("cube.npz", [], "cube.npz: the sampling period is not in the file; state it with --step-ms N"),
     ],
 )
@@ -152,6 +161,9 @@ def test_what_cannot_be_guessed_is_one_clear_line(
     tidy[tidy.trial == 0].drop(columns="trial").to_csv("one.csv", index=False)
     tidy[["trial", "time_s", "left"]].to_csv("bare.csv", index=False)
     np.savez("cube.npz", signal=np.ones((4, 3, 2)), label=[0, 0, 1, 1])
+    for place, lines in (("signals", "time,pressure\n0,0.5\n"), ("seconds", "t,x,y,p\n0.5,1,2,1\n")):
+        Path(place, "a").mkdir(parents=True, exist_ok=True)
+        Path(place, "a", "1.csv").write_text(lines)
     before = sorted(Path().iterdir())
     out = [] if "--out" in arguments else ["--out", "new.yaml"]
     assert main(["init", name, *arguments, *out]) == 2

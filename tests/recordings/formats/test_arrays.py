@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
 from dse.recordings.formats import Repairs, arrays, detect
-from dse.recordings.formats.arrays import H5, Npz
+from dse.recordings.formats.arrays import H5, Csv, Npz
 
 T, X, Y, P = [5, 7, 7, 9], [0, 3, 1, 2], [1, 0, 2, 2], [1, 0, 0, 1]
 TYPED = {"t": np.array(T), "x": np.array(X, "u2"), "y": np.array(Y, "i2"), "p": np.array(P, bool)}
@@ -243,3 +243,31 @@ def test_a_long_recording_is_never_held_whole(tmp_path, kind):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found == n and peak < 16e6  # 32 MB in the file
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", ", "])
+def test_events_of_a_table_are_read_by_the_names_in_its_first_line(tmp_path, mark):
+    path = tmp_path / "a.csv"
+    rows = [["Timestamp", "x", "Y", "polarity"], *zip(T, X, Y, P, strict=True)]
+    path.write_text("".join(mark.join(map(str, row)) + "\r\n" for row in rows))
+    assert detect(path) == Csv() and Csv().frame(path) is None
+    assert read(path, Csv())[0] == [T, X, Y, P]
+    assert read(path, Csv(time_unit="ms"))[0][0] == [1000 * t for t in T]
+
+
+def test_a_table_of_events_names_the_line_that_is_none(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,taxel,p\n1,2,1\n2,x,0\n3,4,-1\n")
+    with pytest.raises(RecordingError, match="event 1 must have a time, and whole numbers as address"):
+        read(path, Csv())
+    values, (note,) = read(path, Csv(), repair=True)
+    assert values == [[1, 3], [2, 4], [0, 0], [1, 0]] and "drops events" in note
+    path.write_text("t,x,y,p\n0.5,1,2,1\n")
+    with pytest.raises(RecordingError, match="floating-point times need their unit in the key time_unit"):
+        read(path, Csv())
+    path.write_text("t,x,y,p\n1,2,3,1\n1,2,3,4,5,6\n")
+    with pytest.raises(RecordingError, match="is no table of events"):
+        read(path, Csv())
+    path.write_text("t,pressure\n1,0.5\n")
+    with pytest.raises(RecordingError, match="has no known format"):
+        detect(path)

@@ -46,6 +46,7 @@ MARKS = (
     b"\x89HDF\r\n\x1a\n",
     b"PK\x03\x04",
     b"0 12 1600000000.5\n",
+    b"t,x,y,p\n1,2,",
 )
 """How files of the formats begin, so that random bytes get past the first look."""
 
