@@ -597,7 +597,7 @@ def _folder(path: Path, options: Options, notes: _Notes) -> Look:
     try:
         source = _read_folder(path, keys, data, notes)
     except RecordingError as error:
-        if "has no known format" in str(error):
+        if "has no known format" in str(error) or "no arrays t, x, y and p" in str(error):
             text = "a folder must hold event files; sampled signals go into one table, a row per sample"
             raise RecordingError(f"{path}: {text}; {error}") from None
         if "floating-point times need their unit" in str(error):

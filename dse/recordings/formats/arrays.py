@@ -220,14 +220,14 @@ class H5(_EventArrays):
 class Csv(_EventArrays):
     """A table of events as text: a header with the names of t, x, y and p, a line per event."""
 
-    suffixes: ClassVar[tuple[str, ...]] = ()  # tables of anything else have them too
+    suffixes: ClassVar[tuple[str, ...]] = (".csv", ".tsv")
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return whether the name says so and the first line names the fields of events."""
         names = re.split(r"[,;\t]", head.split(b"\n", 1)[0].decode("utf-8", "replace").lower())
         known = {name.strip(' "\r') for name in names}
         fields = [key for key, usual in USUAL.items() if known.intersection(usual)]
-        return path.suffix.lower() in (".csv", ".tsv") and (len(fields) == 4 or fields == ["t", "x", "p"])
+        return path.suffix.lower() in self.suffixes and (len(fields) == 4 or fields == ["t", "x", "p"])
 
     @contextmanager
     def _open(self, path: Path) -> Iterator[_Opened]:

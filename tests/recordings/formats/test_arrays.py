@@ -269,5 +269,5 @@ def test_a_table_of_events_names_the_line_that_is_none(tmp_path):
     with pytest.raises(RecordingError, match="is no table of events"):
         read(path, Csv())
     path.write_text("t,pressure\n1,0.5\n")
-    with pytest.raises(RecordingError, match="has no known format"):
-        detect(path)
+    with pytest.raises(RecordingError, match="no arrays t, x, y and p; set the key arrays"):
+        read(path, Csv())
