@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 from collections.abc import Mapping, Sequence
 from itertools import chain, product
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -24,6 +27,7 @@ from dse.config.values import Report, blamed, echo, keys_of, read_fields
 from dse.config.yaml_lines import Raw
 
 _BATCH = 8
+_STORAGE = re.compile(r"(postgresql|sqlite)://.")
 AUTO = "auto"
 """The sampler that is chosen by the number of designs."""
 _FEW = 20
@@ -293,6 +297,7 @@ def search(
     *,
     check_packages: bool = False,
     base: Path | None = None,
+    is_shared: bool = False,
 ) -> SearchSettings | None:
     """Read the search settings together with the sampler's own keys; None after a fault.
 
@@ -303,6 +308,7 @@ def search(
         folds: of a cross-validation, of which every repeat is one; None without.
         check_packages: whether the package that a sampler may need must be installed here.
         base: folder of the search space, beside which earlier studies must be; None: they are not looked for.
+        is_shared: whether several coordinators divide the designs.
     """
     earlier = raw.get("from") if isinstance(raw, dict) else None
     warm = _earlier(earlier, report, base)
@@ -367,7 +373,7 @@ def search(
         report(("search",), f"search.n_trials is required for sampler '{name}'")
         return None
     # A grid learns nothing from its results: designs that are proposed at once share the most passes.
-    whole = name == "grid" and stop is None
+    whole = name == "grid" and stop is None and not is_shared
     size = n_combinations(axes.values()) or 1 if whole else _BATCH
     settings = values | {"sampler": name, "batch": values["batch"] or size}
     return SearchSettings(**settings, options=options, warm=warm)
@@ -423,7 +429,20 @@ def execution(raw: Raw, report: Report, *, check_device: bool) -> ExecutionSetti
         elif len(named) == 2:
             report(("execution", named[1]), "execution must have address or scheduler_file, not both")
             good = False
+        if values["storage"] is not None and (text := _storage_fault(values["storage"])):
+            report(("execution", "storage"), f"execution.storage {text}")
+            good = False
     return ExecutionSettings(**values) if good else None
+
+
+def _storage_fault(url: str) -> str:
+    """Return what is wrong with the address of a database; '' if nothing is."""
+    if _STORAGE.match(url) is None:
+        return f"must begin with postgresql:// or sqlite:///, got {echo(url)}"
+    with contextlib.suppress(ValueError):  # of a place that is no URL: the database will say so
+        if urlsplit(url).password is not None:
+            return "must not hold a password, as it is stored with the study: use PGPASSWORD or ~/.pgpass"
+    return ""
 
 
 def _names(section: str, raw: Raw, report: Report) -> list[str]:

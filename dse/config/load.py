@@ -116,6 +116,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
     k_fold = split.fixed.k_fold if split is not None and split.good else None
     folds = None if k_fold is None else k_fold.k
+    execution = goals.execution(data.get("execution"), report, check_device=check_data)
     search = goals.search(
         data.get("search"),
         axes,
@@ -123,11 +124,15 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         folds,
         check_packages=check_data,
         base=source.parent if check_data else None,
+        is_shared=execution is not None and execution.storage is not None,
     )
     if search is not None and search.racing is not None:
         for path, text in racing_faults(search.racing, sections):
             report(path, text)
-    execution = goals.execution(data.get("execution"), report, check_device=check_data)
+    if execution is not None and execution.storage is not None and search is not None:
+        if search.racing is not None:
+            text = "is not for search.racing: designs race against all others of one coordinator"
+            report(("execution", "storage"), f"execution.storage {text}")
     for message in [] if execution is None else _device_faults(execution.device, sections.get("model")):
         report(("execution", "device"), message)
     if execution is not None:

@@ -611,7 +611,8 @@ class Search:
     )
     batch: int | None = param(
         None,
-        doc="number of designs proposed at a time (default: the whole grid for sampler grid, otherwise 8)",
+        doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
+        "execution.storage, otherwise 8)",
         low=1,
         axis=False,
     )
@@ -665,6 +666,13 @@ class ExecutionSettings:
     )
     scheduler_file: str | None = param(
         None, doc="with dask: file that a scheduler wrote, instead of address", axis=False
+    )
+    storage: str | None = param(
+        None,
+        doc="database in which several coordinators, each with its own --results folder, share the designs "
+        "of the study: postgresql://user@host/database (extra postgresql) or sqlite:///file (default: one "
+        "coordinator)",
+        axis=False,
     )
     jobs: int = param(
         1, doc="number of worker processes; a Dask scheduler that runs has its own", low=1, axis=False

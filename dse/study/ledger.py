@@ -19,7 +19,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dse.config import SearchSpace
 from dse.search.limits import Exclusion
@@ -38,6 +38,7 @@ from dse.study.journal import (
 from dse.study.lines import CREATE_STUDY, CREATE_TRIAL, SET_TRIAL_STATE, JournalLines, Log, counted
 
 if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
     from optuna.storages import JournalStorage
     from optuna.trial import TrialState
 
@@ -65,10 +66,9 @@ class Ledger:
     def __init__(self, path: Path, space: SearchSpace) -> None:
         self._path = path
         self._space = space
-        self._axes = space.axes
         self.notes: list[str] = []
         self._writer = f"{uuid.uuid4()}-0"  # as Optuna names who wrote a line
-        with self._explained(), _quiet():
+        with self._explained(), quiet():
             self._lines = JournalLines(path)
             if self._is_of_another(self._lines.logs):
                 self._lines.faults, self._lines.logs = ["it is the journal of another study"], []
@@ -229,12 +229,7 @@ class Ledger:
         from optuna.distributions import distribution_to_json
         from optuna.trial import TrialState
 
-        scalars = {name: _scalar(value) for name, value in design.items()}
-        distributions = {
-            name: distribution(axis, [_scalar(value) for value in axis.values or ()])
-            for name, axis in self._axes.items()
-            if name in design
-        }
+        scalars, distributions = described(self._space, design)
         about = {"batch": batch, "design": dict(design)}
         moment = _now()
         return self._line(
@@ -304,8 +299,8 @@ class Ledger:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Optuna from announcing the journal."""
+def quiet() -> Iterator[None]:
+    """Keep Optuna from announcing what it makes."""
     import optuna
 
     verbosity = optuna.logging.get_verbosity()
@@ -314,6 +309,18 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         optuna.logging.set_verbosity(verbosity)
+
+
+def described(
+    space: SearchSpace, design: Mapping[str, object]
+) -> tuple[dict[str, Any], dict[str, BaseDistribution]]:
+    """Return the parameters of a design and their distributions, as Optuna's trials have them."""
+    distributions = {
+        name: distribution(axis, [_scalar(value) for value in axis.values or ()])
+        for name, axis in space.axes.items()
+        if name in design
+    }
+    return {name: _scalar(design[name]) for name in distributions}, distributions
 
 
 def _now() -> str:

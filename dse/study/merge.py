@@ -14,7 +14,7 @@ from dse import seeds, store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.search.limits import Exclusion
 from dse.study import pricing
-from dse.study.claim import changes
+from dse.study.claim import changes_elsewhere
 from dse.study.doctor import write_tables
 from dse.study.explore import values_of
 from dse.study.journal import Entry, read_journal
@@ -24,7 +24,6 @@ from dse.study.results import plain_space
 from dse.study.warm import copy_run
 
 _SPACE, _JOURNAL = "search_space.yaml", "journal.log"
-_MAY_DIFFER = ("study", "search.n_trials", "search.batch", "search.stop", "search.from", "targets", "limits")
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def merge(first: Path, second: Path, into: Path) -> dict[str, int]:
             raise store.StoreError(f"{folder}: is not the folder of a study")
     with store.exclusive(first), store.exclusive(second):
         studies = _Study.read(first), _Study.read(second)
-        space = load_space(first / _SPACE, {"study": into.name})
+        space = load_space(first / _SPACE, {"study": into.name, "execution.storage": "null"})
         _check(space, *studies)
         staging = into.parent / f"{store.TEMPORARY}{secrets.token_hex(4)}"
         try:
@@ -90,11 +89,7 @@ def merge(first: Path, second: Path, into: Path) -> dict[str, int]:
 def _check(space: SearchSpace, one: _Study, two: _Study) -> None:
     """Check that two studies are of one search space, on the same recordings, and by the same version."""
     plain = [plain_space(study.folder / _SPACE) for study in (one, two)]
-    texts = [
-        f"{key} is {new!r}, but {old!r} in {one.folder}"
-        for key, old, new in changes(plain[0], plain[1])
-        if not key.startswith(_MAY_DIFFER) and (not key.startswith("execution.") or key == "execution.device")
-    ]
+    texts = [f"{key} is {new!r}, but {old!r} in {one.folder}" for key, old, new in changes_elsewhere(*plain)]
     if plain[0].get("search", {}).get("racing") is not None:
         texts.append("search.racing: studies that race cannot be merged: each compares its own designs")
     if one.versions and two.versions and one.versions != two.versions:
