@@ -518,7 +518,7 @@
 
   function renderBundle({ budgeted }) {
     const link = byId("bundle");
-    link.hidden = !Details.isServed(page) || budgeted.pick < 0 || !isNamed();
+    link.hidden = !Details.isServed(page) || budgeted.pick < 0 || budgeted.picks.length > 1 || !isNamed();
     if (link.hidden) return;
     const [trial, number] = keyOf(budgeted.pick).split(".");
     const chip = columns.hardware ? { hardware: columns.hardware.values[budgeted.pick] } : {};
