@@ -5,8 +5,8 @@
 Design points are made up: accuracy rises with energy, weights and latency are drawn. `paint` is the first
 contentful paint, `figure` when the front is drawn. After a step of a slider, median, first and worst:
 `done` until counts, pick, table, front and parallel coordinates are drawn;
-`shown` until the browser has put that on the screen; `CPU` is the time of the page's thread for `shown`, which
-other work on the machine hardly changes. Times are the browser's own, headless, so drawing is in software.
+`shown` until the browser has put that on the screen; `CPU` is the time of the page's thread until then, which
+other work on the machine hardly changes. Times are the browser's own, headless: it draws in software.
 Intervals of the front are drawn once the slider rests.
 """
 
