@@ -1,14 +1,16 @@
-"""Cycles of the C on Cortex-M: fitted on random networks, predicted for others that were not used.
+"""Cycles of the C on Cortex-M: fitted on random classifiers, predicted for others that were not used.
 
-    python -m benchmarks.instructions [--core cortex_m4] [--fit 130] [--test 20] [--csv FILE]
+    python -m benchmarks.instructions [--core cortex_m4] [--of counts] [--fit 130] [--test 20] [--csv FILE]
 
-Every network is written as C (target `c99`), compiled for the core and executed in an emulator on two
+Every classifier is written as C (target `c99`), compiled for the core and executed in an emulator on two
 recordings of random spikes; all its decisions are checked. The cycles per kind of work, which profiles
 `mcu_*` quote, minimise the squared relative errors over the networks of the fit. What is work, and the
 prediction, are those of `dse.hardware.kinds.processor`.
 Networks are like those of search spaces: hidden neurons with decays of their own or resonators, outputs that
 share their decays, one to three hidden layers, recurrent or not, delayed inputs, delays of synapses, pruned,
-8 or 4 bits, both rules.
+8 or 4 bits, both rules. Classifiers of spike counts take turns: nearest neighbours, naive Bayes, perceptrons,
+and extreme learning machines in double and in single precision, all trained on random spikes of classes whose
+channels differ in rate.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from dse.config import Sections
+from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.reference import Reference, answered, decided
 from dse.deploy.targets.c99 import C99
@@ -31,10 +34,14 @@ from dse.deploy.targets.cortex_m import CortexM, executed
 from dse.deploy.targets.emulator import CORES
 from dse.hardware.kinds.processor import counts_of, network_work
 from dse.measure.run import load_of
+from dse.models.counts.elm import ELM
+from dse.models.counts.knn import KNN
+from dse.models.counts.mlp import MLP
+from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond, spikes_of_layers
 from dse.neurons import cuba_lif, parameters_of, resonator
-from dse.records import Array, Dataset, Layer, Network, Workload
+from dse.records import Array, Dataset, Layer, Network, Parameters, Workload
 from dse.registry import known
 from dse.testing.small import places, spikes_of
 
@@ -44,14 +51,16 @@ STEP_MS = 5.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--core", choices=CORES, default="cortex_m4")
-    parser.add_argument("--fit", type=int, default=130, help="networks of the fit, after those to predict")
-    parser.add_argument("--test", type=int, default=20, help="networks to predict")
-    parser.add_argument("--csv", help="file for a row per network")
+    parser.add_argument("--of", choices=("networks", "counts"), default="networks", help="classifiers")
+    parser.add_argument("--fit", type=int, default=130, help="classifiers of the fit, after those to predict")
+    parser.add_argument("--test", type=int, default=20, help="classifiers to predict")
+    parser.add_argument("--csv", help="file for a row per classifier")
     options = parser.parse_args()
     target = known("targets")[options.core]()
-    rows = [counted(target, seed) for seed in range(options.test + options.fit)]
-    kinds = list(rows[0][0])
-    work = np.array([list(of_kinds.values()) for of_kinds, _, _ in rows])
+    make = made_network if options.of == "networks" else made_of_counts
+    rows = [counted(target, *make(seed)) for seed in range(options.test + options.fit)]
+    kinds = list(dict.fromkeys(kind for of_kinds, _, _ in rows for kind in of_kinds))
+    work = np.array([[of_kinds.get(kind, 0.0) for kind in kinds] for of_kinds, _, _ in rows])
     instructions, cycles = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
     fit = slice(options.test, None)
     costs = nnls((work / cycles[:, None])[fit], np.ones(options.fit))[0]
@@ -65,25 +74,77 @@ def main() -> None:
         off = np.abs(errors)
         within = np.count_nonzero(off <= 0.05)
         print(
-            f"{what}: {len(off)} networks, {within} within 5 %, error {off.mean():.1%} in the mean, "
+            f"{what}: {len(off)} classifiers, {within} within 5 %, error {off.mean():.1%} in the mean, "
             f"{off.max():.1%} at most"
         )
     if options.csv:
         columns = dict(zip(kinds, work.T, strict=True))
         table = pd.DataFrame(columns | {"instructions": instructions, "cycles": cycles, "error": error})
-        table.to_csv(options.csv, index_label="network")
+        table.to_csv(options.csv, index_label="classifier")
 
 
-def counted(target: CortexM, seed: int) -> tuple[dict[str, float], float, float]:
-    """Return the work of an inference of random network `seed` by kind, its instructions and cycles."""
-    made, fired, bits = network(seed)
-    reference = of_spikes(made, fired)
+def counted(
+    target: CortexM, made: Bundle, reference: Reference, bits: int
+) -> tuple[dict[str, float], float, float]:
+    """Return the work of an inference of a classifier by kind, its instructions and cycles."""
     with tempfile.TemporaryDirectory() as folder:
         C99().write(made, Path(folder) / "c")
         machine, answers = executed(target, Path(folder) / "c", reference)
     assert np.array_equal(answers.label, reference.label)
-    counts, n = machine.counts(), len(fired)
+    counts, n = machine.counts(), reference.n_recordings
     return work_of(made, reference, bits), counts.instructions / n, counts.cycles(target.core) / n
+
+
+def made_network(seed: int) -> tuple[Bundle, Reference, int]:
+    """Return random network `seed`, what it answers to two recordings, and bits per weight."""
+    made, fired, bits = network(seed)
+    return made, of_spikes(made, fired), bits
+
+
+def made_of_counts(seed: int) -> tuple[Bundle, Reference, int]:
+    """Return random classifier of counts `seed`, what it answers to four recordings, and bits per number."""
+    rng = np.random.default_rng([80, seed])
+    n_channels, n_steps = int(rng.choice([4, 12, 32, 64, 128, 400])), int(rng.choice([32, 64, 128, 200]))
+    n_classes, n_samples = int(rng.choice([2, 4, 7, 12])), int(rng.integers(40, 121))
+    target = rng.permutation(np.arange(n_samples) % n_classes)
+    rate = float(rng.choice([0.01, 0.03, 0.1, 0.2])) * rng.uniform(0.2, 1.8, (n_classes, 1, n_channels))
+    fired = (rng.random((n_samples, n_steps, n_channels)) < rate[target]).astype(np.uint8)
+    window_ms = STEP_MS * int(rng.choice([4, 8, 16]))
+    hidden = [int(n) for n in rng.integers(8, 101, int(rng.choice([1, 1, 2, 3])))]
+    model, kind = (
+        (KNN(window_ms=window_ms, channels="each", k=int(rng.choice([1, 3, 5]))), "knn"),
+        (NaiveBayes(window_ms=window_ms, channels="each", var_smoothing=0.1), "naive_bayes"),
+        (MLP(window_ms=window_ms, channels="each", hidden=tuple(hidden), epochs=3, read_outs=1), "mlp"),
+        (ELM(window_ms=window_ms, windows=int(rng.choice([2, 4])), hidden=8 + hidden[0]), "elm"),
+        (ELM(window_ms=window_ms, windows=3, hidden=8 + hidden[0], precision="float32"), "elm"),
+    )[seed % 5]
+    test = np.arange(n_samples - 4, n_samples)
+    data = replace(
+        _dataset(fired, tuple(f"class {k}" for k in range(n_classes))),
+        target=target,
+        train=np.arange(n_samples - 4),
+        validation=test,
+        test=test,
+    )
+    outcome = model.fit(data, Training(), lambda *purpose: np.random.default_rng([81, seed]))
+    made = _bundle(outcome.network, n_steps, data.classes, n_channels)
+    made = replace(
+        made, sections=replace(made.sections, model=model, kinds={**made.sections.kinds, "model": kind})
+    )
+    label, time_ms, sure = decided(made, data, answered(made, data, "random spikes"))
+    reference = Reference(
+        inputs=None,
+        first_step=np.zeros(len(test), np.int64),
+        dataset=data,
+        spikes_in=np.argwhere(fired[test]).astype(np.int32),
+        fired=(),
+        label=label,
+        time_ms=time_ms,
+        decided=sure,
+        n_steps=n_steps,
+        step_ms=STEP_MS,
+    )
+    return made, reference, 32
 
 
 def network(seed: int) -> tuple[Bundle, Array, int]:
@@ -139,13 +200,13 @@ def network(seed: int) -> tuple[Bundle, Array, int]:
             replace(x, delay=apart.integers(0, slowest_step, x.weight.shape)) for x in net.layers[:n_delayed]
         ]
         net = replace(net, layers=(*delayed, *net.layers[n_delayed:]))
-    made = _bundle(net, n_steps)
+    made = _bundle(net, n_steps, tuple(f"class {k}" for k in range(net.sizes[-1])), n_channels)
     if rng.random() < 0.5:
         made = replace(made, phi=float(rng.integers(0, 40)), theta=float(rng.choice([0.3, 0.5, 0.7])))
     return made, fired, bits
 
 
-def _bundle(net: Network, n_steps: int) -> Bundle:
+def _bundle(fitted: Network | Parameters, n_steps: int, classes: tuple[str, ...], n_channels: int) -> Bundle:
     sections = Sections.from_plain(
         {
             "data": {"kind": "raster", "file": "none.npz", "step_ms": STEP_MS},
@@ -156,29 +217,15 @@ def _bundle(net: Network, n_steps: int) -> Bundle:
         },
         "a random network",
     )
-    classes = tuple(f"class {k}" for k in range(net.sizes[-1]))
-    taken = Input("spikes", net.n_channels, 0, 0, n_steps, STEP_MS)
-    return Bundle(net, sections, classes, None, None, record={}, evidence={}, input=taken)
+    taken = Input("spikes", n_channels, 0, 0, n_steps, STEP_MS)
+    return Bundle(fitted, sections, classes, None, None, record={}, evidence={}, input=taken)
 
 
 def of_spikes(made: Bundle, fired: Array) -> Reference:
     """Return what the engine answers to recordings of spikes."""
-    net, (n, n_steps, n_channels) = made.fitted, fired.shape
+    net, (n, n_steps, _) = made.fitted, fired.shape
     assert isinstance(net, Network)
-    start, none = np.zeros(n, np.int32), np.zeros(0, np.int64)
-    data = Dataset(
-        spikes=spikes_of(fired, STEP_MS),
-        target=np.zeros(n, np.int64),
-        classes=made.classes,
-        start=start,
-        start_low=start,
-        start_high=start,
-        n_steps=n_steps,
-        train=none,
-        validation=none,
-        test=np.arange(n),
-        positions=places(n_channels),
-    )
+    data = _dataset(fired, made.classes)
     label, time_ms, sure = decided(made, data, answered(made, data, "random spikes"))
     return Reference(
         inputs=None,
@@ -194,11 +241,33 @@ def of_spikes(made: Bundle, fired: Array) -> Reference:
     )
 
 
+def _dataset(fired: Array, classes: tuple[str, ...]) -> Dataset:
+    """Return recordings of spikes, (recording, step, channel), which are tested whole."""
+    n, n_steps, n_channels = fired.shape
+    start, none = np.zeros(n, np.int32), np.zeros(0, np.int64)
+    return Dataset(
+        spikes=spikes_of(fired, STEP_MS),
+        target=np.zeros(n, np.int64),
+        classes=classes,
+        start=start,
+        start_low=start,
+        start_high=start,
+        n_steps=n_steps,
+        train=none,
+        validation=none,
+        test=np.arange(n),
+        positions=places(n_channels),
+    )
+
+
 def work_of(made: Bundle, reference: Reference, bits: int) -> dict[str, float]:
     """Return how often each kind of work is done in an inference, from what dse records of a design."""
-    net = made.fitted
-    assert isinstance(net, Network)
-    response = respond(net, reference.dataset, reference.dataset.test)
+    net, data = made.fitted, reference.dataset
+    if isinstance(net, Parameters):
+        answers = made.sections.model.respond(net, data, data.test)
+        column = int(np.abs(answers.time_ms - reference.time_ms[0]).argmin())
+        return {f"{kind}_cycles": float(times[column]) for kind, times in answers.program.items()}
+    response = respond(net, data, data.test)
     steps = np.rint(reference.time_ms / reference.step_ms)
     before = np.arange(response.spikes.shape[1]) < steps[:, None]
     counted = np.concatenate([response.spikes, response.updates, response.updates > 0], axis=2)

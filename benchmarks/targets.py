@@ -66,13 +66,15 @@ def rows(folder: str, data_file: str, cores: Sequence[str]) -> Iterator[dict[str
     made = bundle.read(folder)
     reference = of_recordings(made, data_file)
     name, n = Path(folder).name, max(1, reference.n_recordings)
-    for arithmetic in ("float32", "integer"):
+    for arithmetic in ("float32", "integer") if isinstance(made.fitted, Network) else ("",):
         ms, differ = _engine(made, reference, data_file, arithmetic)
-        yield {"net": name, "form": f"engine, {arithmetic}", "ms": ms / n, "differ": differ}
+        yield {"net": name, "form": f"engine, {arithmetic}".rstrip(", "), "ms": ms / n, "differ": differ}
     stream, c99 = measure(made, data_file, rest_s=0.1)
     in_c = _verdict(made, Path(folder), "c99", reference)
     yield {"net": name, "form": "C here", **_taken(c99), "differ": in_c.decisions_differ}
     for core in cores:
+        if known("targets")[core]().refusal(made):
+            continue
         chip, on_core = load(CHIPS[core]), _verdict(made, Path(folder), core, reference)
         cycles = on_core.figures["cycles_per_inference"]
         predicted = _predicted(made, reference, CHIPS[core])
@@ -117,8 +119,9 @@ def _predicted(made: Bundle, reference: Reference, profile: str) -> float:
 
 def _engine(made: Bundle, reference: Reference, data_file: str, arithmetic: str) -> tuple[float, float]:
     """Return the time of all recordings in ms, and the share of decisions that differ from the reference."""
-    assert isinstance(made.fitted, Network)
-    other = dataclasses.replace(made, fitted=dataclasses.replace(made.fitted, arithmetic=arithmetic))
+    other = made
+    if isinstance(made.fitted, Network):
+        other = dataclasses.replace(made, fitted=dataclasses.replace(made.fitted, arithmetic=arithmetic))
     answered(other, reference.dataset, data_file)  # compiles
     began = time.perf_counter()
     response = answered(other, reference.dataset, data_file)

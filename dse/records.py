@@ -365,6 +365,7 @@ class Answers:
     input_spikes: (n, k) int64 input spikes until then.
     event_macs, event_additions: (k,) the same work where each input spike adds the weights that it meets;
         None of a family without such a reading.
+    program: (k,) mean times of each kind of work of its C (`dse.hardware.kinds.processor`); empty: no C.
     """
 
     label: Array
@@ -375,6 +376,7 @@ class Answers:
     input_spikes: Array
     event_macs: Array | None = None
     event_additions: Array | None = None
+    program: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -577,6 +579,7 @@ class Operations:
     number_bits: bits per stored number and per operand, as measured.
     event_macs, event_additions: as `macs` and `additions` where each input spike is processed on its own;
         both None of a classifier without such a reading.
+    program: (...) times of each kind of work of its C (`dse.hardware.kinds.processor`); empty: there is none.
     """
 
     macs: Floats
@@ -587,6 +590,7 @@ class Operations:
     number_bits: int = 32
     event_macs: Floats | None = None
     event_additions: Floats | None = None
+    program: Mapping[str, Floats] = field(default_factory=dict)
 
     cores: ClassVar[None] = None
     """Only for networks can a user set the number of cores of a layer."""
@@ -638,6 +642,7 @@ class Operations:
             number_bits=self.number_bits,
             event_macs=None if self.event_macs is None else change(self.event_macs),
             event_additions=None if self.event_additions is None else change(self.event_additions),
+            program={name: change(times) for name, times in self.program.items()},
         )
 
     def check(self) -> None:

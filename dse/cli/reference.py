@@ -191,6 +191,7 @@ def _figures(name: str) -> list[Row]:
     return [
         {"key": key, **vars(getattr(profile, key)), "doc": figure.doc}
         for key, figure in profile.numbers().items()
+        if key in profile.stated
     ]
 
 

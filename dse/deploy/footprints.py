@@ -37,8 +37,8 @@ def on_targets(
         The points once per target that knows its footprint, with the columns `target`, those of `footprint`
         (dse.deploy.targets.Target) and `cycles`: per inference, as the cost model of the target's profile
         predicts from the work on validation recordings up to the decision, mean over runs; NaN without a
-        profile, and of what is no spiking network: the profile knows no other code. Points that a target
-        cannot hold are left out there.
+        profile, and of classifiers of counts that earlier versions trained. Points that a target cannot hold
+        are left out there.
 
     Raises:
         BundleError: a target is unknown, or no target can hold any of the points.
@@ -53,7 +53,7 @@ def on_targets(
     groups = points.groupby(_keys(points), sort=False, dropna=False).indices.values()
     parts: dict[str, list[pandas.DataFrame]] = {name: [] for name in targets}
     refusals: dict[str, dict[str, int]] = {name: {} for name in targets}
-    networks: list[int] = []
+    counted: list[int] = []
     for places in groups:
         rows = points.iloc[places]
         try:
@@ -62,8 +62,8 @@ def on_targets(
             for counts in refusals.values():
                 counts[str(error)] = counts.get(str(error), 0) + len(rows)
             continue
-        if isinstance(bundle.fitted, Network):
-            networks += rows.index.tolist()
+        if isinstance(bundle.fitted, Network) or pricing.work_is_counted(study.folder, rows):
+            counted += rows.index.tolist()
         for name, target in targets.items():
             if refusal := target.refusal(bundle):
                 refusals[name][refusal] = refusals[name].get(refusal, 0) + len(rows)
@@ -73,8 +73,8 @@ def on_targets(
     for name, of_target in parts.items():
         if of_target:
             rows = pandas.concat(of_target).sort_index()
-            spiking = rows[rows.index.isin(networks)]
-            frames.append(rows.assign(cycles=_cycles(study, spiking, targets[name])))
+            known = rows[rows.index.isin(counted)]
+            frames.append(rows.assign(cycles=_cycles(study, known, targets[name])))
     notes = [
         f"target {name} cannot hold {n} of {len(points)} points: {refusal}"
         for name, counts in refusals.items()

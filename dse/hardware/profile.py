@@ -63,21 +63,28 @@ class Figure:
     unit: '1' for counts and ratios.
     whole: one whole number >= 1, without a range.
     claim: 0 or 1, without a range.
+    optional: a profile may lack it.
     """
 
     unit: str
     doc: str
     whole: bool = False
     claim: bool = False
+    optional: bool = False
 
     @property
     def fixed(self) -> bool:
         return self.whole or self.claim
 
 
-def figure(unit: str, doc: str, *, whole: bool = False, claim: bool = False) -> Any:
-    """Declare a number of a kind of hardware (arguments of `Figure`)."""
-    return dataclasses.field(metadata={"figure": Figure(unit, doc, whole, claim)})
+def figure(unit: str, doc: str, *, whole: bool = False, claim: bool = False, optional: bool = False) -> Any:
+    """Declare a number of a kind of hardware (arguments of `Figure`); optional ones come last."""
+    metadata = {"figure": Figure(unit, doc, whole, claim, optional)}
+    return (
+        dataclasses.field(default=None, metadata=metadata)
+        if optional
+        else dataclasses.field(metadata=metadata)
+    )
 
 
 @dataclass(frozen=True)
@@ -106,15 +113,20 @@ class Profile(ABC):
         """Return what the numbers of this kind must be, by name."""
         return {f.name: f.metadata["figure"] for f in dataclasses.fields(cls) if "figure" in f.metadata}
 
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Names of the numbers that this profile has."""
+        return tuple(name for name in self.numbers() if getattr(self, name) is not None)
+
     def at(self, end: End) -> dict[str, float]:
         """Return every number at one end of its range, by name."""
-        return {name: getattr(getattr(self, name), end) for name in self.numbers()}
+        return {name: getattr(getattr(self, name), end) for name in self.stated}
 
     @functools.cached_property
     def ends(self) -> Figures:
         """Every number at its value, its low and its high end, (3,) each."""
         at = [self.at(end) for end in ("value", "low", "high")]
-        figures = {name: np.array([values[name] for values in at]) for name in self.numbers()}
+        figures = {name: np.array([values[name] for values in at]) for name in self.stated}
         for values in figures.values():
             values.setflags(write=False)
         return figures
@@ -127,7 +139,7 @@ class Profile(ABC):
         share ranks no design above another, so it is the ratios between numbers that matter.
         """
         figures = {}
-        for name in self.numbers():
+        for name in self.stated:
             number: Number = getattr(self, name)
             u = rng.random(n)
             below = number.low + 2 * u * (number.value - number.low)
@@ -315,6 +327,8 @@ def _kind(data: Mapping[str, Raw], report: Report) -> type[Profile] | None:
 def _number(name: str, figure: Figure, data: Mapping[str, Raw], report: Report) -> Number | None:
     """Return a number of a profile, or None after reporting everything that is wrong with it."""
     if name not in data:
+        if figure.optional:
+            return None
         report((), f"{name} is required: {figure.doc}")
         return None
     values, good = read_fields(Number, data[name], (name,), report)

@@ -173,7 +173,7 @@ def cost_row(
 
 def evidence_of(profile: Profile) -> dict[str, int]:
     """Return how many numbers of a profile there are of each class of evidence, best first."""
-    counted = Counter(getattr(profile, name).evidence for name in profile.numbers())
+    counted = Counter(getattr(profile, name).evidence for name in profile.stated)
     return {word: counted[word] for word in get_args(Evidence) if word in counted}
 
 

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Fault
 from dse.hardware.duty import battery_h, mean_power_mw
-from dse.hardware.profile import Profile, load, read
+from dse.hardware.profile import End, Profile, load, read
 from dse.measure.on_chips import DRAWN
-from dse.records import Floats, Ints
+from dse.records import Floats, Ints, Workload
 from dse.skyline.front import Draws
 from dse.skyline.table import read as read_table
 from dse.store import StoreError
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import pandas
 
 _FOLDER = "hardware"
+_ENDS: tuple[End, ...] = get_args(End)
 
 DRAWS = 200
 """Default number of samples of a chip's uncertain numbers."""
@@ -46,7 +47,7 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     for chip in profiles:
         stored = folder / _FOLDER / f"{chip.name}.yaml"
         try:
-            differs = stored.is_file() and _figures(profile(folder, chip.name)) != _figures(chip)
+            differs = stored.is_file() and _differ(profile(folder, chip.name), chip)
         except store.Damaged as error:
             notes.append(f"{error}; it is written anew")
             continue
@@ -60,14 +61,17 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
 
 def differences(one: Path, other: Path, name: str) -> list[str]:
     """Return a sentence if two studies have other numbers of a chip."""
-    if _figures(profile(one, name)) == _figures(profile(other, name)):
+    if not _differ(profile(one, name), profile(other, name)):
         return []
     return [f"hardware {name}: the numbers differ from those in {one}"]
 
 
-def _figures(chip: Profile) -> object:
-    """Return the inputs of costs: the numbers of a profile without their sources and notes."""
-    return type(chip), chip.interval_only, [chip.at(end) for end in ("low", "value", "high")]
+def _differ(one: Profile, other: Profile) -> bool:
+    """Return whether two profiles price differently: any number that both have, without sources and notes."""
+    if type(one) is not type(other) or one.interval_only != other.interval_only:
+        return True
+    both = set(one.stated) & set(other.stated)
+    return any(one.at(end)[name] != other.at(end)[name] for end in _ENDS for name in both)
 
 
 def keep(profiles: Sequence[Profile], folder: Path) -> None:
@@ -305,6 +309,20 @@ def drawn(
                 for column, values in costs.items():
                     samples[column][:, indices[on_chip]] = values
     return samples
+
+
+def work_is_counted(folder: str | Path, rows: pandas.DataFrame) -> bool:
+    """Return whether the program of a trial's classifier was counted: not by runs of earlier versions.
+
+    Args:
+        folder: of the study.
+        rows: of one trial.
+
+    Raises:
+        StoreError: as in `points`.
+    """
+    loads = [load for answered in _answers(Path(folder), rows) for load in answered.work]
+    return all(isinstance(load, Workload) or bool(load.program) for load in loads)
 
 
 def _precisions(rows: pandas.DataFrame) -> list[Setting]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
 from dse.hardware.kinds.processor import Processor
-from dse.hardware.profile import load
+from dse.hardware.profile import load, read
 from dse.records import Operations, Workload
 from tests.hardware.figures_of import figures_of
 
@@ -131,6 +131,40 @@ def test_a_classifier_measured_in_float_by_hand(profile, cycle_nj, mac_cycles, s
     asleep_uj = sleep_mw * (300 - busy_ms)
     assert found.energy_throttled_uj.value == pytest.approx(found.energy_uj.value + asleep_uj)
     assert "the processor sleeps until all input has arrived" in found.assumptions
+
+
+PROGRAM = {"tally_start": 1.0, "tally_step": 100.0, "tally_spike": 200.0, "neighbour": 5000.0, "sample": 50.0}
+
+
+@EACH
+def test_a_program_that_counts_spikes_by_hand(profile):
+    # 100 steps of 3 ms; what is known of the program counts, not the multiply-accumulates.
+    load = dataclasses.replace(operations(5000, 200, duration_ms=300.0), program=_each(PROGRAM))
+    found = cost(profile, load)
+    cycles = cycles_of(profile, **PROGRAM)
+    assert found.hardware_latency_ms * profile.cycles_per_ms == pytest.approx(cycles)
+    assert found.energy_uj.value == pytest.approx(cycles * profile.cycle_nj.value * 1e-3)
+    counting = cycles_of(profile, tally_start=1, tally_step=100, tally_spike=200)
+    assert found.breakdown["addition"] == pytest.approx(counting * cycle_uj(profile))
+    waking = profile.cycle_nj.value * profile.clock_mhz.value * profile.wake_us.value * 1e-3 / 3.0
+    assert found.idle_mw == pytest.approx(profile.sleep_uw.value * 1e-3 + waking)
+    assert "the processor wakes once per step" in found.assumptions
+
+
+def test_a_profile_without_cycles_of_programs_prices_multiply_accumulates():
+    text = "".join(line for line in M4.text.splitlines(True) if not line.startswith(("sample", "tally")))
+    older = read(text.replace("name: mcu_m4", "name: older"), "older.yaml")
+    assert older.sample_cycles is None and "sample_cycles" not in older.ends
+    plain = operations(5000, 200, duration_ms=300.0)
+    known = dataclasses.replace(plain, program=_each(PROGRAM))
+    assert cost(older, known).energy_uj.value == cost(older, plain).energy_uj.value
+    assert cost(M4, known).energy_uj.value != cost(M4, plain).energy_uj.value
+    spiking = network((24, 50, 7), [46, 100, 10])
+    assert cost(older, spiking).energy_uj == cost(M4, spiking).energy_uj
+
+
+def _each(work):
+    return {kind: np.asarray(n) for kind, n in work.items()}
 
 
 def cycle_uj(profile):

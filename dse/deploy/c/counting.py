@@ -42,22 +42,35 @@ class Bayes:
 
 
 @dataclass(frozen=True)
-class Perceptron:
-    """Scales of the features, weight (input, unit) and bias (unit,) of each layer; without any, one class."""
+class Units:
+    """Layers of units: weight (input, unit) and bias (unit,) of each, in the precision of the engine.
 
-    mean: Floats
-    scale: Floats
+    features: how many there are.
+    layers: without any, there is one class.
+    """
+
+    features: int
     layers: tuple[tuple[Floats, Floats], ...]
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Features, and units of each layer."""
+        return (self.features, *(bias.size for _, bias in self.layers))
 
 
 @dataclass(frozen=True)
-class Extreme:
-    """Random weights (hidden, feature), biases, full scale of the counters, solution (hidden, class)."""
+class Perceptron(Units):
+    """Units that pass on what is positive; features are scaled: mean and scale, (feature,)."""
 
-    weight: Floats
-    bias: Floats
+    mean: Floats
+    scale: Floats
+
+
+@dataclass(frozen=True)
+class Extreme(Units):
+    """Hidden units that count up to a full scale, and outputs."""
+
     full: float
-    solution: Floats
 
 
 Classifier = Nearest | Bayes | Perceptron | Extreme
@@ -189,6 +202,9 @@ def _classifier(model: Any, arrays: Mapping[str, Array], column: int, n_features
     if isinstance(model, MLP):
         depth = sum(name.startswith(f"{column}/") and name.endswith("/weight") for name in arrays)
         layers = [(arrays[f"{column}/{k}/weight"], arrays[f"{column}/{k}/bias"]) for k in range(depth)]
-        return Perceptron(arrays["mean"][:n_features], arrays["scale"][:n_features], tuple(layers))
-    weight = arrays["input_weight"][:, :n_features]
-    return Extreme(weight, arrays["bias"], 2.0**model.counter_bits, arrays["output_weight"])
+        mean, scale = (arrays[name][:n_features] for name in ("mean", "scale"))
+        return Perceptron(n_features, tuple(layers), mean, scale)
+    hidden = np.ascontiguousarray(arrays["input_weight"][:, :n_features].T), arrays["bias"]
+    outputs = arrays["output_weight"]
+    last = outputs, np.zeros(outputs.shape[1], outputs.dtype)
+    return Extreme(n_features, (hidden, last), 2.0**model.counter_bits)

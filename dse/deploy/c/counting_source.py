@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.deploy.c.counting import Bayes, Classifier, CountingPlan, Extreme, Nearest, Perceptron
+from dse.deploy.c.counting import Bayes, Classifier, CountingPlan, Extreme, Nearest, Perceptron, Units
 from dse.deploy.c.files import Code
 from dse.deploy.c.front_end import front_end, level_type
 from dse.deploy.c.memory import Member, Table, front_end_members, struct_bytes
-from dse.deploy.c.text import filled, indented, string
+from dse.deploy.c.text import filled, string
 
-_ARITHMETIC = {
-    Nearest: "Integers only",
-    Bayes: "Counts are integers, likelihoods double",
-    Perceptron: "Counts are integers, weights float, sums double",
-    Extreme: "Counts are integers, weights and sums double",
-}
+_NOT_FUSED = """\
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF /* of gcc: -std=c99, or -ffp-contract=off */
+#endif
+
+"""
 
 
 def code(plan: CountingPlan) -> Code:
@@ -29,8 +29,23 @@ def code(plan: CountingPlan) -> Code:
         ram_bytes=ram,
         table_bytes=constant,
         what=f"A classifier of family {plan.family} on {plan.n_features} spike counts. "
-        f"{_ARITHMETIC[type(plan.classifier)]}",
+        f"{_arithmetic(plan.classifier)}",
     )
+
+
+def _arithmetic(classifier: Classifier) -> str:
+    """Return what the C computes in: the same as the engine."""
+    if isinstance(classifier, Nearest):
+        return "Integers only"
+    if isinstance(classifier, Bayes):
+        return "Counts are integers, likelihoods double"
+    return f"Counts are integers, weights and sums {real_type(classifier)}"
+
+
+def real_type(units: Units) -> str:
+    """Return the type of weights and sums: that of the engine."""
+    is_double = any(weight.dtype == np.float64 for weight, _ in units.layers)
+    return "double" if is_double else "float"
 
 
 def members(plan: CountingPlan) -> list[Member]:
@@ -51,13 +66,8 @@ def members(plan: CountingPlan) -> list[Member]:
             Member("uint16_t", "vote", (classifier.k,), "their classes"),
             Member("uint16_t", "votes", (len(plan.labels),), "of every class"),
         ]
-    if isinstance(classifier, Perceptron):
-        out += [
-            Member("double", f"layer_{k}", (_n_units(plan, classifier, k),))
-            for k in range(1, len(classifier.layers) + 1)
-        ]
-    if isinstance(classifier, Extreme):
-        out.append(Member("double", "outputs", (len(plan.labels),)))
+    if isinstance(classifier, Units) and classifier.layers:
+        out.append(Member(real_type(classifier), "units", (sum(classifier.sizes[1:]),), "of all layers"))
     return sorted([*out, *front_end_members(plan)], key=lambda m: -m.width)
 
 
@@ -70,10 +80,9 @@ def tables(plan: CountingPlan) -> list[Table]:
         Table("int16_t", "labels", np.array(plan.labels)),
     ]
     if isinstance(classifier, Nearest):
-        small = "uint8_t" if classifier.counts.max(initial=0) < 256 else "uint16_t"
         return [
             *out,
-            Table(small, "stored", classifier.counts.ravel()),
+            Table(_stored(classifier), "stored", classifier.counts.ravel()),
             Table("uint16_t", "place", classifier.place),
         ]
     if isinstance(classifier, Bayes):
@@ -82,17 +91,17 @@ def tables(plan: CountingPlan) -> list[Table]:
         named = {"prior": classifier.prior, "constant": classifier.constant}
         named |= {"mean": classifier.mean.ravel(), "variance": classifier.variance.ravel()}
         return [*out, *(Table("double", name, values) for name, values in named.items())]
-    if isinstance(classifier, Perceptron):
-        if not classifier.layers:
-            return out
-        out += [Table("float", "mean", classifier.mean), Table("float", "scale", classifier.scale)]
-        for k, (weight, bias) in enumerate(classifier.layers, 1):
-            out += [Table("float", f"weight_{k}", weight.ravel()), Table("float", f"bias_{k}", bias)]
+    if not classifier.layers:
         return out
-    real = "float" if classifier.weight.dtype == np.float32 else "double"
-    named = {"input_weight": classifier.weight.ravel(), "bias": classifier.bias}
-    named["output_weight"] = classifier.solution.ravel()
-    return [*out, *(Table(real, name, values) for name, values in named.items())]
+    if isinstance(classifier, Perceptron):
+        out += [Table("float", "mean", classifier.mean), Table("float", "scale", classifier.scale)]
+    weights, biases = zip(*classifier.layers, strict=True)
+    return [
+        *out,
+        Table("uint32_t", "sizes", np.array(classifier.sizes)),
+        Table(real_type(classifier), "weight", np.concatenate([x.ravel() for x in weights])),
+        Table(real_type(classifier), "bias", np.concatenate(biases)),
+    ]
 
 
 def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
@@ -113,6 +122,7 @@ def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
         table_bytes=table_bytes,
         family=plan.family,
         n_steps=plan.n_steps,
+        arithmetic="" if isinstance(plan.classifier, Nearest) else _NOT_FUSED,
         tables="\n".join(table.text for table in tables(plan)) + level_type(plan),
         members="".join(member.text for member in members(plan)),
         bound="" if plan.n_channels == 2**16 else f"channel >= {plan.n_channels}u || ",
@@ -139,48 +149,33 @@ def _classify(plan: CountingPlan, classifier: Classifier) -> str:
             n_samples=len(classifier.counts),
             n_features=n,
             n_places=n_places,
+            count=_counter(plan),
+            small=_stored(classifier),
             wide=_distance(plan, classifier),
         )
     if isinstance(classifier, Bayes):
         if classifier.says_nothing:
             return filled("prior.c", best=int(classifier.prior.argmax()))
         return filled("bayes.c", n_features=n, n_places=n_places)
-    if isinstance(classifier, Extreme):
-        precision = "float" if classifier.weight.dtype == np.float32 else "double"
-        n_hidden, full = len(classifier.weight), repr(classifier.full)
-        return filled(
-            "extreme.c", n_features=n, n_places=n_places, n_hidden=n_hidden, full=full, precision=precision
-        )
     if not classifier.layers:
         return filled("prior.c", best=0)
-    return _perceptron(plan, classifier)
-
-
-def _perceptron(plan: CountingPlan, classifier: Perceptron) -> str:
-    last, text = len(classifier.layers), ""
-    for k, (weight, _) in enumerate(classifier.layers, 1):
-        n_inputs, n = weight.shape
-        # Of two classes, one output > 0 says the second: the first stays 0.
-        at = "i + 1u" if k == last and n == 1 else "i"
-        x = f"net.layer_{k - 1}[j]" if k > 1 else "(double)(((float)net.counts[j] - mean[j]) / scale[j])"
-        text += (
-            f"for (i = 0; i < {n}u; i++) {{\n    net.layer_{k}[{at}] = bias_{k}[i];\n}}\n"
-            f"for (j = 0; j < {n_inputs}u; j++) {{\n    const double x = {x};\n"
-            f"    for (i = 0; i < {n}u; i++) {{\n"
-            f"        net.layer_{k}[{at}] += x * (double)weight_{k}[j * {n}u + i];\n    }}\n}}\n"
-        )
-        if k < last:
-            text += (
-                f"for (i = 0; i < {n}u; i++) {{\n    if (net.layer_{k}[i] < 0) {{\n"
-                f"        net.layer_{k}[i] = 0;\n    }}\n}}\n"
-            )
-        if at != "i":
-            text += f"net.layer_{k}[0] = 0;\n"
-    return filled("perceptron.c", layers=indented(text), n_places=len(plan.labels), last=f"layer_{last}")
-
-
-def _n_units(plan: CountingPlan, classifier: Perceptron, k: int) -> int:
-    return len(plan.labels) if k == len(classifier.layers) else classifier.layers[k - 1][0].shape[1]
+    n_outputs = classifier.sizes[-1]
+    given, positive = "((float)net.counts[j] - mean[j]) / scale[j]", "y[i]"
+    if isinstance(classifier, Extreme):
+        full, least = classifier.full, 1 / classifier.full  # powers of 2
+        given = "(real)net.counts[j]"
+        positive = f"y[i] > 1 ? 1 : (real)(int32_t)(y[i] * (real){full}) * (real){least}"
+    real = real_type(classifier)
+    return filled(
+        "units.c",
+        real=real,
+        n_layers=len(classifier.layers),
+        input=given.replace("(real)", f"({real})"),
+        positive=positive.replace("(real)", f"({real})"),
+        n_outputs=n_outputs,
+        # Of two classes, one output > 0 says the second.
+        answer="best" if n_outputs > 1 else "(uint32_t)(x[0] > 0)",
+    )
 
 
 def _counter(plan: CountingPlan) -> str:
@@ -188,6 +183,11 @@ def _counter(plan: CountingPlan) -> str:
     steps = max(np.diff([0, *plan.ends]).tolist())
     most = steps * (1 if plan.per_window > 1 else plan.n_channels)
     return "uint16_t" if most < 2**16 else "uint32_t"
+
+
+def _stored(classifier: Nearest) -> str:
+    """Return the type of a count of a training sample."""
+    return "uint8_t" if classifier.counts.max(initial=0) < 256 else "uint16_t"
 
 
 def _distance(plan: CountingPlan, classifier: Nearest) -> str:

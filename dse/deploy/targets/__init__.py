@@ -33,7 +33,7 @@ class Target(Protocol):
 
     A target that knows what a classifier takes before anything is written has a method `footprint(bundle)`,
     which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns. If it also has
-    `profile`, the name of a hardware profile of kind processor, this predicts the column cycles of networks.
+    `profile`, the name of a hardware profile of kind processor, this predicts the column cycles.
 
     A target that knows some of it before training declares these columns in `known_before`, a tuple of
     `registry.Column`; `limits` of a search space may name them. Its method `least_footprint(sections, shape)`

@@ -22,7 +22,7 @@ from dse.deploy.c.plan import Plan, Unsupported
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Target, Verdict, emulator
 from dse.deploy.targets.c99 import C99
-from dse.deploy.targets.emulator import CORES, FLAGS, MOST_FLASH_BYTES, Core, Machine, Program, compiled
+from dse.deploy.targets.emulator import CORES, MOST_FLASH_BYTES, Core, Machine, Program, compiled
 from dse.hardware.profile import load
 from dse.records import Array, Ints
 from dse.registry import Column, register
@@ -268,5 +268,5 @@ def _readme(core: Core) -> str:
 `src/dse.c` needs neither a library nor an operating system: add it and `src/dse.h` to the firmware.
 `dse verify` executes it in an emulator, compiled by
 
-    python -m ziglang cc -target thumb-freestanding-eabi -mcpu={core.name} {" ".join(FLAGS)} -c src/dse.c
+    python -m ziglang cc {" ".join(core.options)} -c src/dse.c
 """

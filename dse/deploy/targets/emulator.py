@@ -60,6 +60,7 @@ class Core:
     name: of the compiler and, in capitals, of the emulator.
     label: what it is called.
     emulated: name of the emulator's model; of a core that it lacks, one with the same instructions.
+    unit: of the compiler, what computes with floats of 32 bits; '' for none. Doubles are software.
     load, store: cycles of a load or a store beyond that of every instruction.
     pipelined: whether a load or store directly after a load hides the load's cycle.
     branch: cycles of a taken branch beyond that of every instruction.
@@ -69,11 +70,18 @@ class Core:
     name: str
     label: str
     emulated: str
+    unit: str = ""
     load: int = 1
     store: int = 0
     pipelined: bool = True
     branch: int = 2
     pace: float = 1.0
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Options of the compiler for this core."""
+        abi, unit = ("eabihf", f"+{self.unit}") if self.unit else ("eabi", "")
+        return "-target", f"thumb-freestanding-{abi}", f"-mcpu={self.name}{unit}", *FLAGS
 
 
 CORES = {
@@ -82,10 +90,12 @@ CORES = {
         # Arm, Cortex-M0+ technical reference manual, Table 3.1, without wait states.
         Core("cortex_m0plus", "Cortex-M0+", "CORTEX_M0", store=1, pipelined=False, branch=1),
         # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.
-        Core("cortex_m4", "Cortex-M4", "CORTEX_M4"),
-        # No tables are published: by the ratio of CoreMark per MHz, 3.40 of a Cortex-M4 to 5.01 and 4.02.
-        Core("cortex_m7", "Cortex-M7", "CORTEX_M7", pace=3.40 / 5.01),
-        Core("cortex_m33", "Cortex-M33", "CORTEX_M33", pace=3.40 / 4.02),
+        # Its floating-point instructions: Cortex-M4 technical reference manual, Table 7.1.
+        Core("cortex_m4", "Cortex-M4", "CORTEX_M4", "vfp4d16sp"),
+        # No tables are published: by the ratio of CoreMark per MHz, 3.40 of a Cortex-M4 to 5.01 and 4.02. The
+        # emulator lacks the unit for doubles that many a Cortex-M7 has.
+        Core("cortex_m7", "Cortex-M7", "CORTEX_M7", "fp_armv8d16sp", pace=3.40 / 5.01),
+        Core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02),
     )
 }
 
@@ -116,8 +126,8 @@ def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:
     """
     if why := missing():
         raise TargetError(why)
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", "thumb-freestanding-eabi"]
-    command += [f"-mcpu={core.name}", *FLAGS, "-ffreestanding", "-fno-sanitize=all", *options]
+    command = [sys.executable, "-m", "ziglang", "cc", *core.options]
+    command += ["-ffreestanding", "-fno-sanitize=all", *options]
     with tempfile.TemporaryDirectory() as folder:
         script, program = Path(folder) / "program.ld", Path(folder) / "program"
         script.write_text(LINKER_SCRIPT)
@@ -198,6 +208,7 @@ class Counts:
     instructions: those that passed through the pipeline.
     loads, stores: words that they moved. hidden: loads whose cycle the next load or store hides.
     branches: taken ones.
+    waits: cycles of the unit for floats beyond that of every instruction: divisions, fused products.
     """
 
     instructions: int
@@ -205,11 +216,12 @@ class Counts:
     stores: int
     hidden: int
     branches: int
+    waits: int = 0
 
     def cycles(self, core: Core) -> float:
         """Return the cycles by the rule of a core, without wait states of the memory."""
         loads = self.loads - (self.hidden if core.pipelined else 0)
-        beyond = core.load * loads + core.store * self.stores + core.branch * self.branches
+        beyond = core.load * loads + core.store * self.stores + core.branch * self.branches + self.waits
         return core.pace * (self.instructions + beyond)
 
 
@@ -311,14 +323,14 @@ class Machine:
         return np.flatnonzero(self._blocks[2:, 0])
 
     def _counted(self, entered: Ints) -> Counts:
-        totals, branches = np.zeros(4, np.int64), 0
+        totals, branches = np.zeros(5, np.int64), 0
         last = int(self._blocks[0, 2]) // 3 - 2  # it has returned, but no block came after it
         for at in entered.tolist():
             times, size, left = self._blocks[2 + at].tolist()
             totals += times * np.array(_block(bytes(self._uc.mem_read(FLASH + 2 * at, size))), np.int64)
             branches += left + (at == last)
-        instructions, loads, stores, hidden = totals.tolist()
-        return Counts(instructions, loads, stores, hidden, branches)
+        instructions, loads, stores, hidden, waits = totals.tolist()
+        return Counts(instructions, loads, stores, hidden, branches, waits)
 
 
 @functools.cache
@@ -343,13 +355,13 @@ def _counter() -> Any:
     return numba.cfunc(types.void(*arguments), cache=True)(count)
 
 
-def _block(code: bytes) -> tuple[int, int, int, int]:
-    """Return the instructions of a block, its loads and stores in words, and loads that another one hides.
+def _block(code: bytes) -> tuple[int, int, int, int, int]:
+    """Return the instructions of a block, its loads and stores in words, loads that another one hides, waits.
 
     Encodings: Arm, ARMv7-M architecture reference manual, A5.
     """
     halves = np.frombuffer(code, "<u2").tolist()
-    instructions = loads = stores = hidden = at = 0
+    instructions = loads = stores = hidden = waits = at = 0
     after_load = False
     while at < len(halves):
         first = halves[at]
@@ -358,8 +370,9 @@ def _block(code: bytes) -> tuple[int, int, int, int]:
         hidden += after_load and single
         after_load = bool(load) and single
         instructions, loads, stores = instructions + 1, loads + load, stores + store
+        waits += _waits(first, halves[at + 1]) if wide else 0
         at += 1 + wide
-    return instructions, loads, stores, hidden
+    return instructions, loads, stores, hidden, waits
 
 
 def _moved_by_half(code: int) -> tuple[int, int, bool]:
@@ -387,4 +400,18 @@ def _moved(first: int, second: int) -> tuple[int, int, bool]:
         return (words, 0, False) if load else (0, words, False)
     if first >> 9 == 0b1111100:
         return int(load), int(not load), True
+    if first >> 9 == 0b1110110 and second & 0x0E00 == 0x0A00 and first & 0x01A0:  # floats; not two registers
+        alone = first >> 8 & 1 and not first >> 5 & 1
+        words = 1 + (second >> 8 & 1) if alone else second & 0xFF
+        return (words, 0, False) if load else (0, words, False)
     return 0, 0, False
+
+
+def _waits(first: int, second: int) -> int:
+    """Return the cycles of a 32-bit instruction beyond one: of floats, divided or multiplied and added."""
+    if first >> 8 != 0b11101110 or second & 0x0E10 != 0x0A00:
+        return 0
+    operation = first >> 4 & 0b1011
+    if operation == 0b1000 or (operation == 0b1011 and first & 15 == 1 and second & 0xC0 == 0xC0):
+        return 13  # quotient, or square root
+    return 2 if operation in (0b0000, 0b0001, 0b1001, 0b1010) else 0

@@ -18,9 +18,27 @@
                                       synapse_cycles x weights that they meet; of packed weights
                                           packed_cycles, of lists list_cycles, with delays
                                           delayed_cycles and delayed_list_cycles
+    cycles of a classifier of     wait_factor x the sum of
+      spike counts                    tally_start_cycles
+                                      tally_step_cycles x steps
+                                      tally_spike_cycles x input spikes, tally_add_cycles x those counted
+                                      tally_word_cycles x words of 32 channels x steps with a spike
+                                      tally_count_cycles x counts
+        nearest neighbours            neighbour_cycles x numbers of neighbours, sample_cycles x neighbours
+        naive Bayes                   feature_cycles x features of classes; of these
+                                      difference_cycles x those other than 0
+                                      deviation_cycles x those that differ from their mean
+        perceptrons, extreme          scale_cycles x counts that are scaled
+          learning machines           single_cycles x weights in float that meet an input other than 0
+                                      single_row_cycles x these inputs, single_unit_cycles x units
+                                      double_cycles, double_row_cycles, double_unit_cycles: in double
+                                      double_input_cycles x counts that become doubles
     cycles of anything else       mac_cycles x multiply-accumulates
                                       + wait_factor x synapse_cycles x additions
                                       + wait_factor x (neuron + update_cycles) x state updates
+
+Anything else is what has no C, and what lacks the count of its work or whose profile lacks these numbers:
+runs and profiles of earlier versions.
 
 The program is the C of target `c99`. It is compiled for the core and executed in an emulator, which counts
 instructions, loads, stores and taken branches, and Arm's tables without wait states make cycles of them
@@ -40,6 +58,8 @@ layers as a whole: pruning leaves the same share of forward and recurrent weight
 wait_factor is 1 by the tables. Low: every load is hidden, and branches refill the pipeline in one cycle.
 High: three cycles per branch, and flash that makes weights wait where caches miss.
 
+Cores compute with floats of 32 bits in hardware; doubles, and division by them, are software.
+
 Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
 float.
 
@@ -49,9 +69,9 @@ left, each with an index of 16 bits, are smaller than all weights, lists are sto
 per step of delay. The two factors of a resonator lie in flash, 16 bits each; those that other neurons share,
 the program, its inputs and, of what is no spiking network, activations are not counted.
 
-Between steps the processor sleeps, if it can: it takes sleep_uw, and running power for wake_us per step. What
-is no spiking network sleeps until its input has arrived, so something else must gather it; its one wake-up is
-left out. A step that takes longer than its period is slow, no misfit.
+Between steps the processor sleeps, if it can: it takes sleep_uw, and running power for wake_us per step; its
+C counts spikes as they come. Anything else sleeps until its input has arrived, so something else must gather
+it; its one wake-up is left out. A step that takes longer than its period is slow, no misfit.
 
 What is counted: `dse.hardware.kinds.operations`.
 """
@@ -83,6 +103,17 @@ _MOST_PACKED = 4
 _SHORT_ROW = 16
 """Weights of a row up to which the C adds them without a loop."""
 _NO_PROGRAM = "the program and its other variables take no memory"
+_WAKES = "the processor wakes once per step"
+_PROGRAM = {
+    "addition": ("tally_start", "tally_step", "tally_spike", "tally_add", "tally_word", "tally_count"),
+    "mac": (
+        *("neighbour", "sample", "feature", "difference", "deviation", "scale"),
+        *("single", "single_row", "single_unit"),
+        *("double", "double_input", "double_row", "double_unit"),
+    ),
+}
+"""Kinds of work of a classifier of counts, by cause of cost."""
+_KINDS = tuple(kind for kinds in _PROGRAM.values() for kind in kinds)
 
 
 @register("hardware.kinds", "processor")
@@ -119,6 +150,37 @@ class Processor(Profile):
     clock_mhz: Number = figure("MHz", "clock", whole=True)
     flash_kib: Number = figure("KiB", "flash, for weights", whole=True)
     sram_kib: Number = figure("KiB", "working memory, for states", whole=True)
+    tally_start_cycles: Number | None = figure(
+        "1", "cycles per inference of a classifier of counts", optional=True
+    )
+    tally_step_cycles: Number | None = figure("1", "cycles per step of counting", optional=True)
+    tally_spike_cycles: Number | None = figure("1", "cycles per input spike", optional=True)
+    tally_add_cycles: Number | None = figure("1", "cycles per input spike that is counted", optional=True)
+    tally_word_cycles: Number | None = figure(
+        "1", "cycles per step with a spike and 32 channels, to clear it", optional=True
+    )
+    tally_count_cycles: Number | None = figure("1", "cycles per count, to clear and read it", optional=True)
+    neighbour_cycles: Number | None = figure("1", "cycles per number of a neighbour", optional=True)
+    sample_cycles: Number | None = figure("1", "cycles per neighbour", optional=True)
+    feature_cycles: Number | None = figure("1", "cycles per normal feature of a class", optional=True)
+    difference_cycles: Number | None = figure(
+        "1", "cycles per the same, more if the count is not 0", optional=True
+    )
+    deviation_cycles: Number | None = figure(
+        "1", "cycles per the same, more if it is not the mean", optional=True
+    )
+    scale_cycles: Number | None = figure("1", "cycles per count that is scaled, to float", optional=True)
+    single_cycles: Number | None = figure("1", "cycles per weight of a unit in float", optional=True)
+    single_row_cycles: Number | None = figure(
+        "1", "cycles per input of such units other than 0", optional=True
+    )
+    single_unit_cycles: Number | None = figure("1", "cycles per such unit", optional=True)
+    double_cycles: Number | None = figure("1", "cycles per weight of a unit in double", optional=True)
+    double_input_cycles: Number | None = figure("1", "cycles per count that becomes a double", optional=True)
+    double_row_cycles: Number | None = figure(
+        "1", "cycles per input of such units other than 0", optional=True
+    )
+    double_unit_cycles: Number | None = figure("1", "cycles per such unit", optional=True)
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""
@@ -128,12 +190,24 @@ class Processor(Profile):
 
     def counts(self, load: Workload | Operations) -> Floats:
         """Return what happens in an inference, (..., F); of a network also the steps with a layer awake."""
-        return counts_of(load) if isinstance(load, Workload) else load.counts
+        if isinstance(load, Workload):
+            return counts_of(load)
+        return program_counts(load) if self._knows(load) else load.counts
 
     def plan_operations(self, load: Operations, figures: Figures) -> Plan:
         """Return the plan of any other classifier (`Profile.plan`)."""
-        waking_mw = np.zeros_like(figures["cycle_nj"])
-        return self._plan(figures, _of_operations(load, figures), waking_mw, self._with_numbers(load))
+        running_mw = figures["cycle_nj"] * self.clock_mhz.value
+        if self._knows(load):
+            cycles, step_ms = _of_program(figures), _step_ms(load)
+            waking_mw = running_mw * figures["wake_us"] * 1e-3 / step_ms
+        else:
+            cycles, waking_mw = _of_operations(load, figures), np.zeros_like(running_mw)
+        return self._plan(figures, cycles, waking_mw, self._with_numbers(load))
+
+    def _knows(self, load: Operations) -> bool:
+        """Return whether the work of its C is counted, and the profile has the cycles of each kind."""
+        stated = self.stated
+        return bool(load.program) and all(f"{kind}_cycles" in stated for kind in load.program)
 
     @property
     def cycles_per_ms(self) -> float:
@@ -164,13 +238,13 @@ class Processor(Profile):
         factors = load.n_resonators * FACTORS * FACTOR_BITS // 8
         misfits = _flash_misfits(n_weights, load.weight_bits, beside, self._flash_bytes, factors)
         misfits += _sram_misfits(load, int(self.sram_kib.value) * 1024)
-        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, "the processor wakes once per step"))
+        return Placement((1,), misfits, assumptions=(_NO_PROGRAM, _WAKES))
 
     def _with_numbers(self, load: Operations) -> Placement:
         """Return the one core, and whether the flash holds the stored numbers."""
         n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
         misfits = _flash_misfits(n_weights, load.number_bits, 0, self._flash_bytes)
-        sleeps = "the processor sleeps until all input has arrived"
+        sleeps = _WAKES if self._knows(load) else "the processor sleeps until all input has arrived"
         return Placement((1,), misfits, assumptions=(_NO_PROGRAM, sleeps))
 
     @property
@@ -324,6 +398,33 @@ def _form(n_inputs: int, n: int, share: float, bits: int, delay_bits: int) -> st
     column, offset = 1 if n <= 256 else 2, 2 if n_left < 2**16 else 4
     sizes["list_cycles"] = (n_inputs + 1) * offset + n_left * (each + column)
     return min(sizes, key=lambda form: sizes[form])
+
+
+def _step_ms(load: Operations) -> float:
+    """Return the period of the steps of all points; there may be none."""
+    return float(np.max(load.duration_ms / load.program["tally_step"], initial=1e-9))
+
+
+def program_counts(load: Operations) -> Floats:
+    """Return 1, and how often each kind of work of a classifier of counts is done, (..., F)."""
+    none = np.zeros(np.shape(load.macs))
+    return np.stack([none + 1, *(none + load.program.get(kind, none) for kind in _KINDS)], axis=-1)
+
+
+def _of_program(figures: Figures) -> dict[str, Floats]:
+    """Return the cycles per count of `program_counts` by cause, (D..., F)."""
+    unit = dict(zip(_KINDS, np.eye(1 + len(_KINDS))[1:], strict=True))
+    return {
+        cause: np.sum(
+            [
+                np.multiply.outer(figures["wait_factor"] * figures[f"{kind}_cycles"], unit[kind])
+                for kind in kinds
+                if f"{kind}_cycles" in figures
+            ],
+            axis=0,
+        )
+        for cause, kinds in _PROGRAM.items()
+    }
 
 
 def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:

@@ -52,7 +52,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dse.models.counts.rate_windows import input_lengths, window_counts
+from dse.models.counts.rate_windows import input_lengths, tallied, window_counts
 from dse.models.training import Generators, Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
 from dse.registry import param, register
@@ -189,19 +189,36 @@ class ELM:
         lengths = input_lengths(len(edges) - 1, _MOST_READ_OUTS)
         label = np.zeros((len(samples), len(lengths)), np.int64)
         spikes, in_line = np.zeros_like(label), np.zeros_like(label)
+        n_met, n_active = np.zeros((2, len(lengths)))
         done = 0
         for part in self._batches(samples, len(lengths) * self.windows * m):
             counts = self._counts(dataset, part)
             x = delay_line(counts, lengths, self.windows)
             with single_threaded():
-                y = self._hidden(x.reshape(-1, x.shape[2]), weight, bias) @ beta
+                h = self._hidden(x.reshape(-1, x.shape[2]), weight, bias)
+                y = h @ beta
             here = slice(done, done + len(part))
             label[here] = classes[y.argmax(axis=1)].reshape(len(part), -1)
             spikes[here] = counts.sum(axis=2, dtype=np.int64).cumsum(axis=1)[:, lengths - 1]
             in_line[here] = x.sum(axis=2, dtype=np.int64)
+            n_met += np.count_nonzero(x, axis=2).sum(axis=0)
+            n_active += np.count_nonzero(h.reshape(len(part), len(lengths), -1), axis=2).sum(axis=0)
             done += len(part)
         inputs = np.minimum(lengths, self.windows) * m + int(bias.any())
         n_weights = (inputs * self.hidden + beta.size).astype(np.int64)
+        program: dict[str, Array] = {}
+        if self.nonlinearity == "counter":  # in C; what is 0 meets no weight
+            n_features = np.minimum(lengths, self.windows) * m
+            format_ = "single" if self.precision == "float32" else "double"
+            n = max(1, len(samples))
+            program = tallied(dataset, samples, edges[lengths], n_features) | {
+                "tally_add": in_line.sum(axis=0) / n,
+                f"{format_}_row": (n_met + n_active) / n,
+                format_: (self.hidden * n_met + beta.shape[1] * n_active) / n,
+                f"{format_}_unit": np.full(len(lengths), float(self.hidden)),
+            }
+            if format_ == "double":
+                program["double_input"] = n_features.astype(np.float64)
         return Answers(
             label=label,
             time_ms=edges[lengths] * dataset.spikes.step_ms,
@@ -211,6 +228,7 @@ class ELM:
             input_spikes=spikes,
             event_macs=np.full(len(lengths), float(beta.size)),
             event_additions=self.hidden * (in_line.sum(axis=0) / max(1, len(spikes)) + int(bias.any())),
+            program=program,
         )
 
     def _random(self, dataset: Dataset, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -53,6 +53,15 @@ class KNN(RateClassifier):
         """Return training samples x features."""
         return len(arrays["counts"]) * n_features
 
+    def program(
+        self, arrays: Mapping[str, Array], counts: Array, lengths: Array
+    ) -> Mapping[str, Array | list[float]]:
+        """Return the numbers that are compared, and the samples; votes by distance have no C."""
+        if self.weights == "distance":
+            return {}
+        n = len(arrays["counts"])
+        return {"neighbour": n * lengths * counts.shape[2], "sample": [n] * len(lengths)}
+
 
 def squared_distances(a: Array, b: Array) -> Array:
     """Return squared Euclidean distances of whole numbers, (n, m) float64, exact below 2**53.

@@ -123,6 +123,22 @@ class MLP(RateClassifier):
             [sum(weight.size for weight, _ in _layers(arrays, j)) for j in range(len(n_features))], np.int64
         )
 
+    def program(
+        self, arrays: Mapping[str, Array], counts: Array, lengths: Array
+    ) -> Mapping[str, Array | list[float]]:
+        """Return the scaled features, inputs of units other than 0, their weights, and the units."""
+        from threadpoolctl import threadpool_limits
+
+        scaled, work = _scaled(as_features(counts), arrays), np.zeros((4, len(lengths)))
+        with threadpool_limits(1):
+            for j, length in enumerate(lengths):
+                x = scaled[:, : length * counts.shape[2]]
+                for k, (weight, bias) in enumerate(_layers(arrays, j)):
+                    inputs = np.count_nonzero(x) / max(1, len(x))
+                    work[:, j] += len(weight) if k == 0 else 0, inputs, inputs * len(bias), len(bias)
+                    x = np.maximum(x @ weight + bias, 0)
+        return dict(zip(("scale", "single_row", "single", "single_unit"), work, strict=True))
+
 
 def forward(x: Array, layers: list[tuple[Array, Array]]) -> Array:
     """Return the outputs before softmax, (n, output); hidden units are max(0, .).

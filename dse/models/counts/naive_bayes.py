@@ -69,6 +69,20 @@ class NaiveBayes(RateClassifier):
         """Return 2 x features x classes."""
         return 2 * len(arrays["classes"]) * n_features
 
+    def program(
+        self, arrays: Mapping[str, Array], counts: Array, lengths: Array
+    ) -> Mapping[str, Array | list[float]]:
+        """Return the features of all classes, those not 0, those that differ from their mean."""
+        ends = lengths * counts.shape[2]
+        x, n = as_features(counts), len(arrays["classes"])
+        differ = sum((x != mean).sum(axis=0).cumsum() for mean in arrays["mean"]) / max(1, len(x))
+        not_0 = n * (x != 0).sum(axis=0).cumsum() / max(1, len(x))
+        return {
+            "feature": n * ends,
+            "difference": not_0[ends - 1],
+            "deviation": differ[ends - 1],
+        }
+
 
 def log_likelihood(x: Array, mean: Array, variance: Array) -> Array:
     """Return log p(x | class) of independent normal features, (n, class); 0 where a variance is 0.

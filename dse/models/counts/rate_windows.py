@@ -26,6 +26,7 @@ from dse.registry import param
 
 Channels = Literal["sum", "each"]
 
+_STEPS = 1 << 22  # of samples that are looked at together
 _ON_BORDER = 1e-9  # of a window: a step that begins so close before a border begins on it
 
 
@@ -129,6 +130,34 @@ def input_lengths(n_windows: int, most: int) -> Array:
     return -(-np.arange(1, k + 1) * n_windows // k)
 
 
+def tallied(dataset: Dataset, samples: Array, steps: Array, n_features: Array) -> dict[str, Array]:
+    """Return what a program does to count spikes, by kind of work, (k,) means over samples.
+
+    Args:
+        dataset: of the samples.
+        samples: (n,) numbers of samples.
+        steps: (k,) steps until each answer.
+        n_features: (k,) counts that it looks at.
+    """
+    spikes = dataset.spikes
+    first = samples * spikes.n_steps + dataset.start[samples]
+    n_spikes = n_busy = np.zeros(len(steps))
+    for part in np.array_split(first, max(1, first.size * int(steps[-1]) // _STEPS)):
+        offsets = spikes.row_offsets[part[:, None] + np.arange(steps[-1] + 1)]
+        busy = (np.diff(offsets, axis=1) > 0).sum(axis=0).cumsum()
+        n_spikes = n_spikes + (offsets[:, steps] - offsets[:, :1]).sum(axis=0)
+        n_busy = n_busy + busy[steps - 1]
+    n = max(1, len(samples))
+    return {
+        "tally_start": np.ones(len(steps)),
+        "tally_step": steps.astype(np.float64),
+        "tally_spike": n_spikes / n,
+        "tally_add": n_spikes / n,
+        "tally_word": -(-spikes.n_channels // 32) * n_busy / n,
+        "tally_count": n_features.astype(np.float64),
+    }
+
+
 @dataclass(frozen=True)
 class Learnt:
     """What training left: arrays for inference, epoch curves, health."""
@@ -170,6 +199,15 @@ class RateClassifier(ABC):
     @abstractmethod
     def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:
         """Return the class of each sample after each input length, (n, k) int64; see `learn`."""
+
+    def program(
+        self, arrays: Mapping[str, Array], counts: Array, lengths: Array
+    ) -> Mapping[str, Array | list[float]]:
+        """Return how often its C does each kind of work, (k,) means over samples; empty if there is no C.
+
+        Arguments as of `label`; kinds are those of `dse.hardware.kinds.processor`, but for counting itself.
+        """
+        return {}
 
     @abstractmethod
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
@@ -222,7 +260,13 @@ class RateClassifier(ABC):
             )
         counts = self._counts(dataset, samples)
         input_spikes = counts.sum(axis=2, dtype=np.int64).cumsum(axis=1)[:, lengths - 1]
-        n_weights = self.n_weights(fitted.arrays, lengths * counts.shape[2])
+        n_features = lengths * counts.shape[2]
+        n_weights = self.n_weights(fitted.arrays, n_features)
+        program: dict[str, Array] = {}
+        if dataset.spikes.t_us is None and (answering := self.program(fitted.arrays, counts, lengths)):
+            edges = window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
+            program = tallied(dataset, samples, edges[lengths], n_features)
+            program |= {kind: np.asarray(times, np.float64) for kind, times in answering.items()}
         return Answers(
             label=self.label(fitted.arrays, counts, lengths),
             time_ms=ends_ms[lengths - 1],
@@ -230,6 +274,7 @@ class RateClassifier(ABC):
             macs=n_weights.astype(np.float64),
             additions=input_spikes.sum(axis=0) / max(1, len(input_spikes)),
             input_spikes=input_spikes,
+            program=program,
         )
 
     def _ends_ms(self, dataset: Dataset) -> Array:

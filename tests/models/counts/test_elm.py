@@ -103,6 +103,15 @@ def test_answers_see_only_what_has_passed_and_cost_what_they_use():
     in_line = total - np.concatenate([np.zeros(4), total[:2]])
     assert found.validation.event_additions == pytest.approx(64 * (in_line + 1))
     assert found.validation.event_macs.tolist() == [64 * 3] * 6
+    # Its program skips counts and hidden values of 0.
+    x = delay_line(SMALL._counts(data, data.validation), np.arange(1, 7), 4)
+    h = SMALL._hidden(x, *(found.network.arrays[name] for name in ("input_weight", "bias")))
+    met, active = (np.count_nonzero(each, axis=2).mean(axis=0) for each in (x, h))
+    work = found.validation.program
+    assert work["double_row"] == pytest.approx(met + active) and (met[-1] < 24 or active[-1] < 64)
+    assert work["double"] == pytest.approx(64 * met + 3 * active)
+    assert work["double_input"].tolist() == work["tally_count"].tolist() == [6, 12, 18, 24, 24, 24]
+    assert work["tally_add"] == pytest.approx(in_line) and work["tally_spike"] == pytest.approx(total)
     cut = dataclasses.replace(data, n_steps=30)
     early = SMALL.respond(found.network, cut, data.validation)
     assert np.array_equal(early.label, found.validation.label[:, :3])

@@ -21,7 +21,8 @@ from dse.models.counts.rate_windows import (
     window_edges,
 )
 from dse.models.training import Training
-from dse.records import Answers, Parameters, Spikes
+from dse.records import Parameters, Spikes
+from dse.testing.expect import same
 from dse.testing.small import spikes_of
 from tests.models.counted import data_of, rngs, textures
 
@@ -162,10 +163,6 @@ def test_input_lengths_rise_evenly_to_the_whole(n_windows, most):
     assert len(lengths) == min(n_windows, most)
     assert lengths[-1] == n_windows and lengths[0] >= 1
     assert np.ptp(np.diff(lengths, prepend=0)) <= 1
-
-
-def same(a: Answers, b: Answers) -> bool:
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in a.__dataclass_fields__)
 
 
 @every_family
@@ -326,3 +323,59 @@ def test_other_data_than_it_was_trained_on(family):
 def test_windows_shorter_than_a_step_cannot_be_fitted(family):
     with pytest.raises(ValueError, match="window_ms must be >= the step of 10 ms, got 5"):
         replace(family, window_ms=5.0).fit(textures(), Training(), rngs)
+
+
+# Two recordings of 4 steps and 2 channels, windows of 2 steps: counts (1, 0), (0, 2) and (2, 0), (0, 0).
+COUNTED = np.array([[[1, 0], [0, 0], [0, 1], [0, 1]], [[1, 0], [1, 0], [0, 0], [0, 0]]], bool)
+COUNTING = {"tally_start": [1, 1], "tally_step": [2, 4], "tally_spike": [1.5, 2.5], "tally_add": [1.5, 2.5]}
+COUNTING |= {"tally_word": [1.5, 2.5], "tally_count": [2, 4]}
+LAYERS = {  # the first input length; of the other, all features have weights
+    **{f"{j}/0/weight": np.ones((2 * j + 2, 3), np.float32) for j in range(2)},
+    **{f"{j}/0/bias": np.array([0, 0, -9], np.float32) for j in range(2)},
+    **{f"{j}/1/weight": np.ones((3, 2), np.float32) for j in range(2)},
+    **{f"{j}/1/bias": np.zeros(2, np.float32) for j in range(2)},
+}
+
+
+@pytest.mark.parametrize(
+    ("family", "arrays", "work"),
+    [
+        (
+            KNN(window_ms=10.0, channels="each", k=1),
+            {"counts": np.zeros((3, 2, 2), np.int32), "target": np.array([0, 1, 1])},
+            {"neighbour": [6, 12], "sample": [3, 3]},
+        ),
+        (
+            NaiveBayes(window_ms=10.0, channels="each"),
+            {
+                "classes": np.arange(2),
+                "log_prior": np.zeros(2),
+                "mean": np.array([[1.0, 0, 0, 0], [1.5, 0, 0, 2]]),
+                "variance": np.ones((2, 4)),
+                "smoothing": np.zeros(2),
+            },
+            # (1, 0, 0, 2) and (2, 0, 0, 0): 1 and 1, at last 2 and 1 are not 0, of each of two classes; 1 and
+            # 2, at last 2 and 3 are not the mean.
+            {"feature": [4, 8], "difference": [2, 3], "deviation": [1.5, 2.5]},
+        ),
+        (
+            MLP(window_ms=10.0, channels="each"),
+            {"classes": np.arange(2), "mean": np.zeros(4, np.float32), "scale": np.ones(4, np.float32)}
+            | LAYERS,
+            # 1 and 1 features are not 0, at last 2 and 1; of three hidden units, two.
+            {"scale": [2, 4], "single_row": [3, 3.5], "single": [7, 8.5], "single_unit": [5, 5]},
+        ),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_work_of_a_program_by_hand(family, arrays, work):
+    data = data_of(COUNTED, [0, 1], [], [0, 1], step_ms=5.0)
+    fitted = Parameters({**arrays, "lengths": np.array([1, 2])}, 2)
+    answers = family.respond(fitted, data, np.arange(2))
+    assert {kind: times.tolist() for kind, times in answers.program.items()} == COUNTING | work
+
+
+def test_what_has_no_c_has_no_program():
+    data = textures()
+    distances = KNN(window_ms=50.0, weights="distance").fit(data, Training(), rngs)
+    assert distances.validation.program == {}

@@ -34,7 +34,7 @@ static double spread(uint32_t first, uint32_t feature, uint32_t n)
 }
 
 /* The most likely class; the lowest on ties. */
-static uint32_t classify(void)
+static APART uint32_t classify(void)
 {
     uint32_t c, best = 0;
     double highest = 0;

@@ -11,9 +11,14 @@
 #define SPIKE(layer, neuron) ((void)0)
 #endif
 
+#ifdef __GNUC__ /* not inlined: a step without an answer saves no registers for it */
+#define APART __attribute__((noinline))
+#else
+#define APART
+#endif
 #define STEPS ${n_steps}u /* steps of a window */
 
-$tables
+$arithmetic$tables
 /* All memory that there is. */
 static struct {
 $members} net;

@@ -1,14 +1,22 @@
+/* Squared, from the counts to those of a training sample. */
+static $wide distance_to(const $small *other)
+{
+    const $count *here = net.counts;
+    $wide sum = 0;
+    while (here < net.counts + $n_features) {
+        const int32_t d = (int32_t)*here++ - (int32_t)*other++;
+        sum += ($wide)d * ($wide)d;
+    }
+    return sum;
+}
+
 /* The most frequent class among the $k nearest training samples, in whole numbers: the lowest class on ties, the
  * first of equally distant samples. */
-static uint32_t classify(void)
+static APART uint32_t classify(void)
 {
     uint32_t sample, i, n = 0, best = 0;
     for (sample = 0; sample < ${n_samples}u; sample++) {
-        $wide distance = 0;
-        for (i = 0; i < ${n_features}u; i++) {
-            const int32_t d = (int32_t)net.counts[i] - (int32_t)stored[sample * ${n_features}u + i];
-            distance += ($wide)d * ($wide)d;
-        }
+        const $wide distance = distance_to(stored + sample * ${n_features}u);
         if (n == ${k}u && distance >= net.distance[n - 1u]) {
             continue;
         }

@@ -1,5 +1,5 @@
 /* The most frequent class in training: no feature varied there. */
-static uint32_t classify(void)
+static APART uint32_t classify(void)
 {
     return $best;
 }
