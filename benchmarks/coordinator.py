@@ -57,7 +57,11 @@ def train(job: jobs.TrainingJob) -> Iterator[tuple[int, None]]:
 
 
 def _copier(source: Path) -> Any:
-    return lambda path: shutil.copyfile(source, path)
+    def copy(path: Path) -> None:
+        shutil.copyfile(source, path)
+        store.seal_archive(path)  # as a file of this study
+
+    return copy
 
 
 def timed(job: jobs.TrainingJob) -> Iterator[Any]:

@@ -1,8 +1,8 @@
 """The page of a study in a real browser: its size, its first drawing, and what moving a budget takes.
 
-    python -m benchmarks.page --browser chromium [--points 1000 10000 100000]
+    python -m benchmarks.page [--browser chromium] [--trials 100 1000 10000]
 
-Design points are made up: accuracy rises with energy, weights and latency are drawn. `paint` is the first
+Studies are made up: accuracy rises with energy, weights and latency are drawn. `paint` is the first
 contentful paint, `figure` when the front is drawn. After a step of a slider, median, first and worst:
 `done` until counts, pick, table, front and parallel coordinates are drawn;
 `shown` until the browser has put that on the screen; `CPU` is the time of the page's thread until then, which
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from rich.table import Table
 from dse.dashboard.write import write_page
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min", "latency_ms": "min"}
+TASKS, CHIPS = ("texture", "profile"), ("loihi1_silicon", "mcu_cortex_m4f_nrf52840_64mhz")
 SLIDER_STEPS = tuple(range(150, 60, -10))
 
 MOVED = """async ([slider, steps]) => {
@@ -48,13 +50,14 @@ MOVED = """async ([slider, steps]) => {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--browser", required=True, help="path of a Chromium")
-    parser.add_argument("--points", type=int, nargs="+", default=[1_000, 10_000, 100_000])
+    parser.add_argument("--browser", default="chromium", help="a Chromium: its path, or its name on PATH")
+    parser.add_argument("--trials", type=int, nargs="+", default=[100, 1_000, 10_000])
     arguments = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
     table = Table(title="the page of a study: size, first drawing, a step of a budget's slider")
     for name in (
+        "trials",
         "points",
         "MB",
         "paint ms",
@@ -71,30 +74,47 @@ def main() -> None:
     ):
         table.add_column(name, justify="right")
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as folder:
-        browser = driver.chromium.launch(executable_path=arguments.browser, args=["--no-sandbox"])
-        for n in arguments.points:
-            path = write_page(points(n), Path(folder) / f"{n}.html", name="made up", objectives=OBJECTIVES)
-            table.add_row(f"{n:,}", f"{path.stat().st_size / 1e6:.1f}", *measured(browser, path))
+        browser = driver.chromium.launch(
+            executable_path=shutil.which(arguments.browser), args=["--no-sandbox"]
+        )
+        for n in arguments.trials:
+            made_up = points(n)
+            path = write_page(made_up, Path(folder) / f"{n}.html", name="made up", objectives=OBJECTIVES)
+            size_mb = path.stat().st_size / 1e6
+            table.add_row(f"{n:,}", f"{len(made_up):,}", f"{size_mb:.1f}", *measured(browser, path))
         browser.close()
     Console(width=140).print(table)
 
 
-def points(n: int, seed: int = 0) -> pd.DataFrame:
-    """Return n made-up design points of n / 100 trials."""
+def points(n_trials: int, seed: int = 0) -> pd.DataFrame:
+    """Return design points: two tasks, families and chips, ten parameters, 20 settings of each trial."""
     rng = np.random.default_rng(seed)
-    quality = rng.random(n)
-    return pd.DataFrame(
+    trial = np.arange(n_trials)
+    chosen = {f"model.part_{k}": rng.choice([1, 2, 5, 10, 20, 50], n_trials) for k in range(8)}
+    design = pd.DataFrame(
         {
-            "trial": np.arange(n) // 100,
-            "task": "texture",
-            "model.hidden": rng.integers(8, 400, n // 100 + 1)[np.arange(n) // 100],
-            "phi": np.arange(n) % 10,
-            "theta": (np.arange(n) // 10 % 10) / 10,
-            "accuracy": 0.4 + 0.4 * quality + 0.2 * rng.random(n),
-            "energy_uj": np.exp(4 * quality + rng.normal(size=n)),
-            "n_weights": rng.integers(1_000, 200_000, n),
-            "latency_ms": rng.uniform(1, 90, n),
+            "trial": trial,
+            "task": np.array(TASKS)[trial % 2],
+            "family": np.array(["snn", "mlp"])[trial % 4 // 3],
+            "encoder.kind": np.array(["send_on_delta", "threshold", "poisson"])[rng.integers(0, 3, n_trials)],
+            "model.hidden": rng.integers(8, 400, n_trials),
+            **chosen,
+            "quality": rng.random(n_trials),
         }
+    )
+    settings = pd.DataFrame({"point": range(20), "phi": np.arange(20) % 5, "theta": np.arange(20) // 5 / 5})
+    table = design.merge(settings, how="cross").merge(pd.DataFrame({"hardware": CHIPS}), how="cross")
+    n, quality = len(table), table.pop("quality")
+    energy_uj = np.exp(4 * quality + rng.normal(size=n))
+    return table.assign(
+        accuracy=0.4 + 0.4 * quality + 0.2 * rng.random(n),
+        accuracy_se=0.02,
+        energy_uj=energy_uj,
+        energy_uj_low=energy_uj / 2,
+        energy_uj_high=energy_uj * 2,
+        n_weights=rng.integers(1_000, 200_000, n_trials)[table["trial"]],
+        latency_ms=rng.uniform(1, 90, n),
+        fits=rng.random(n_trials)[table["trial"]] < 0.8,
     )
 
 
@@ -102,7 +122,7 @@ def measured(browser: Any, path: Path) -> list[str]:
     """Return the cells of a page's row: first paint and figure, then what a step takes."""
     tab = browser.new_page(viewport={"width": 1280, "height": 720})
     tab.goto(path.as_uri())
-    tab.wait_for_function("document.getElementById('plot')?.data?.length > 0")
+    tab.wait_for_selector("#plot .scatterlayer", state="attached")
     figure_ms = tab.evaluate("performance.now()")
     paint_ms = tab.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
     took = [
