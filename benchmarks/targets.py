@@ -44,17 +44,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("paths", nargs="+", help="bundle and recordings, in turns")
     parser.add_argument("--core", choices=CHIPS, action="append", help="repeatable; default: cortex_m4")
-    parser.add_argument("--csv", help="file for the rows")
+    parser.add_argument("--csv", help="file for the rows, as they come")
     options = parser.parse_args()
-    table = pd.DataFrame(
-        [
-            row
-            for folder, data in zip(options.paths[::2], options.paths[1::2], strict=True)
-            for row in rows(folder, data, options.core or ["cortex_m4"])
-        ]
-    )
-    if options.csv:
-        table.to_csv(options.csv, index=False)
+    table = pd.DataFrame()
+    for folder, data in zip(options.paths[::2], options.paths[1::2], strict=True):
+        for row in rows(folder, data, options.core or ["cortex_m4"]):
+            table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
+            if options.csv:  # a run that is stopped keeps its rows
+                table.to_csv(options.csv, index=False)
     shown = Table(*table.columns)
     for values in table.itertuples(index=False):
         shown.add_row(*("" if pd.isna(x) else f"{x:.4g}" if isinstance(x, float) else str(x) for x in values))
