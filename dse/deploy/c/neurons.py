@@ -236,10 +236,11 @@ def layer_text(plan: Plan, k: int) -> str:
             f"        net.awake_{k} = 1;\n    }}\n"
         )
     update = _update(k, layer, indented("\n".join(spikes) + "\n"))
-    arriving, busy, arrived = "", "", ""
+    arriving, busy, arrived, rested = "", "", "", ""
     if layer.n_later:
         held = f"net.later_{k}[net.now_{k} * {layer.n_neurons}u + i]"
         arriving, arrived, busy = f" + {held}", f"{held} = 0;\n", f" && net.busy_{k} == 0"
+        rested = f"net.{a}_{k}[i] = 0; /* what arrived may have cancelled it */\n"
         now = f"net.now_{k} + 1u < {layer.n_later}u ? net.now_{k} + 1u : 0u"
         after = f"    net.now_{k} = (uint8_t)({now});\n    net.busy_{k} -= net.busy_{k} != 0;\n{after}"
     return filled(
@@ -256,6 +257,7 @@ def layer_text(plan: Plan, k: int) -> str:
         declare=declare,
         arriving=arriving,
         arrived=indented(indented(arrived)),
+        rested=indented(indented(indented(rested))),
         busy=busy,
         update=indented(indented(update)),
         after=after,

@@ -81,6 +81,27 @@ def test_the_nets_are_of_all_kinds() -> None:
     assert any(plan.rule.joint for plan in plans) and any(plan.rule.least_total for plan in plans)
 
 
+def test_a_delayed_weight_that_cancels_a_current_leaves_nothing(tmp_path: Path) -> None:
+    # Neuron 0 fires at once, so v = 0; a step later its halved current meets a weight of the same size.
+    layer = Layer(
+        np.array([[2.0, -1.0], [0.25, 0.25]], np.float32),
+        None,
+        {
+            "decay_current": np.array([2048, 2048], np.int32),
+            "decay_voltage": np.array([128, 128], np.int32),
+            "threshold": np.array(64, np.int32),
+        },
+        delay=np.array([[0, 1], [0, 0]], np.int8),
+    )
+    made = nets.bundle(Network((layer,), 2, (0,), 1, "integer"), 6)
+    fired = np.zeros((1, 6, 2), np.uint8)
+    fired[0, 0] = 1
+    reference = nets.reference(made, fired)
+    assert [tuple(x) for x in reference.fired[0].tolist()] == [(0, 0, 0)]
+    C99().write(made, tmp_path)
+    assert C99().verify(made, tmp_path, reference).kind == "faithful"
+
+
 def test_a_difference_is_seen(tmp_path: Path) -> None:
     made, fired = nets.case(1)
     C99().write(made, tmp_path)

@@ -9,7 +9,7 @@ $declare    if (!net.awake_$k$busy) {
     for (i = 0; i < ${n}u; i++) {
         $type $a = net.${a}_$k[i]$arriving, $b = net.${b}_$k[i];
 $arrived        if (($a | $b) == 0) {
-            continue; /* at rest */
+$rested            continue; /* at rest */
         }
 $update        net.${a}_$k[i] = $a;
         net.${b}_$k[i] = $b;
