@@ -52,7 +52,7 @@ FAULTS ?= 300
 faults: $(TESTS)
 	FAULTS=$(FAULTS) $(BIN)/python -m pytest -q tests/faults
 
-# Everything that is read back, by inputs that Hypothesis draws: so many minutes for each of 21 kinds.
+# Everything that is read back, by inputs that Hypothesis draws: so many minutes of CPU time for each of 22 kinds.
 MINUTES ?= 3
 fuzz: $(TESTS)
 	$(BIN)/python -m tests.faults.fuzz --minutes $(MINUTES)

@@ -1,10 +1,10 @@
 """Fuzzing of everything that is read back: bundles, records, journals, recordings of every format.
 
-    python -m tests.faults.fuzz [--minutes M] [KIND ...]       make fuzz MINUTES=30
+    python -m tests.faults.fuzz [--minutes M] [--seed S] [KIND ...]       make fuzz MINUTES=30
 
-Each kind runs for M minutes in a process of its own that may take 1 GiB more than it begins with. Hypothesis
-draws the inputs, a new seed for every round. Refused in one sentence or read soundly: anything else, a crash,
-and an input that takes 20 s, is a fault, which is printed with what Hypothesis drew.
+Each kind runs for M minutes of CPU time in a process of its own that may take 1 GiB more than it begins with.
+Hypothesis draws the inputs, a new seed for every round, from S on. Refused in one sentence or read soundly:
+anything else, a crash, and an input that takes 20 s, is a fault, which is printed with what Hypothesis drew.
 
 Exit code 0: no fault; 1: faults.
 """
@@ -331,8 +331,8 @@ KINDS: dict[str, Callable[[Path], Kind]] = {
 }
 
 
-def fuzz_kind(name: str, seconds: float) -> dict[str, int]:
-    """Fuzz a kind in this process; return how many inputs were read and refused, and the faults."""
+def fuzz_kind(name: str, cpu_s: float, first_seed: int) -> dict[str, int]:
+    """Fuzz a kind in this process; return how many inputs were read and refused, faults, memory (MiB)."""
     counts = Counter[str](read=0, refused=0, faults=0)
     with tempfile.TemporaryDirectory() as root, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -357,35 +357,38 @@ def fuzz_kind(name: str, seconds: float) -> dict[str, int]:
             max_examples=ROUND, deadline=None, database=None, derandomize=False,
             suppress_health_check=list(HealthCheck), phases=(Phase.generate,), report_multiple_bugs=False,
         )  # fmt: skip
-        number, end_s = 0, 0.0
-        while number < 2 or time.monotonic() < end_s:
+        number, end_s, first_kib = 0, 0.0, 0
+        while number < 2 or time.process_time() < end_s:
             if number == 1:  # everything that is needed is imported and compiled
-                end_s = time.monotonic() + seconds
+                end_s = time.process_time() + cpu_s
+                first_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
                 pages = int(Path("/proc/self/statm").read_text().split()[0])
                 limit = pages * resource.getpagesize() + MORE_BYTES
                 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
             try:
-                seed(number)(few(given(st.data())(one)))()
+                seed(first_seed + number)(few(given(st.data())(one)))()
             except Exception:
                 counts["faults"] += 1
                 traceback.print_exc()
             number += 1
-    return dict(counts)
+    peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {**counts, "peak_mib": peak_kib >> 10, "more_mib": (peak_kib - first_kib) >> 10}
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS)}; default: all")
-    parser.add_argument("--minutes", type=float, default=3.0, help="per kind")
+    parser.add_argument("--minutes", type=float, default=3.0, help="of CPU time, per kind")
+    parser.add_argument("--seed", type=int, default=0, help="of the first round")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if unknown := [name for name in options.kinds if name not in KINDS]:
         parser.error(f"unknown kind {unknown[0]}; known: {', '.join(KINDS)}")
     if options.here:
-        print(json.dumps(fuzz_kind(options.kinds[0], 60 * options.minutes)))
+        print(json.dumps(fuzz_kind(options.kinds[0], 60 * options.minutes, options.seed)))
         return 0
     n_faults = 0
-    print(f"{'kind':<12} {'inputs':>8} {'refused':>8} {'faults':>7}", flush=True)
+    print(f"{'kind':<12} {'inputs':>8} {'refused':>8} {'faults':>7} {'MiB':>6} {'more':>6}", flush=True)
     for name in options.kinds or KINDS:
         command = [
             sys.executable,
@@ -394,6 +397,8 @@ def main(arguments: list[str] | None = None) -> int:
             "--here",
             "--minutes",
             str(options.minutes),
+            "--seed",
+            str(options.seed),
             name,
         ]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
@@ -404,7 +409,8 @@ def main(arguments: list[str] | None = None) -> int:
         counts = json.loads(done.stdout.splitlines()[-1])
         n_faults += counts["faults"]
         inputs = counts["read"] + counts["refused"]
-        print(f"{name:<12} {inputs:>8} {counts['refused']:>8} {counts['faults']:>7}", flush=True)
+        memory = f"{counts['peak_mib']:>6} {counts['more_mib']:>6}"
+        print(f"{name:<12} {inputs:>8} {counts['refused']:>8} {counts['faults']:>7} {memory}", flush=True)
     return min(n_faults, 1)
 
 
