@@ -290,6 +290,22 @@ CASES = (
         {**_PRUNED_BRAILLE, "hidden": 40, "pruned": 0.57},
         training={**_DROPPED, **_taught("7 Braille letters", **_CROSS_ENTROPY)},
     ),
+    Case(
+        "7 Braille letters",
+        "two layers, delays, taught",
+        {**_TINY_BRAILLE, "hidden": [36, 26], "max_delay": 62},
+        training={
+            **_DROPPED,
+            **_DILATED,
+            "dilation": [0.9, 1.1],
+            "dropout": 0.0,
+            "learning_rate": 0.05,
+            "epochs": 200,
+            "lr_every": 32,
+            "average_epochs": 20,
+            **_taught("7 Braille letters", **_CROSS_ENTROPY),
+        },
+    ),
     Case("7 Braille letters", "tiny, cross-entropy", _TINY_BRAILLE),
     Case(
         "7 Braille letters",
