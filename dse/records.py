@@ -366,6 +366,7 @@ class Answers:
     event_macs, event_additions: (k,) the same work where each input spike adds the weights that it meets;
         None of a family without such a reading.
     program: (k,) mean times of each kind of work of its C (`dse.hardware.kinds.processor`); empty: no C.
+    stored_bits: bits that its C takes per stored number; None: there is no C.
     """
 
     label: Array
@@ -377,6 +378,7 @@ class Answers:
     event_macs: Array | None = None
     event_additions: Array | None = None
     program: Mapping[str, Array] = field(default_factory=dict)
+    stored_bits: int | None = None
 
 
 @dataclass(frozen=True)
@@ -580,6 +582,7 @@ class Operations:
     event_macs, event_additions: as `macs` and `additions` where each input spike is processed on its own;
         both None of a classifier without such a reading.
     program: (...) times of each kind of work of its C (`dse.hardware.kinds.processor`); empty: there is none.
+    stored_bits: bits that its C takes per stored number; None: there is none, or it is not known.
     """
 
     macs: Floats
@@ -591,6 +594,7 @@ class Operations:
     event_macs: Floats | None = None
     event_additions: Floats | None = None
     program: Mapping[str, Floats] = field(default_factory=dict)
+    stored_bits: int | None = None
 
     cores: ClassVar[None] = None
     """Only for networks can a user set the number of cores of a layer."""
@@ -643,6 +647,7 @@ class Operations:
             event_macs=None if self.event_macs is None else change(self.event_macs),
             event_additions=None if self.event_additions is None else change(self.event_additions),
             program={name: change(times) for name, times in self.program.items()},
+            stored_bits=self.stored_bits,
         )
 
     def check(self) -> None:

@@ -541,6 +541,7 @@ def _of_answers(answers: Answers, test: Answers | None, target: _Target, n_chann
             event_macs=answers.event_macs,
             event_additions=answers.event_additions,
             program=answers.program,
+            stored_bits=answers.stored_bits,
         ),
         spikes_test=None if test is None else np.zeros(len(time_ms), np.int64),  # it has no neurons
         n_inputs=n_channels,

@@ -38,7 +38,7 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     """Check that profiles have the numbers that a study stores: its sampler received costs from these.
 
     Returns:
-        A sentence about each copy that is damaged; `keep` writes it anew.
+        A sentence about each copy that is damaged, or lacks numbers; `keep` writes it anew.
 
     Raises:
         ConfigError: a number of a profile has changed.
@@ -47,11 +47,16 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     for chip in profiles:
         stored = folder / _FOLDER / f"{chip.name}.yaml"
         try:
-            differs = stored.is_file() and _differ(profile(folder, chip.name), chip)
+            before = profile(folder, chip.name) if stored.is_file() else chip
         except store.Damaged as error:
             notes.append(f"{error}; it is written anew")
             continue
-        if differs:
+        if lacking := len(set(chip.stated) - set(before.stated)):
+            notes.append(
+                f"{stored} lacks {lacking} numbers that {chip.name} has now: classifiers trained before may "
+                f"lack the counts that these price, and then cost otherwise than those of new trials"
+            )
+        if _differ(before, chip):
             hint = "change it back, rename the profile, or use another --results folder"
             faults.append(Fault(chip.name, 0, f"the numbers differ from those in {stored}; {hint}"))
     if faults:

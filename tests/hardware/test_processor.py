@@ -253,6 +253,16 @@ def test_the_smallest_change_that_fits_in_flash(n_weights, bits, change):
     assert [misfit.change for misfit in found.misfits] == ([change] if change else [])
 
 
+@pytest.mark.parametrize(("bits", "most"), [(8, 2_097_152), (32, 524_288), (64, 262_144)])
+def test_numbers_of_a_classifier_of_counts_take_what_its_c_takes(bits, most):
+    fits, over = (
+        dataclasses.replace(operations(1, n_weights=n, number_bits=32), stored_bits=bits)
+        for n in (most, most + 1)
+    )
+    assert cost(M4, fits).fits
+    assert cost(M4, over).misfits[0].change == f"at most {most} weights instead of {most + 1}"
+
+
 def test_of_design_points_together_the_largest_must_fit():
     found = cost(M4, operations([1, 1], [0, 0], [0, 0], [10, 3e6], [0, 0]))
     assert not found.fits and found.energy_uj.value.shape == (2,)

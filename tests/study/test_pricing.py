@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from dse import store
 from dse.cli import main
 from dse.hardware.profile import load
-from dse.study import resampling
+from dse.study import pricing, resampling
 from dse.study.record import load_records
 from dse.study.results import open as open_study
 from tests.page_data import held
@@ -246,3 +247,16 @@ def test_a_study_without_its_answers_says_why_there_are_no_probabilities(
     document = answered(capsys, "skyline", str(tmp_path / "copy"))
     assert any(note.startswith("no front_probability: ") for note in document["notes"])
     assert "front_probability" not in document["rows"][0]
+
+
+def test_a_profile_that_has_gained_numbers_says_what_costs_may_differ(tmp_path: Path) -> None:
+    chip = load("mcu_m4")
+    kept = tmp_path / "hardware" / "mcu_m4.yaml"
+    kept.parent.mkdir()
+    before = re.sub(r"(?m)^tally_step_cycles:.*\n(?:[ ]+.*\n)*", "", chip.text)
+    assert before != chip.text
+    store.write_sealed_text(kept, before)
+    [note] = pricing.check([chip], tmp_path)
+    assert "lacks 1 numbers that mcu_m4 has now" in note
+    pricing.keep([chip], tmp_path)
+    assert pricing.check([chip], tmp_path) == []

@@ -63,7 +63,8 @@ Cores compute with floats of 32 bits in hardware; doubles, and division by them,
 Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
 float.
 
-For the limits, weights lie in flash as numbers of 8, 16, 32 or 64 bits; where lists of the weights that are
+For the limits, weights lie in flash as numbers of 8, 16, 32 or 64 bits, those of classifiers of counts as in
+their C; where lists of the weights that are
 left, each with an index of 16 bits, are smaller than all weights, lists are stored. A delay per synapse takes
 8 bits. States lie in working memory, 32 bits each: current and voltage, and with delays per synapse a current
 per step of delay. The two factors of a resonator lie in flash, 16 bits each; those that other neurons share,
@@ -243,7 +244,13 @@ class Processor(Profile):
     def _with_numbers(self, load: Operations) -> Placement:
         """Return the one core, and whether the flash holds the stored numbers."""
         n_weights = int(np.ceil(np.max(load.n_weights, initial=0)))
-        misfits = _flash_misfits(n_weights, load.number_bits, 0, self._flash_bytes)
+        misfits = _flash_misfits(
+            n_weights,
+            load.stored_bits or load.number_bits,
+            0,
+            self._flash_bytes,
+            is_fixed=load.stored_bits is not None,
+        )
         sleeps = _WAKES if self._knows(load) else "the processor sleeps until all input has arrived"
         return Placement((1,), misfits, assumptions=(_NO_PROGRAM, sleeps))
 
@@ -451,7 +458,7 @@ def _stored_bits(load: Workload) -> int:
 
 
 def _flash_misfits(
-    n_weights: int, bits: int, beside: int, flash: int, factors: int = 0
+    n_weights: int, bits: int, beside: int, flash: int, factors: int = 0, *, is_fixed: bool = False
 ) -> tuple[Misfit, ...]:
     """Return the misfit of the weights, where there is one.
 
@@ -461,12 +468,13 @@ def _flash_misfits(
         beside: bytes that are stored with each.
         flash: bytes that there are.
         factors: bytes of the neurons' own factors.
+        is_fixed: whether numbers cannot be shorter.
     """
     size, flash = _bytes(bits) + beside, flash - factors
     if n_weights * size <= flash:
         return ()
     # The longest numbers that fit are the smallest change.
-    types = (_bytes(bits) >> halved for halved in range(1, _bytes(bits).bit_length()))
+    types = () if is_fixed else (_bytes(bits) >> halved for halved in range(1, _bytes(bits).bit_length()))
     shorter = next((each for each in types if n_weights * (each + beside) <= flash), None)
     if shorter is None:
         change = f"at most {flash // size} weights instead of {n_weights}"

@@ -229,6 +229,7 @@ class ELM:
             event_macs=np.full(len(lengths), float(beta.size)),
             event_additions=self.hidden * (in_line.sum(axis=0) / max(1, len(spikes)) + int(bias.any())),
             program=program,
+            stored_bits=(32 if self.precision == "float32" else 64) if program else None,
         )
 
     def _random(self, dataset: Dataset, rng: np.random.Generator) -> tuple[Array, Array]:

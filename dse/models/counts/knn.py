@@ -62,6 +62,10 @@ class KNN(RateClassifier):
         n = len(arrays["counts"])
         return {"neighbour": n * lengths * counts.shape[2], "sample": [n] * len(lengths)}
 
+    def stored_bits(self, arrays: Mapping[str, Array]) -> int:
+        """Return 8, or 16 if a count needs them."""
+        return 8 if arrays["counts"].max(initial=0) < 2**8 else 16
+
 
 def squared_distances(a: Array, b: Array) -> Array:
     """Return squared Euclidean distances of whole numbers, (n, m) float64, exact below 2**53.

@@ -139,6 +139,10 @@ class MLP(RateClassifier):
                     x = np.maximum(x @ weight + bias, 0)
         return dict(zip(("scale", "single_row", "single", "single_unit"), work, strict=True))
 
+    def stored_bits(self, arrays: Mapping[str, Array]) -> int:
+        """Return 32: weights are floats."""
+        return 32
+
 
 def forward(x: Array, layers: list[tuple[Array, Array]]) -> Array:
     """Return the outputs before softmax, (n, output); hidden units are max(0, .).

@@ -83,6 +83,10 @@ class NaiveBayes(RateClassifier):
             "deviation": differ[ends - 1],
         }
 
+    def stored_bits(self, arrays: Mapping[str, Array]) -> int:
+        """Return 64: means and variances are doubles."""
+        return 64
+
 
 def log_likelihood(x: Array, mean: Array, variance: Array) -> Array:
     """Return log p(x | class) of independent normal features, (n, class); 0 where a variance is 0.

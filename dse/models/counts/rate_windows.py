@@ -209,6 +209,10 @@ class RateClassifier(ABC):
         """
         return {}
 
+    def stored_bits(self, arrays: Mapping[str, Array]) -> int | None:
+        """Return the bits that its C takes per stored number; None if there is no C."""
+        return None
+
     @abstractmethod
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
         """Return the stored numbers W_t of each length's classifier, (k,), given its input features, (k,).
@@ -275,6 +279,7 @@ class RateClassifier(ABC):
             additions=input_spikes.sum(axis=0) / max(1, len(input_spikes)),
             input_spikes=input_spikes,
             program=program,
+            stored_bits=self.stored_bits(fitted.arrays) if program else None,
         )
 
     def _ends_ms(self, dataset: Dataset) -> Array:

@@ -115,6 +115,36 @@ def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Pa
     assert _predicted(made, reference) == pytest.approx(cycles, rel=0.1)  # of small ones; benchmarks: 5 %
 
 
+def test_a_perceptron_on_a_core_without_hardware_for_floats(tmp_path: Path) -> None:
+    if why := emulator.missing():
+        pytest.skip(why)
+    made, reference = fitted(MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2))
+    CortexM0Plus().write(made, tmp_path)
+    assert CortexM0Plus().verify(made, tmp_path, reference).kind == "faithful"
+
+
+@pytest.mark.parametrize(
+    ("model", "table"),
+    [
+        (KNN(window_ms=15, channels="each"), "uint8_t"),
+        (KNN(window_ms=20, channels="each"), "uint16_t"),
+        (NaiveBayes(window_ms=5, channels="each"), "double"),
+        (MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2), "float"),
+        (ELM(window_ms=20, windows=3, hidden=30), "double"),
+        (ELM(window_ms=20, windows=3, hidden=30, precision="float32"), "float"),
+    ],
+)
+def test_flash_is_counted_in_the_numbers_that_the_c_stores(model: Any, table: str) -> None:
+    made, reference = fitted(model)
+    data = reference.dataset
+    if table == "uint16_t":  # a count above 255
+        arrays = {**made.fitted.arrays, "counts": made.fitted.arrays["counts"] + 256}  # type: ignore[union-attr]
+        made = replace(made, fitted=replace(made.fitted, arrays=arrays))  # type: ignore[type-var]
+    [largest] = sorted(counting_source.tables(counting_plan_of(made)), key=lambda x: x.n_bytes)[-1:]
+    bits = made.sections.model.respond(made.fitted, data, data.test).stored_bits  # type: ignore[attr-defined]
+    assert (largest.kind, bits) == (table, 8 * largest.n_bytes // largest.values.size)
+
+
 def _predicted(made: Bundle, reference: Reference) -> float:
     """Return the cycles of an inference by the cost model, from what dse records of the answers."""
     data, model = reference.dataset, made.sections.model
