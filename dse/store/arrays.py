@@ -14,6 +14,7 @@ import dataclasses
 import functools
 import io
 import lzma
+import tokenize
 import types
 import typing
 import zipfile
@@ -37,6 +38,7 @@ else:
 DAMAGED_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError),
     *(OSError, EOFError, ValueError, KeyError),
+    *(SyntaxError, tokenize.TokenError),  # of the text of a header
 )
 """Everything that reading a damaged .npz file may raise."""
 

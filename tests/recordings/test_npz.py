@@ -40,6 +40,17 @@ def test_a_truncated_file_is_one_line_wherever_it_was_cut(write, keep):
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("text", [b"'shap_S]", b"'sha(pe ", b"  \n '\\x"])
+@pytest.mark.parametrize("kind", ["x.npz", "x.npy"])
+def test_a_header_that_is_no_text_of_python_is_one_line(tmp_path, kind, text):
+    path = tmp_path / kind
+    np.savez(path, array=np.zeros(4)) if kind == "x.npz" else np.save(path, np.zeros(4))
+    path.write_bytes(path.read_bytes().replace(b"'shape'", text[:7].ljust(7)))
+    with pytest.raises(RecordingError, match=rf"^{kind}: .*cannot be read") as error:
+        npz.headers(path)
+    assert "\n" not in str(error.value)
+
+
 def test_damage_inside_an_array_is_named(write):
     path = write("x.npz", signal=np.zeros(1000))
     content = bytearray(path.read_bytes())

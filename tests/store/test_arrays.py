@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,15 @@ def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:
     (tmp_path / "x.npz").write_bytes(b"no zip")
     with pytest.raises(store.StoreError, match=r"x\.npz: cannot be read"):
         store.load_arrays(tmp_path / "x.npz")
+
+
+def test_a_header_that_is_no_text_of_python_is_damage(tmp_path: Path) -> None:
+    header = io.BytesIO()
+    np.save(header, np.zeros(4))
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        archive.writestr("a.npy", header.getvalue().replace(b"'shape'", b"'shap_("))
+    with pytest.raises(store.Damaged, match=r"x\.npz: cannot be read"):
+        store.load_arrays(tmp_path / "x.npz", needs_seal=False)
 
 
 def test_a_network_survives_the_disk(tmp_path: Path) -> None:
