@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib
 import importlib.metadata
 import importlib.util
 import struct
@@ -105,6 +106,11 @@ def missing() -> str:
     for name, what in (("ziglang", "cross-compiler"), ("unicorn", "emulator")):
         if importlib.util.find_spec(name) is None:
             return f"{name}, the {what}, is not installed: pip install 'dse[targets]'"
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            reason = str(error).partition("\n")[0]
+            return f"{name}, the {what}, is installed but cannot be imported: {reason}"
     return ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -125,3 +126,10 @@ def test_without_compiler_or_emulator(monkeypatch):
     assert emulator.missing() == "unicorn, the emulator, is not installed: pip install 'dse[targets]'"
     with pytest.raises(TargetError, match="unicorn, the emulator"):
         compiled([], M4)
+
+
+def test_an_emulator_that_cannot_be_imported_is_missing(monkeypatch, tmp_path):
+    (tmp_path / "unicorn.py").write_text('raise ImportError("no library\\nfor this processor")\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "unicorn", raising=False)
+    assert emulator.missing().endswith("the emulator, is installed but cannot be imported: no library")
