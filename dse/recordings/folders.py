@@ -77,7 +77,7 @@ def _below(
             if identity not in within and _may_hold(inside.split("/")[:-1], pattern):
                 yield from _below(folder / entry.name, inside, pattern, (*within, identity))
         # A link to nothing is a file that cannot be read, and not one to pass over.
-        elif os.path.isfile(entry.path) or entry.is_symlink():
+        elif os.path.isfile(entry.path) or not os.path.exists(entry.path):
             yield f"{above}{entry.name}"
 
 

@@ -15,7 +15,7 @@ from dse.hardware.profile import load_all
 from dse.store import StoreError
 from dse.study import environment, lines, notes, points, precision, pricing, saved_views
 from dse.study import trials as tables
-from dse.study.ledger import Ledger
+from dse.study.ledger import Ledger, drop_refused
 from dse.study.record import RunRecord, load_record
 from dse.study.results import plain_space
 
@@ -168,10 +168,10 @@ def _list(path: Path) -> None:
 
 def _journal(folder: Path) -> Iterator[Damage]:
     content = lines.read(folder / _JOURNAL)
-    if content.faults:
+    if faults := content.faults or drop_refused(content.logs):
         yield Damage(
             _JOURNAL,
-            "; ".join(content.faults),
+            "; ".join(faults),
             "when these designs were proposed",
             f"it is written anew from its other lines and the records; a copy stays as {_JOURNAL}.damaged",
             lambda: Ledger(folder / _JOURNAL, _space(folder)),

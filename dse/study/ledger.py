@@ -102,7 +102,7 @@ class Ledger:
         try:
             return _replayed(self._lines)
         except _REFUSALS:
-            self._lines.faults = _drop_refused(self._lines.logs)
+            self._lines.faults = drop_refused(self._lines.logs)
             self._mend(self._lines)
             return _replayed(self._lines)
 
@@ -138,7 +138,7 @@ class Ledger:
             begins = [log for log in logs if log["op_code"] == CREATE_STUDY] or apart.logs
             rest = [log for log in logs if log["op_code"] != CREATE_STUDY]
             logs = [begins[0], *counted(rest, made, self._space.search.batch)]
-            refused = _drop_refused(logs)
+            refused = drop_refused(logs)
             faults = faults + refused
         lines.replace(logs)
         more = f" and {len(faults) - _NAMED} more faults" if len(faults) > _NAMED else ""
@@ -345,7 +345,7 @@ def _replayed(lines: JournalLines) -> JournalStorage:
     return storage
 
 
-def _drop_refused(logs: list[Log]) -> list[str]:
+def drop_refused(logs: list[Log]) -> list[str]:
     """Remove the operations that Optuna refuses; return a sentence about each."""
     reason = ""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
 import resource
@@ -18,8 +19,9 @@ from pandas.testing import assert_frame_equal
 from dse import dataset, store
 from dse.config import ConfigError, load_space
 from dse.dataset import cache
-from dse.study import explore, results
+from dse.study import explore, lines, results
 from dse.study.doctor import examine, repair
+from dse.study.journal import read_journal
 from dse.study.ledger import Ledger
 from dse.study.results import Study
 from tests.faults.damage import damage, unsealed
@@ -235,3 +237,27 @@ def test_a_folder_stays_locked_when_its_lock_file_is_removed(tmp_path: Path) -> 
         (tmp_path / ".lock").unlink()
         with pytest.raises(store.StoreError, match="another process is running"), store.exclusive(tmp_path):
             pass
+
+
+def test_a_line_that_optuna_refuses_is_listed_and_mended(whole: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
+    path = folder / "journal.log"
+    content = path.read_bytes().splitlines(keepends=True)
+    number = next(n for n, line in enumerate(content) if json.loads(line)["op_code"] == lines.CREATE_TRIAL)
+    log = json.loads(content[number])
+    assert log.pop("sum") and log.pop("worker_id")  # which Optuna needs
+    text = json.dumps(log, separators=(",", ":"))[:-1].encode()
+    content[number] = b'%s,"sum":"%s"}\n' % (text, lines._sum(text))
+    path.write_bytes(b"".join(content))
+    [found] = examine(folder)
+    assert found.file == "journal.log" and "Optuna refuses operation" in found.fault
+    assert repair(folder, [found]) == [] and examine(folder) == []
+    assert len(read_journal(path)) == 6
+
+
+def test_a_copy_of_a_study_is_a_study(whole: Path, tmp_path: Path) -> None:
+    source = results.open(whole / "results" / "tiny")
+    copy = results.open(Path(shutil.copytree(source.folder, tmp_path / "another name")))
+    assert examine(copy.folder) == []
+    assert_frame_equal(copy.trials, source.trials, check_exact=True)
+    assert_frame_equal(copy.points(), source.points(), check_exact=True)

@@ -366,6 +366,8 @@ def test_hidden_files_loops_and_what_is_no_file_are_ignored(tmp_path):
     (tmp_path / "f" / "a" / "loop").symlink_to(tmp_path / "f")
     (tmp_path / "f" / "self").symlink_to(tmp_path / "f" / "self")
     os.mkfifo(tmp_path / "f" / "a" / "pipe.tact")
+    (tmp_path / "f" / "a" / "link.tact").symlink_to(tmp_path / "f" / "a" / "pipe.tact")
+    (tmp_path / "f" / "a" / "zero.tact").symlink_to("/dev/zero")
     tact(tmp_path / "elsewhere" / "y.tact", [0])
     (tmp_path / "f" / "linked").symlink_to(tmp_path / "elsewhere")
     assert folders.files_below(tmp_path / "f", "**/*.tact") == ["a/x.tact", "linked/y.tact"]

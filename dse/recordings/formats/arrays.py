@@ -193,15 +193,15 @@ class H5(_EventArrays):
             ) from None
         arrays: dict[str, tuple[int, np.dtype[Any]]] = {}
 
-        def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and item.ndim == 1:
+        def visit(name: str | bytes, item: Any) -> None:
+            if isinstance(name, str) and isinstance(item, h5py.Dataset) and item.ndim == 1:
                 arrays[name] = len(item), item.dtype
 
         open_file(path).close()  # its sentence about a file that cannot be opened is the better one
         try:
             file = h5py.File(path, "r")
             file.visititems(visit)
-        except (OSError, RuntimeError, KeyError) as problem:
+        except (OSError, RuntimeError, KeyError, ValueError) as problem:  # ValueError: a name that is no text
             reason = " ".join(str(problem).split())
             raise RecordingError(f"{path.name}: is not an HDF5 file, or is truncated ({reason})") from None
         done = dict.fromkeys(arrays, 0)

@@ -194,7 +194,7 @@ def _number(read: Read, order: str, n_columns: int) -> Number:
     """Return the type of the values: MATLAB stores them in the smallest type that holds them all."""
     kind, size = struct.unpack(f"{order}II", _exactly(read, 8))
     number = np.dtype(order + _NUMBERS.get(kind, "V0"))
-    if size != N_ROWS * n_columns * number.itemsize:
+    if not number.itemsize or size != N_ROWS * n_columns * number.itemsize:
         raise _Cut
     return number
 

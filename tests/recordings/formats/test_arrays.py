@@ -271,3 +271,16 @@ def test_a_table_of_events_names_the_line_that_is_none(tmp_path):
     path.write_text("t,pressure\n1,0.5\n")
     with pytest.raises(RecordingError, match="no arrays t, x, y and p; set the key arrays"):
         read(path, Csv())
+
+
+def test_names_in_hdf5_that_are_no_text_are_one_line_or_left_out(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("t", "x", "y", "p", "abc"):
+            file[name] = np.arange(3)
+    path.write_bytes(path.read_bytes().replace(b"abc\0", b"\xabbc\0"))
+    try:
+        assert sum(len(block.t_us) for block in H5().blocks(path, Repairs("x.h5", False).broken)) == 3
+    except RecordingError as error:
+        assert str(error).startswith("x.h5: is not an HDF5 file") and "\n" not in str(error)

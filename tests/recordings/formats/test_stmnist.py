@@ -181,6 +181,12 @@ def test_an_unknown_type_of_the_values_is_damage(tmp_path, code):
         read(path)
 
 
+def test_a_type_without_bytes_is_damage():
+    content = [np.array([99, 0], "<u4").tobytes()]
+    with pytest.raises(stmnist._Cut):
+        stmnist._number(lambda n: content.pop()[:n], "<", 3)
+
+
 def test_version_7_3_is_named(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform".ljust(512) + b"\x89HDF\r\n\x1a\n")
