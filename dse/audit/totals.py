@@ -32,9 +32,12 @@ def is_shortcut(material: Material, score: Score) -> bool:
 
 def weight_of(material: Material, score: Score) -> str:
     """Return how much of the accuracy above chance a few numbers explain, in words."""
-    if not is_above(score, len(READERS)):
-        return "nothing"
-    return percent(share_explained(score, material.best.accuracy))
+    explained = share_explained(score, material.best.accuracy)
+    if is_above(score, len(READERS)):
+        return percent(explained)
+    if explained >= HALF:
+        return f"{percent(explained)}, which {score.n} samples cannot tell from chance"
+    return "nothing"
 
 
 def rows(material: Material) -> list[AuditRow]:

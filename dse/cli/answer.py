@@ -6,6 +6,7 @@ import argparse
 import io
 import json
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -23,6 +24,8 @@ _FEW_ROWS = 4  # fewer keep columns of one value, where these fit
 _PIPED = 160  # characters of a table that goes to no terminal
 _PROSE = 20  # texts that are longer may be wrapped between words, to no less than this
 _GAP = 2  # spaces between columns
+_OPTION = re.compile(r'--[\w-]+ "[^"]*"')  # is copied: a line break would spoil it
+_KEPT = "\0"
 
 
 @dataclass(frozen=True)
@@ -82,13 +85,12 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         print(document(answer, command))
         return
     if form == "table":
-        width = _width()
         if answer.text:
             print(answer.text)
         elif answer.rows:
             _print_table(answer)
         for note in answer.notes:
-            print("\n".join(_wrap(note, width)) if width and not _is_copied(note) else note)
+            print(wrapped(note))
         for title, section in answer.sections.items():
             print(f"\n{title}")
             show(section, command, form)
@@ -142,10 +144,11 @@ def _print_table(answer: Answer) -> None:
         shown = [rows[place] for place in places]
     needed = {name: _least_width(name, shown) for name in columns}
     left_out = _left_out(needed, answer.essential, answer.telling, width)
-    columns = [name for name in columns if name not in left_out]
-    if _total(needed[name] for name in columns) <= width:
-        _print_grid(shown, columns, needed, width)
+    side_by_side = [name for name in columns if name not in left_out]
+    if _total(needed[name] for name in side_by_side) <= width:
+        _print_grid(shown, side_by_side, needed, width)
     else:
+        left_out = []
         _print_records(shown, columns, width)
     if len(shown) < len(rows):
         text = f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all"
@@ -221,20 +224,23 @@ def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> N
     print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
 
 
-def _is_copied(note: str) -> bool:
-    """Return whether a note holds a quoted part of a command, which a line break would spoil."""
-    return '"' in note
-
-
 def _wrap(text: str, width: int, subsequent_indent: str = "") -> list[str]:
-    """Return lines that break between words alone; spaces within them stay."""
-    return textwrap.wrap(
-        text,
+    """Return lines that break between words alone; spaces within them stay, and options with their value."""
+    whole = _OPTION.sub(lambda option: option[0].replace(" ", _KEPT), text)
+    lines = textwrap.wrap(
+        whole,
         width,
         subsequent_indent=subsequent_indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
+    return [line.replace(_KEPT, " ") for line in lines]
+
+
+def wrapped(text: str) -> str:
+    """Return a text wrapped between words at the width of the terminal."""
+    width = _width()
+    return "\n".join(_wrap(text, width)) if width else text
 
 
 def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:

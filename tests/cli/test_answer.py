@@ -143,7 +143,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     assert done.returncode == 0
 
 
-def test_a_chip_is_left_out_last_and_notes_are_wrapped_unless_they_hold_a_command(
+def test_a_chip_is_left_out_last_and_notes_are_wrapped_around_what_is_copied(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = [{"trial": n, "phi": n, "hardware": f"a long name {n}", "accuracy": 0.5 + n / 9} for n in range(5)]
@@ -154,8 +154,8 @@ def test_a_chip_is_left_out_last_and_notes_are_wrapped_unless_they_hold_a_comman
         show(answer, "skyline", "table")
         lines = capsys.readouterr().out.splitlines()
         assert lines[0].split() == columns
-        assert lines[-1] == notes[1]
-        assert max(map(len, lines[:-1])) <= width
+        assert lines[-2:] == ["restrict it with", "--budget \"task == 'a'\""]
+        assert max(map(len, lines)) <= width
 
 
 def test_a_listing_indents_less_where_a_word_of_its_texts_would_not_fit() -> None:

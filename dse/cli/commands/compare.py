@@ -65,6 +65,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer(
         records(compared.summary),
         notes,
+        essential=[STUDY, "on_joint_front", "hypervolume"],
+        telling=TELLING,
         sections={
             "Joint front": Answer(records(front), columns=shown, essential=essential, telling=TELLING),
             "Best within a budget": Answer(records(compared.gains), all_rows=True),

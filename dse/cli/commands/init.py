@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer, add_format, listing
+from dse.cli.answer import Answer, add_format, listing, wrapped
 from dse.cli.numbers import amount
 from dse.recordings.grid import UNITS_MS
 
@@ -102,9 +102,12 @@ def answer(arguments: argparse.Namespace) -> Answer:
     assumed = [*look.assumed, *first.assumed, *recordings.notes()]
     parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)
     ends = [
-        f"{out}: {row['designs']} designs, {recordings.n_recordings} "
-        f"recordings{f' ({parts})' if parts else ''}",
-        f"next: dse audit {out}; dse run {out}",
+        wrapped(
+            f"{out}: {row['designs']} designs, {recordings.n_recordings} "
+            f"recordings{f' ({parts})' if parts else ''}"
+        ),
+        f"next: dse audit {out}",
+        f"      dse run {out}",
     ]
     text = "\n".join(listing([("-", sentence) for sentence in assumed]).splitlines() + ends)
     return Answer([row], assumed if arguments.format == "json" else (), text=text)

@@ -1,0 +1,74 @@
+"""Every table of the command line at three widths of a terminal: no line is wider, no header is broken."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from dse.cli import main
+from tests.cli.test_first_hour import recordings
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLES = """
+describe
+describe hardware
+describe hardware loihi1_silicon
+describe columns
+describe targets
+describe data
+describe encoder
+describe model snn
+describe figures
+check touch.yaml
+audit touch.yaml
+skyline study
+skyline study other
+skyline study --where n_weights<=20000 --confidence 0.5 --notes
+report study
+pick study --budget energy_uj<=100
+pick study --budget energy_uj<=0.001
+compare study other
+doctor study
+note study
+prepare
+init touch.csv --force
+"""
+FEASIBLE = (0, 3)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a study, a copy of it, and recordings with their search space."""
+    folder = tmp_path_factory.mktemp("widths")
+    for name in ("study", "other"):
+        shutil.copytree(ROOT / "results" / "example", folder / name)
+    recordings().to_csv(folder / "touch.csv", index=False)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(folder)
+        assert main(["init", "touch.csv"]) == 0
+        assert main(["note", "study", "0.1", "survives rain, and says so in a sentence that is wrapped"]) == 0
+    return folder
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+@pytest.mark.parametrize("command", TABLES.strip().splitlines())
+def test_no_line_is_wider_than_the_terminal(
+    command: str,
+    width: int,
+    place: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("COLUMNS", str(width))
+    words = command.split()
+    form = [] if words[0] == "init" else ["--format", "table"]
+    assert main([*words, *form]) in FEASIBLE
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert lines
+    # A path or a name that is longer than the terminal stays whole, on a line of its own.
+    wide = [line for line in lines if len(line) > width and len(line.split()) > 1]
+    assert wide == []
+    assert not any("…" in line for line in lines)
