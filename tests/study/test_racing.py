@@ -42,8 +42,7 @@ def space_of(folder: Path, jobs: int = 1, search: Any = RACING, **changes: Any) 
         model=model,
         training={"epochs": 20},
         search={"sampler": "grid", **search},
-        execution={"jobs": jobs},
-        **{"objectives": ["accuracy:max", "n_weights:min"], **changes},
+        **{"objectives": ["accuracy:max", "n_weights:min"], "execution": {"jobs": jobs}, **changes},
     )
 
 
@@ -63,6 +62,11 @@ def assert_same(one: Study, other: Study) -> None:
         assert_frame_equal(a.drop(columns="train_s"), b.drop(columns="train_s"), check_exact=True)
     for path in (one.folder / "racing").glob("*.json"):
         assert store.read_json(path) == store.read_json(other.folder / "racing" / path.name)
+
+
+def test_workers_of_a_dask_cluster_stop_the_same_designs(raced: Study, tmp_path: Path) -> None:
+    space = space_of(tmp_path, execution={"jobs": 2, "backend": "dask"})
+    assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
 
 
 def test_one_in_three_goes_on_and_the_rest_is_as_without(
