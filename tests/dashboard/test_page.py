@@ -257,7 +257,8 @@ def test_on_a_phone_budgets_stay_at_the_foot_beside_what_they_change(opened):
     assert not page.tab.locator("#slider-1").is_visible() and page.tab.evaluate(boxes)[1]["height"] < 100
     assert "5 of 5 points feasible" in page.tab.inner_text("#budgets")
     page.tab.set_viewport_size({"width": 1280, "height": 720})
-    assert page.tab.locator("#controls").is_visible() and not page.tab.locator("#drawer").is_visible()
+    page.tab.locator("#controls").wait_for(state="visible")
+    page.tab.locator("#drawer").wait_for(state="hidden")
 
 
 def test_a_page_in_a_file_shows_the_views_of_its_study_and_says_where_they_are_saved(shown, page_path):
