@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
     from dse.deploy.verify import verify as verify
+    from dse.door.first import init as init
     from dse.door.run import run as run
     from dse.door.study import Study as Study
     from dse.door.study import open as open
@@ -32,6 +33,7 @@ _home = {
     "Study": "dse.door.study",
     "evaluate": "dse.deploy.evaluate",
     "export": "dse.deploy.export",
+    "init": "dse.door.first",
     "load_space": "dse.config",
     "open": "dse.door.study",
     "run": "dse.door.run",
@@ -46,6 +48,7 @@ __all__ = [
     "evaluate",
     "export",
     "figures",
+    "init",
     "load_space",
     "open",
     "run",

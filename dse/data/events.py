@@ -30,8 +30,8 @@ def from_events(
 
     Args:
         recordings: structured arrays with fields t, x, y and p (or the usual names of these; y and p may be
-            absent), as of tonic, or arrays (event, 4) with these columns. Polarity is 1 for ON, 0 or -1 for
-            OFF.
+            absent), as of tonic, arrays (event, 4) with these columns, or tuples of the four. Polarity is 1
+            for ON, 0 or -1 for OFF.
         labels: as of `from_arrays`.
         width: of the frame; None: as large as the addresses need.
         height: as width.
@@ -43,7 +43,7 @@ def from_events(
     """
     if time_unit not in UNITS_US:
         raise RecordingError(f"time_unit must be one of {', '.join(UNITS_US)}, got {time_unit!r}")
-    parts = [_fields(np.asarray(x), UNITS_US[time_unit], i) for i, x in enumerate(recordings)]
+    parts = [_fields(_array(x), UNITS_US[time_unit], i) for i, x in enumerate(recordings)]
     if not parts:
         raise RecordingError("recordings must hold at least one recording, got none")
     events = {name: np.concatenate([part[name] for part in parts]) for name in _FIELDS}
@@ -70,6 +70,12 @@ def from_events(
         "polarity": "polarity",
         "columns": {name: stored_name(name) for name in columns},
     }
+
+
+def _array(events: Any) -> Array:
+    if isinstance(events, tuple) and len({np.shape(column) for column in events}) == 1:
+        return np.stack(events, axis=-1)
+    return np.asarray(events)
 
 
 def _fields(events: Array, unit_us: float, number: int) -> dict[str, Ints]:

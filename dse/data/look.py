@@ -155,6 +155,14 @@ def _wide(path: Path, table: pd.DataFrame, starts: list[str], options: Options, 
     )
     data = {"kind": "wide_table", "file": options.place(path), "step_ms": None, "samples": starts}
     columns, n_values = _label_candidates({name: table[name] for name in rest}, len(table))
+    if (file := options.labels or (None if columns else _labels_beside(path))) is not None:
+        beside_it = beside.load(Path(file), beside.names_in(Path(file)))
+        for name in set(rest) & set(beside_it):
+            if not np.array_equal(table[name].astype(str), beside_it[name].astype(str)):
+                raise RecordingError(f"{file}: '{name}' must be as in {path.name}, in the same order")
+        columns, n_values = _label_candidates(beside_it, len(table))
+        data["labels"] = options.place(Path(file))
+        notes.add(f"labels are in {file}, in the order of the recordings")
     return Look(data | {"columns": columns}, n_values, lacks_step=True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,7 @@ _MOST_POOLS = 400  # pixels that events are pooled to
 class Starter:
     """A first search space.
 
-    text: the YAML file. label: what it predicts. assumed: what was chosen, one sentence each.
+    text: the YAML file. label: what it predicts. assumed: what was guessed and chosen, one sentence each.
     """
 
     text: str
@@ -141,7 +142,19 @@ def starter(
             },
         )
     )
-    return Starter(_yaml(study, sections), label, tuple(assumed))
+    said = (*look.assumed, *assumed, *recordings.notes())
+    return Starter(_yaml(study, said, sections), label, said)
+
+
+def described(data: Mapping[str, Any], base: Path) -> Look:
+    """Return the look at recordings whose section `data` is given, such as `from_arrays` returns.
+
+    Raises:
+        RecordingError: anything wrong with the file.
+    """
+    recordings = read(Look(dict(data), {}), base)
+    n_values = {name: len(np.unique(values)) for name, values in recordings.columns.items()}
+    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1})
 
 
 def read(look: Look, base: Path) -> Recordings:
@@ -163,11 +176,17 @@ def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _yaml(study: str, sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+def _yaml(study: str, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
     schema = shipped_folder("search_spaces") / "schema.json"
     lines = [
         f"# yaml-language-server: $schema={schema.as_posix()}",
         f"# A first search space. dse check {study}.yaml lists every fault; dse run {study}.yaml trains.",
+        "# Assumed:",
+        *(
+            line
+            for sentence in assumed
+            for line in textwrap.wrap(sentence, 100, initial_indent="# - ", subsequent_indent="#   ")
+        ),
         f"study: {study if re.fullmatch(_PLAIN, study) else json.dumps(study, ensure_ascii=False)}",
         "seed: 1",
     ]

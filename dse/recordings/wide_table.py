@@ -10,7 +10,8 @@ from typing import Self
 
 import numpy as np
 
-from dse.recordings import RecordingError
+from dse.recordings import RecordingError, npz
+from dse.recordings.beside import labels_key, load, names_in
 from dse.recordings.borders import end_to_end
 from dse.recordings.files import content, locate
 from dse.recordings.labels import columns_key, label_columns
@@ -49,6 +50,7 @@ class WideTable:
         axis=False,
     )
     columns: Mapping[str, str] = columns_key()
+    labels: str | None = labels_key()
     positions: tuple[tuple[int, int], ...] | None = positions_key()
 
     def __post_init__(self) -> None:
@@ -65,7 +67,7 @@ class WideTable:
             known = column_names(path)
         except RecordingError as error:
             return [str(error)]
-        faults = missing(path, self.columns.values(), known)
+        faults = missing(path, self.columns.values(), known) if self.labels is None else self._absent(base)
         lengths = {start: len(sample_columns(known, start)) for start in self.samples}
         faults += [
             f"{path.name}: no column is named '{start}' and a number, as data.samples says"
@@ -79,15 +81,29 @@ class WideTable:
             )
         return faults
 
+    def _absent(self, base: Path) -> list[str]:
+        try:
+            path = locate(self.labels or self.file, base)
+            known = dict.fromkeys(names_in(path))
+        except RecordingError as error:
+            return [str(error)]
+        return [npz.missing(path, name, known) for name in self.columns.values() if name not in known]
+
     def with_columns_found(self, base: Path) -> Self:
-        """Return the component with only the label columns that its table holds."""
-        known = column_names(locate(self.file, base))
+        """Return the component with only the label columns that its table, or that of the labels, holds."""
+        try:
+            known = names_in(locate(self.labels or self.file, base))
+        except RecordingError:
+            if self.labels is None:
+                raise
+            return dataclasses.replace(self, labels=None, columns={})
         columns = {column: name for column, name in self.columns.items() if name in known}
         return dataclasses.replace(self, columns=columns)
 
     def content(self, base: Path) -> str:
-        """Return the hash of the table."""
-        return content(locate(self.file, base))
+        """Return the hashes of the table and of that of the labels."""
+        files = [self.file, *([] if self.labels is None else [self.labels])]
+        return " ".join(content(locate(file, base)) for file in files)
 
     def read(self, base: Path) -> Signals:
         """Return the recordings.
@@ -101,10 +117,11 @@ class WideTable:
         known = column_names(path)
         names = [sample_columns(known, start) for start in self.samples]
         flat_names = [name for channel in names for name in channel]
-        table = read_table(path, [*self.columns.values(), *flat_names])
+        inside = self.columns.values() if self.labels is None else ()
+        table = read_table(path, [*inside, *flat_names])
         if table.empty:
             raise RecordingError(f"{path.name}: the table has no rows")
-        check_complete(table, self.columns.values(), path)
+        check_complete(table, inside, path)
         texts = [name for name in flat_names if table[name].dtype.kind not in "biuf"]
         if texts:
             numbers(table, texts[0], path)
@@ -112,8 +129,8 @@ class WideTable:
         is_sample = ~np.isnan(cube)
         lengths = is_sample.any(axis=2)[:, ::-1].argmax(axis=1)
         lengths = np.where(is_sample.any(axis=(1, 2)), cube.shape[1] - lengths, 0)
-        inside = np.arange(cube.shape[1])[None, :] < lengths[:, None]
-        gaps = inside[..., None] & ~is_sample
+        lasts = np.arange(cube.shape[1])[None, :] < lengths[:, None]
+        gaps = lasts[..., None] & ~is_sample
         if gaps.any() or not lengths.all():
             row, step, channel = (int(x) for x in np.argwhere(gaps if gaps.any() else ~is_sample)[0])
             raise RecordingError(
@@ -121,8 +138,12 @@ class WideTable:
                 f"{place(path, row)}, got none"
             )
         offsets = np.concatenate([[0], np.cumsum(lengths)])
-        flat, borders = end_to_end(cube[inside], offsets, path.name)
-        arrays = {name: texts_or_numbers(table[name]) for name in self.columns.values()}
+        flat, borders = end_to_end(cube[lasts], offsets, path.name)
+        if self.labels is None:
+            arrays = {name: texts_or_numbers(table[name]) for name in inside}
+        else:
+            path = locate(self.labels, base)
+            arrays = load(path, self.columns.values())
         columns = label_columns(arrays, self.columns, {}, len(table), path.name)
         return Signals(flat, borders, float(self.step_ms), columns)
 

@@ -10,7 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import dse
 from dse.cli import main
+from dse.recordings import RecordingError
+from dse.store import StoreError
 
 CHANNELS, STEPS, STEP_S = ("left", "right"), 50, 0.004
 FREQUENCY_HZ = {"denim": 4.0, "silk": 22.0}
@@ -85,11 +88,13 @@ def formats(folder: Path) -> dict[str, tuple[str, ...]]:
     tidy.melt(names, CHANNELS, "channel", "value").to_csv(folder / "long.csv", index=False)
     wide = {f"{name}_{k}": signal[:, k, c] for c, name in enumerate(CHANNELS) for k in range(STEPS)}
     pd.DataFrame({**labels.to_dict("list"), **wide}).to_csv(folder / "wide.csv", index=False)
+    pd.DataFrame(wide).to_csv(folder / "apart.csv", index=False)
+    labels.to_csv(folder / "apart_labels.csv", index=False)
     np.savez(folder / "cube.npz", signal=signal, fabric=labels.fabric.to_numpy(str), session=labels.session)
     np.save(folder / "cube.npy", signal)
     labels.to_csv(folder / "cube_labels.csv", index=False)
     step = ("--step-ms", "4")
-    stated = {name: step for name in ("wide.csv", "cube.npz", "cube.npy")}
+    stated = {name: step for name in ("wide.csv", "apart.csv", "cube.npz", "cube.npy")}
     return {
         **{name: () for name in ("unnamed.parquet", "us.csv", "uneven.csv", "beside.csv", "long.csv")},
         **stated,
@@ -109,6 +114,7 @@ def test_every_layout_gives_a_space_that_runs(
         assert any("uneven" in note for note in document["notes"]) == (name == "uneven.csv"), name
     text = Path("x.yaml").read_text(encoding="utf-8")
     assert text.startswith("# yaml-language-server: $schema=")
+    assert "\n# Assumed:\n# - " in text and "'session' stay in one part" in text
     events = np.random.default_rng(3)
     for number in range(8):
         place = tmp_path / "events" / "ab"[number % 2] / f"{number}.npz"
@@ -144,6 +150,11 @@ def test_every_layout_gives_a_space_that_runs(
         ("signals", [], "signals: a folder must hold event files; sampled signals go into one table"),
         ("seconds", [], "seconds: the unit of the times is not known; state it with --time-unit"),
         ("cube.npz", [], "cube.npz: the sampling period is not in the file; state it with --step-ms N"),
+        (
+            "rows.csv",
+            ["--step-ms", "4"],
+            "rows_labels.csv: 'trial' must be as in rows.csv, in the same order",
+        ),
     ],
 )
 def test_what_cannot_be_guessed_is_one_clear_line(
@@ -161,6 +172,8 @@ def test_what_cannot_be_guessed_is_one_clear_line(
     tidy[tidy.trial == 0].drop(columns="trial").to_csv("one.csv", index=False)
     tidy[["trial", "time_s", "left"]].to_csv("bare.csv", index=False)
     np.savez("cube.npz", signal=np.ones((4, 3, 2)), label=[0, 0, 1, 1])
+    pd.DataFrame({"trial": range(4), **{f"v{k}": range(4) for k in range(5)}}).to_csv("rows.csv", index=False)
+    pd.DataFrame({"trial": [1, 0, 2, 3], "label": [0, 0, 1, 1]}).to_csv("rows_labels.csv", index=False)
     for place, lines in (("signals", "time,pressure\n0,0.5\n"), ("seconds", "t,x,y,p\n0.5,1,2,1\n")):
         Path(place, "a").mkdir(parents=True, exist_ok=True)
         Path(place, "a", "1.csv").write_text(lines)
@@ -170,3 +183,27 @@ def test_what_cannot_be_guessed_is_one_clear_line(
     printed = capsys.readouterr()
     assert message in printed.err and printed.err.count("\n") == 1 and printed.out == ""
     assert sorted(Path().iterdir()) == before and Path("taken.yaml").read_text() == "mine"
+
+
+def test_from_python_a_space_follows_from_arrays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tidy = recordings()
+    signal = tidy[list(CHANNELS)].to_numpy().reshape(-1, STEPS, len(CHANNELS))
+    labels = tidy.groupby("trial")[["fabric", "session"]].first().to_dict("list")
+    data = dse.data.from_arrays(signal, labels, step_ms=4)
+    space = dse.init(data, "touch.yaml")
+    assert dse.load_space(space).parts["task"].values["target"] == "fabric"
+    assert "'session' stay in one part" in space.read_text()
+    tidy.to_csv("tidy.csv", index=False)
+    assert dse.init("tidy.csv", label="session") == Path("tidy.yaml")
+    for call, kind, message in (
+        (lambda: dse.init(data, space), StoreError, "touch.yaml: exists already"),
+        (lambda: dse.init(data, step_ms=4), TypeError, "states step_ms itself"),
+        (lambda: dse.init(data, "x.yaml", label="velvet"), RecordingError, "must be a label column"),
+        (lambda: dse.init("tidy.csv", "x.yaml", steps=4), TypeError, "steps"),
+    ):
+        with pytest.raises(kind, match=message):
+            call()
+    assert not Path("x.yaml").exists()

@@ -69,6 +69,8 @@ def test_events_with_fields_or_columns(scale: int) -> None:
     assert (found.width, found.height) == (4, 3)
     named = EVENTS.astype([("ts", "f8"), ("xs", "i4"), ("ys", "i4"), ("pol", "?")])
     assert read(dse.data.from_events([named], width=9, height=9)).width == 9
+    four = read(dse.data.from_events([tuple(columns.T)], time_unit=unit))
+    assert (four.t_us.tolist(), four.x.tolist()) == ([5, 9], [1, 3])
 
 
 class Torch:

@@ -59,3 +59,22 @@ def test_each_fault_is_one_clear_line(tmp_path: Path, table: pd.DataFrame, messa
     with pytest.raises(RecordingError, match=message) as error:
         SOURCE.read(tmp_path)
     assert "\n" not in str(error.value)
+
+
+def test_labels_of_a_file_beside(tmp_path: Path) -> None:
+    WIDE.drop(columns="cloth").to_csv(tmp_path / "x.csv", index=False)
+    WIDE[["cloth"]].to_csv(tmp_path / "labels.csv", index=False)
+    source = WideTable("x.csv", 4, ("l_", "r_"), {"fabric": "cloth"}, "labels.csv")
+    assert source.check(tmp_path) == []
+    assert source.read(tmp_path).columns["fabric"].tolist() == ["silk", "wool"]
+    before = source.content(tmp_path)
+    WIDE[["cloth"]][:1].to_csv(tmp_path / "labels.csv", index=False)
+    assert source.content(tmp_path) != before
+    with pytest.raises(RecordingError, match=r"labels\.csv: .*'cloth'.* each of the 2 recordings"):
+        source.read(tmp_path)
+    (tmp_path / "labels.csv").write_text("fibre\na\nb\n")
+    assert "labels.csv: no array 'cloth'" in source.check(tmp_path)[0]
+    assert source.with_columns_found(tmp_path).columns == {}
+    (tmp_path / "labels.csv").unlink()
+    assert "labels.csv" in source.check(tmp_path)[0]
+    assert source.with_columns_found(tmp_path).labels is None

@@ -13,10 +13,7 @@ from dse.cli.numbers import amount
 from dse.recordings.grid import UNITS_MS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from dse.data.look import Look
-    from dse.records import Array
 
 GROUP = "begin"
 HELP = "write a first search space for your recordings, and say what it assumes about them"
@@ -57,17 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Look at the data, write the search space, check it, and return what was assumed."""
-    from dse.config import ConfigError, load_space
     from dse.data import look as looking
-    from dse.data import starter
-    from dse.recordings import RecordingError
-    from dse.store import StoreError, write_text
-    from dse.study.preview import preview
+    from dse.door import first
 
     path = Path(arguments.data)
-    out = Path(arguments.out or f"{_name(path)}.yaml")
-    if out.exists() and not arguments.force:
-        raise StoreError(f"{out}: exists already; --force replaces it, --out FILE writes another")
+    out = first.place_of(path, arguments.out, arguments.force)
     options = looking.Options(
         step_ms=arguments.step_ms or None,
         time_unit=arguments.time_unit,
@@ -77,48 +68,26 @@ def answer(arguments: argparse.Namespace) -> Answer:
         base=out.parent,
     )
     look = looking.look(path, options)
-    if look.lacks_step:
-        step_ms = _asked("Sampling period in ms", None)
-        if step_ms is None:
-            raise RecordingError(
-                f"{path.name}: the sampling period is not in the file; state it with --step-ms N"
-            )
-        look = dataclasses.replace(look, data=look.data | {"step_ms": amount(step_ms)})
-    recordings = starter.read(look, out.parent)
-    label = arguments.label or _label(look, recordings.columns, starter.label_of(look, recordings))
-    for option, column in (("--label", label), ("--group", arguments.group)):
-        if column is not None and column not in look.n_values:
-            known = ", ".join(look.n_values) or "none"
-            raise RecordingError(
-                f"{option} {column}: must be a label column of {path.name}; there are {known}"
-            )
-    first = starter.starter(look, out.stem, recordings, label, arguments.group)
-    write_text(out, first.text)
-    try:
-        row = {"file": str(out), **preview(load_space(out, check_data=True))}
-    except (ConfigError, RecordingError):
-        out.unlink()  # nothing is left that does not run
-        raise
-    assumed = [*look.assumed, *first.assumed, *recordings.notes()]
+    if look.lacks_step and (step_ms := _asked("Sampling period in ms", None)) is not None:
+        look = dataclasses.replace(look, data=look.data | {"step_ms": amount(step_ms)}, lacks_step=False)
+    seen = first.seen(path.name, look, out)
+    label = arguments.label or _label(look, seen.likely)
+    written = first.write(seen, label, arguments.group)
+    row = written.row
     parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)
     ends = [
         wrapped(
-            f"{out}: {row['designs']} designs, {recordings.n_recordings} "
+            f"{out}: {row['designs']} designs, {seen.recordings.n_recordings} "
             f"recordings{f' ({parts})' if parts else ''}"
         ),
         f"next: dse audit {out}",
         f"      dse run {out}",
     ]
-    text = "\n".join(listing([("-", sentence) for sentence in assumed]).splitlines() + ends)
-    return Answer([row], assumed if arguments.format == "json" else (), text=text)
+    text = "\n".join(listing([("-", sentence) for sentence in written.assumed]).splitlines() + ends)
+    return Answer([row], list(written.assumed) if arguments.format == "json" else (), text=text)
 
 
-def _name(path: Path) -> str:
-    name = path.resolve().name if path.is_dir() else path.stem
-    return name or "study"
-
-
-def _label(look: Look, columns: Mapping[str, Array], likely: str) -> str:
+def _label(look: Look, likely: str) -> str:
     """Return the label column that is asked for where there is a person to ask, else the likely one."""
     names = list(look.n_values)
     if len(names) < 2 or not _is_person():
