@@ -138,13 +138,17 @@ SETS = {
 
 @dataclass(frozen=True)
 class Case:
-    """A design: the recordings, what it is, and the keys in which it differs from what its set shares."""
+    """A design: the recordings, what it is, and the keys in which it differs from what its set shares.
+
+    jitter_steps: by which training windows move; None: as the space says.
+    """
 
     recordings: str
     design: str
     model: Mapping[str, Any]
     encoder: Mapping[str, Any] | None = None
     training: Mapping[str, Any] | None = None
+    jitter_steps: int | None = None
 
     def __str__(self) -> str:
         """Return the name of the set and of the design."""
@@ -157,6 +161,8 @@ class Case:
         overrides |= {f"training.{key}": x for key, x in {**base.training, **(self.training or {})}.items()}
         if encoder := self.encoder or base.encoder:
             overrides["encoder"] = encoder
+        if self.jitter_steps is not None:
+            overrides["window.jitter_steps"] = self.jitter_steps
         if base.evaluation:
             overrides["evaluation"] = base.evaluation
         overrides |= {"search.repeats": seeds, "hardware": [CHIP], "objectives": ["accuracy:max"]}
@@ -219,6 +225,13 @@ CASES = (
     Case("6 speeds", "small, resonators, delays", {**_SMALL_SPEED, **_RESONATOR, **_DELAYS}, _deltas(2, 8)),
     Case("6 speeds", "small, CUBA-LIF, delays", {**_SMALL_SPEED, **_CROSS_ENTROPY, **_DELAYS}, _deltas(2, 8)),
     Case("6 speeds", "resonators, delays, event dropout", {**_RESONATOR, **_DELAYS}, training=_DROPPED),
+    Case(
+        "6 speeds",
+        "resonators, delays, event dropout, crops of 64",
+        {**_RESONATOR, **_DELAYS},
+        training={**_DROPPED, "epochs": 480, "lr_every": 80},
+        jitter_steps=64,
+    ),
     Case("6 speeds", "resonators, one copy, event dropout", {**_RESONATOR, **_ONE_COPY}, training=_DROPPED),
     Case("6 speeds", "tiny, resonators", _TINY_SPEED, _deltas(2, 8)),
     Case(
@@ -239,6 +252,13 @@ CASES = (
     Case("7 fabrics", "small, CUBA-LIF, spike rate", {**_ONE_COPY, "hidden": 118}),
     Case("7 fabrics", "small, dilation", {**_ONE_COPY, "hidden": 118}, training=_DILATED),
     Case("7 fabrics", "small, delays, dilation", {**_FEW_DELAYS, "hidden": 118}, training=_DILATED),
+    Case(
+        "7 fabrics",
+        "small, delays, dilation, crops of whole slides",
+        {**_FEW_DELAYS, "hidden": 118},
+        training={**_DILATED, "epochs": 960, "lr_every": 160},
+        jitter_steps=900,
+    ),
     Case("7 fabrics", "tiny, delays, dilation", {**_FEW_DELAYS, "hidden": 60}, training=_DILATED),
     Case("7 fabrics", "resonators, event dropout", _RESONATOR, training=_DROPPED),
     Case("7 fabrics", "resonators, blend", _RESONATOR, training={"blend": 0.5}),

@@ -51,6 +51,7 @@
     if (typeof value === "boolean") return value ? "yes" : "no";
     if (typeof value !== "number") return value === null || value === undefined ? "–" : String(value);
     const rounded = Number(value.toPrecision(3));
+    if (measured && rounded === 1 && value < 1) return ">\u202f0.999";
     if (measured && Math.abs(rounded) >= 0.01 && Math.abs(rounded) < 1) return rounded.toFixed(3);
     const size = Math.abs(rounded);
     if (size !== 0 && (size < 1e-6 || size >= 1e10)) return powerOfTen(rounded);

@@ -10,6 +10,7 @@ import pytest
 
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled, write_page
+from tests.dashboard.designs import table
 from tests.dashboard.page import HOSTILE, SPOT
 from tests.page_data import OBJECTIVES, failed, points
 
@@ -413,3 +414,11 @@ def test_costs_on_another_chip_are_not_those_of_the_chosen_design(opened):
     page.open("chosen=0.0&hardware=large")
     assert "50" not in page.tab.inner_text("#design"), "this design has no row there"
     assert page.marked("circle-open") == []
+
+
+def test_a_fraction_below_one_is_not_rounded_to_one(opened):
+    frame = table()
+    frame.loc[0, "accuracy"] = 0.9996
+    page = opened(frame=frame)
+    cells = page.tab.locator("#front tbody tr").all_inner_texts()
+    assert any(">\u202f0.999" in cells_of for cells_of in cells)
