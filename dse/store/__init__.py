@@ -70,7 +70,7 @@ from dse.store.sealed import (
     verify,
     witnessed,
 )
-from dse.store.tables import is_made_from, parquet, write_table
+from dse.store.tables import made_from, parquet, write_table
 
 __all__ = [
     "DAMAGED_ARCHIVE",
@@ -91,11 +91,11 @@ __all__ = [
     "heads_document",
     "heads_of",
     "identity",
-    "is_made_from",
     "is_sealed",
     "is_temporary",
     "load_arrays",
     "load_run",
+    "made_from",
     "new_identity",
     "parquet",
     "plain",

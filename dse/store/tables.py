@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pyarrow
     import pyarrow.parquet
 
-_MADE_FROM = "made_from"
+_MADE_FROM = "follows_from"
 
 
 @contextlib.contextmanager
@@ -26,7 +26,7 @@ def parquet(
     Args:
         path: of the file.
         schema: of its columns.
-        made_from: digest of all that the table follows from; '' where nobody asks.
+        made_from: all that the table follows from, as a text; '' where nobody asks.
     """
     import pyarrow.parquet
 
@@ -52,13 +52,13 @@ def write_table(path: Path, table: pandas.DataFrame, made_from: str = "") -> Non
         writer.write_table(content)
 
 
-def is_made_from(path: Path, digest: str) -> bool:
-    """Return whether a table is whole, and was made from what has a digest."""
+def made_from(path: Path) -> str:
+    """Return what a table says it was made from; '' if it says nothing, or is not whole."""
     import pyarrow.parquet
 
     try:
         verify(path)
         metadata = pyarrow.parquet.read_metadata(path).metadata or {}
     except (StoreError, pyarrow.ArrowException, OSError):
-        return False
-    return bool(metadata.get(_MADE_FROM.encode()) == digest.encode())
+        return ""
+    return str(metadata.get(_MADE_FROM.encode(), b"").decode())

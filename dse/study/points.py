@@ -15,7 +15,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,6 +41,9 @@ BLOCK = 1 << 18
 IN_MEMORY = 4_000_000
 """Rows of a table that is written in one piece."""
 
+Part = dict[str, Array]
+"""Columns of some rows of a trial on one chip."""
+
 
 def points_table(
     space: SearchSpace,
@@ -65,7 +68,7 @@ def points_table(
     Raises:
         StoreError: an artefact is damaged.
     """
-    return _table([*_parts(space, folder, trials, profiles, None)], space)
+    return _table([*_parts(space, folder, trials, profiles, None, {})], space)
 
 
 def write_points(
@@ -77,7 +80,8 @@ def write_points(
 ) -> None:
     """Write the table of `points_table` as Parquet, unless the file is that table already.
 
-    More rows than `IN_MEMORY` are written block by block, in memory for a block and the answers of a trial.
+    Rows of the file that follow from unchanged runs are taken over. More rows than `IN_MEMORY` are written
+    block by block, in memory for a block and the answers of a trial.
 
     Args:
         path: the file.
@@ -89,33 +93,39 @@ def write_points(
     Raises:
         StoreError: an artefact is damaged.
     """
-    made_from = _digest(space, folder, trials, profiles)
-    if store.is_made_from(path, made_from):
+    common, digests = _digest(space, profiles), _digests(folder, trials)
+    before = json.loads(store.made_from(path) or "{}")
+    if before.get("common") != common:
+        before = {}
+    elif before["digests"] == digests:
         return
+    kept = _kept(path, before, digests) if before.get("kinds") else {}
     with store.published(path) as temporary:
-        _write(temporary, made_from, space, folder, trials, profiles)
+        _write(temporary, {"common": common, "digests": digests}, space, folder, trials, profiles, kept)
 
 
-def _digest(
-    space: SearchSpace,
-    folder: Path,
-    trials: Mapping[int, Sequence[RunRecord]],
-    profiles: Sequence[Profile],
-) -> str:
-    """Return a digest of all that the table of points follows from: runs, search space, chips and code.
+def _digest(space: SearchSpace, profiles: Sequence[Profile]) -> str:
+    """Return a digest of all that the rows of any trial follow from: search space, chips and code."""
+    settings = {k: x for k, x in space.to_plain().items() if k not in ("search", "execution")}
+    plain = [settings, sorted(registry.loaded_plugins()), [chip.text for chip in profiles]]
+    return hashlib.sha256(_code() + json.dumps(plain, default=store.plain).encode()).hexdigest()
+
+
+def _digests(folder: Path, trials: Mapping[int, Sequence[RunRecord]]) -> dict[str, str]:
+    """Return trial -> a digest of its runs.
 
     A record holds the checksums of the files of its run, but of its evaluations at other precisions.
     """
-    digest = hashlib.sha256(_code())
-    plain = [space.to_plain(), sorted(registry.loaded_plugins()), [chip.text for chip in profiles]]
-    digest.update(json.dumps(plain, default=store.plain).encode())
+    digests = {}
     for trial, records in sorted(trials.items()):
+        digest = hashlib.sha256()
         for record in records:
             run = store.run_folder(folder, trial, record.repeat)
             for path in (run / store.RECORD, *sorted(run.glob("precision_*.npz"))):
                 with contextlib.suppress(OSError):  # a record that is lost is in memory yet
-                    digest.update(f"{trial} {path.name} {store.checksum(path)}".encode())
-    return digest.hexdigest()
+                    digest.update(f"{path.name} {store.checksum(path)}".encode())
+        digests[str(trial)] = digest.hexdigest()
+    return digests
 
 
 @functools.cache
@@ -126,41 +136,69 @@ def _code() -> bytes:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
 
 
+def _kept(path: Path, before: Mapping[str, Any], digests: Mapping[str, str]) -> dict[int, list[Part]]:
+    """Return trial -> its parts of a written table, of the trials whose digest is unchanged.
+
+    Args:
+        path: of the table.
+        before: what it was made from, as `_write` notes it.
+        digests: of the trials as they are now.
+    """
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(path)
+    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+    kept: dict[int, list[Part]] = {}
+    start = 0
+    for trial, kind, n_rows in before["parts"]:
+        if digests.get(str(trial)) == before["digests"][str(trial)]:
+            rows = slice(start, start + n_rows)
+            part = {name: columns[name][rows].astype(dtype) for name, dtype in before["kinds"][kind]}
+            kept.setdefault(trial, []).append(part)
+        start += n_rows
+    return kept
+
+
 def _write(
     path: Path,
-    made_from: str,
+    made_from: dict[str, Any],
     space: SearchSpace,
     folder: Path,
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
+    kept: Mapping[int, list[Part]],
 ) -> None:
-    parts: list[dict[str, Array]] = []
-    kinds: dict[
-        tuple[tuple[str, str], ...], dict[str, Array]
-    ] = {}  # a part without rows for every set of types
+    """Write the table; it notes digests, and the parts that it consists of, for `_kept`.
+
+    A part is noted as its trial, the number of its kind, which is its columns and their types, and its rows.
+    """
+    parts: list[Part] = []
+    noted: list[tuple[int, int, int]] = []
+    kinds: dict[tuple[tuple[str, str], ...], Part] = {}  # a part without rows for every kind
     n_rows = 0
-    for part in _parts(space, folder, trials, profiles, BLOCK):
+    for part in _parts(space, folder, trials, profiles, BLOCK, kept):
+        kind = tuple((k, x.dtype.str) for k, x in part.items())
+        kinds.setdefault(kind, {k: x[:0] for k, x in part.items()})
+        noted.append((int(part["trial"][0]), list(kinds).index(kind), len(part["trial"])))
         n_rows += len(part["trial"])
-        kinds.setdefault(
-            tuple((k, x.dtype.str) for k, x in part.items()), {k: x[:0] for k, x in part.items()}
-        )
         parts = parts if n_rows <= IN_MEMORY else []
         parts.append(part)
     if n_rows <= IN_MEMORY:
-        store.write_table(path, _table(parts, space), made_from)
+        made_from |= {"parts": noted, "kinds": list(kinds)}
+        store.write_table(path, _table(parts, space), json.dumps(made_from))
         return
     import pyarrow
 
     with contextlib.ExitStack() as opened:
         writer = None
-        for part in _parts(space, folder, trials, profiles, BLOCK):
+        for part in _parts(space, folder, trials, profiles, BLOCK, kept):
             frame = _table([*kinds.values(), part], space)
             if writer is None:
                 schema = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
                 for i, name in enumerate(schema.names):
                     if frame[name].dtype == object:
                         schema = schema.set(i, schema.field(i).with_type(pyarrow.string()))
-                writer = opened.enter_context(store.parquet(path, schema, made_from))
+                writer = opened.enter_context(store.parquet(path, schema, json.dumps(made_from)))
             writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
 
 
@@ -170,9 +208,16 @@ def _parts(
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
     n_rows: int | None,
-) -> Iterator[dict[str, Array]]:
-    """Yield the columns of n points of a trial at a time on every profile; None: of all its points."""
+    kept: Mapping[int, list[Part]],
+) -> Iterator[Part]:
+    """Yield the columns of n points of a trial at a time on every profile; None: of all its points.
+
+    Of the trials in `kept`, yield what is there.
+    """
     for trial, runs in sorted(trials.items()):
+        if trial in kept:
+            yield from kept[trial]
+            continue
         if runs[0].told:
             yield from _told(space, runs[0], [chip.name for chip in profiles])
         if not all(record.finished for record in runs):
@@ -194,7 +239,7 @@ def _of_trial(
     runs: Sequence[RunRecord],
     profiles: Sequence[Profile],
     n_rows: int | None,
-) -> Iterator[dict[str, Array]]:
+) -> Iterator[Part]:
     answered = answers(folder, runs)
     about = tables.named(space, trial, runs[0].design, len(runs), runs[0].origin)
     total = sum(map(len, answered))
@@ -212,7 +257,7 @@ def _of_trial(
         yield design | {"point": np.arange(start, start + n)} | rows | costs
 
 
-def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterator[dict[str, Array]]:
+def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterator[Part]:
     """Yield the one point of a trial that was measured elsewhere, on the chip that it was measured for."""
     numbers = record.measured
     chip = next(iter(numbers.hardware), None)

@@ -427,3 +427,57 @@ def test_a_table_is_written_again_only_where_it_would_differ(
     monkeypatch.setattr(points, "_code", lambda: b"of another version")
     assert is_written() and not is_written()
     assert pd.read_parquet(path)["accuracy"].tolist() == [0.75]
+
+
+def test_rows_of_unchanged_trials_are_taken_over(
+    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, chips = tmp_path / "points.parquet", [OPERATIONS, LOIHI]
+    zeros = np.zeros((1, 2))
+    surface = {
+        **{"phi": np.array([3]), "theta": np.array([0.5, 0.7]), "accuracy": np.array([[0.25, 0.5]])},
+        "spikes_total": np.array([[7, 9]]),
+        **store.work_arrays(Operations(zeros, zeros + 2.0, zeros, zeros, zeros)),
+    }
+    trials = {
+        1: [published(tmp_path, 1, surface=surface)],
+        2: [published(tmp_path, 2, r, 0.5 + 0.1 * r) for r in (0, 1)],
+        3: [published(tmp_path, 3, work=spiking(4.0))],
+        5: [published(tmp_path, 5)],
+    }
+    read: list[int] = []
+    of_trial = points._of_trial
+
+    def counted_trial(space: SearchSpace, folder: Path, trial: int, *rest: object) -> Iterator[points.Part]:
+        read.append(trial)
+        yield from of_trial(space, folder, trial, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(points, "_of_trial", counted_trial)
+
+    def read_again(searched: SearchSpace = space) -> list[int]:
+        read.clear()
+        points.write_points(path, searched, tmp_path, trials, chips)
+        trials_read = list(read)
+        points.write_points(tmp_path / "anew.parquet", searched, tmp_path, trials, chips)
+        assert path.read_bytes() == (tmp_path / "anew.parquet").read_bytes()
+        (tmp_path / "anew.parquet").unlink()
+        return trials_read
+
+    assert read_again() == [1, 2, 3, 5]
+    for trial in (1, 3):  # afterwards no row has phi
+        store.remove(store.run_folder(tmp_path, trial, 0))
+        trials[trial] = [published(tmp_path, trial, accuracy=0.75)]
+        assert read_again() == [trial]
+    trials[4] = [published(tmp_path, 4, surface=surface)]
+    assert read_again() == [4]
+    store.save_arrays(store.run_folder(tmp_path, 2, 1) / "precision_4_0.0.npz", {"schema": np.array("none")})
+    assert read_again() == [2]
+    del trials[1], trials[4]
+    assert read_again() == []
+    more = dataclasses.replace(space, search=dataclasses.replace(space.search, n_trials=9))
+    trials[6] = [published(tmp_path, 6)]
+    assert read_again(more) == [6]
+    chips.pop()
+    assert read_again() == [2, 3, 5, 6]
+    coarse = dataclasses.replace(space, decision=dataclasses.replace(space.decision, theta=np.array([0.5])))
+    assert read_again(coarse) == [2, 3, 5, 6]
