@@ -41,13 +41,15 @@ class Plots:
 
             Raises:
                 ValueError: the figure has no such key, or nothing to show.
-                TypeError: the design is something else.
+                TypeError: the design is something else, or the figure needs a key.
             """
             if design is not None:
                 keys = {"trial": _trial(design)} | keys
             known = keys_of(figures[name])
             if strange := [key for key in keys if key not in known]:
                 raise ValueError(f"figure {name} has no key '{strange[0]}'; {known_names(strange[0], known)}")
+            if lacks := [key for key, about in known.items() if about.default is None and key not in keys]:
+                raise TypeError(f"figure {name} needs {lacks[0]}: {known[lacks[0]].rule.doc}")
             return draw(self._results, name, **keys)
 
         drawn.__name__, drawn.__doc__ = name, figures[name].__doc__

@@ -117,6 +117,20 @@ def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFram
     return points[points["hardware"] == (hardware or chips[0])]
 
 
+def chip_of(results: Results, hardware: str = "") -> Profile:
+    """Return a hardware profile; without a name the first of the study.
+
+    Raises:
+        ValueError: the study has none.
+    """
+    if not hardware:
+        points = results.points()
+        if "hardware" not in points or points.empty:
+            raise ValueError("hardware must name a profile: the study has none")
+        hardware = str(points["hardware"].iloc[0])
+    return results.chip(hardware)
+
+
 def with_value(points: pandas.DataFrame, column: str, value: str) -> pandas.DataFrame:
     """Return the points with a value in a column; all of them where the value is ''.
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, chip_of, hardware_key, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT, short
 from dse.hardware.cost import Cost, cost
 from dse.records import Floats
-from dse.registry import param, register
+from dse.registry import register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -49,12 +49,12 @@ class Breakdown:
 class EnergyFigure:
     """Energy per inference by cause, for the full read-out of a trial on a chip."""
 
-    hardware: str = param(doc="profile that costs are on", axis=False)
+    hardware: str = hardware_key()
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Breakdown:
         runs = recorded(results, trial_of(results, self.trial), "read_out.npz")
-        chip = results.chip(self.hardware)
+        chip = chip_of(results, self.hardware)
         loads = [store.work_of(run).mapped(lambda counts: counts[-1:]) for run in runs]
         return gather_breakdown([cost(chip, load) for load in loads])
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, chip_of, hardware_key, recorded, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import Profile
 from dse.records import Array, Workload
-from dse.registry import param, register
+from dse.registry import register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -52,14 +52,15 @@ class CoreMap:
 class CoresFigure:
     """Cores of a chip that the layers of a trial occupy."""
 
-    hardware: str = param(doc="profile of the chip", axis=False)
+    hardware: str = hardware_key()
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> CoreMap:
         load = store.work_of(recorded(results, trial_of(results, self.trial), "read_out.npz")[0])
+        chip = chip_of(results, self.hardware)
         if not isinstance(load, Workload):
-            raise NotApplicable(f"{self.hardware} runs networks of spiking layers only")
-        return gather_core_map(results.chip(self.hardware), load.mapped(lambda counts: counts[-1:]))
+            raise NotApplicable(f"{chip.name} runs networks of spiking layers only")
+        return gather_core_map(chip, load.mapped(lambda counts: counts[-1:]))
 
     def draw(self, record: CoreMap) -> plotly.graph_objects.Figure:
         return draw_core_map(record)

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import resource
+import shutil
+import subprocess
+import sysconfig
+import venv
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +21,7 @@ from dse.cli import main
 from dse.recordings import RecordingError
 from dse.store import StoreError
 
+ROOT = Path(__file__).resolve().parents[2]
 CHANNELS, STEPS, STEP_S = ("left", "right"), 50, 0.004
 FREQUENCY_HZ = {"denim": 4.0, "silk": 22.0}
 SESSIONS = 5
@@ -207,3 +214,65 @@ def test_from_python_a_space_follows_from_arrays(
         with pytest.raises(kind, match=message):
             call()
     assert not Path("x.yaml").exists()
+
+
+def installed(folder: Path) -> Path:
+    """Install what git tracks into a new environment with the dependencies of this one; return its `dse`."""
+    listing = ["git", "-C", ROOT, "ls-files", "-z"]
+    tracked = subprocess.run(listing, capture_output=True, text=True, check=False)
+    if tracked.returncode:
+        pytest.skip("the sources are no clone")
+    clone = folder / "clone"
+    for name in filter(None, tracked.stdout.split("\0")):
+        if (ROOT / name).is_file():
+            (clone / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, clone / name)
+    venv.create(folder / "venv", with_pip=True)
+    python = folder / "venv" / "bin" / "python"
+    ask = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    site = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=True).stdout.strip()
+    Path(site, "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    pip = [python, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*pip, clone], check=True)
+    return python.with_name("dse")
+
+
+def test_the_first_hour_on_a_bare_clone(tmp_path: Path) -> None:
+    """Install, example page, own CSV, run, pick, export, evaluate; no line is written by the user.
+
+    With `pytest -s` it prints the table of docs/tutorial.md.
+    """
+    dse_command = installed(tmp_path)
+    desk = tmp_path / "desk"
+    desk.mkdir()
+    recordings().to_csv(desk / "touch.csv", index=False)
+    steps = {
+        f"dse dashboard {tmp_path / 'clone' / 'results' / 'example'} --html page.html": "page.html",
+        "dse init touch.csv": "touch.yaml",
+        "dse audit touch.yaml": None,
+        "dse run touch.yaml --quiet": "results/touch/points.parquet",
+        "dse skyline results/touch": None,
+        "dse pick results/touch --budget n_weights<=10000 --export bundle": "bundle/bundle.json",
+        "dse evaluate bundle --data touch.csv": None,
+        "dse export bundle --target c99": "bundle/targets/c99",
+    }
+    environment = {key: x for key, x in os.environ.items() if key != "PYTHONPATH"}
+    environment |= {"DSE_CACHE": str(tmp_path / "cache")}
+    rows = []
+    for command, artefact in steps.items():
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        words = command.split()[1:]
+        done = subprocess.run(
+            [dse_command, *words], cwd=desk, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, (command, done.stderr)
+        assert artefact is None or (desk / artefact).exists(), command
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        rows.append(f"| `dse {' '.join(words).replace(str(tmp_path / 'clone') + '/', '')}` | {cpu_s:.1f} |")
+    print("\n| command | CPU s |\n|---|---|", *rows, sep="\n")
+    where = subprocess.run(
+        [dse_command.with_name("python"), "-c", "import dse; print(dse.__file__)"],
+        cwd=desk, env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert str(tmp_path / "venv") in where.stdout

@@ -123,6 +123,7 @@ def test_figures_and_optuna(ran: Ran) -> None:
         ),
         (lambda study: study.plot.fornt(), AttributeError, "Did you mean 'front'"),
         (lambda study: study.plot.front(z=1), ValueError, "figure front has no key 'z'; known: "),
+        (lambda study: study.plot.grid(x="n_weights"), TypeError, "figure grid needs y: column of the"),
         (lambda study: study.plot.surface("a"), TypeError, "design must be a trial's number or a row"),
         (lambda study: dse.open(3), TypeError, "folder must be the path of a study's folder, got 3"),
         (lambda study: dse.run(3), TypeError, "a search space must be a YAML file, .* got int"),
