@@ -232,6 +232,13 @@ CASES = (
         training={**_DROPPED, "epochs": 480, "lr_every": 80},
         jitter_steps=64,
     ),
+    Case(
+        "6 speeds",
+        "resonators, delays, event dropout, crops of whole slides",
+        {**_RESONATOR, **_DELAYS},
+        training={**_DROPPED, "epochs": 960, "lr_every": 160},
+        jitter_steps=900,
+    ),
     Case("6 speeds", "resonators, one copy, event dropout", {**_RESONATOR, **_ONE_COPY}, training=_DROPPED),
     Case("6 speeds", "tiny, resonators", _TINY_SPEED, _deltas(2, 8)),
     Case(

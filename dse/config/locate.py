@@ -37,6 +37,8 @@ def find_file(path_or_name: str, shipped: Mapping[str, Path], what: str, base: P
     for path in (*([base / path_or_name] if base else []), Path(path_or_name)):
         if path.is_file():
             return path
+        if path.exists() and path_or_name not in shipped:
+            raise ConfigError([Fault(path_or_name, 0, "must be a file, got a folder, pipe or device")])
     if path_or_name in shipped:
         return shipped[path_or_name]
     known = known_names(Path(path_or_name).stem, shipped)

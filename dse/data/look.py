@@ -100,7 +100,10 @@ def look(path: Path, options: Options) -> Look:
     if path.is_dir():
         guess = _folder(path, options, notes)
     elif not path.is_file():
-        raise RecordingError(f"{path}: no such file or folder")
+        what = (
+            "must be a file or a folder, got a pipe or device" if path.exists() else "no such file or folder"
+        )
+        raise RecordingError(f"{path}: {what}")
     elif path.suffix.lower() in TABLES:
         guess = _table(path, options, notes)
     elif path.suffix.lower() == ".npz" or arrays.is_one(path):

@@ -22,6 +22,9 @@ def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> P
     for place in places:
         if place.is_file() if kind == "file" else place.is_dir():
             return place
+    for place in places:
+        if place.exists():
+            raise RecordingError(f"data {kind} '{name}': {place} must be a {kind}, and is none")
     looked = ", ".join(str(place.parent) for place in places)
     hint = f" (DSE_DATA sets another folder, --set data.{kind}={kind.upper()} another {kind})"
     advice = "" if Path(name).is_absolute() else hint

@@ -191,8 +191,12 @@ class JournalLines:
         self._n_trials = sum(log["op_code"] == CREATE_TRIAL for log in self.logs)
         if path is not None and not path.exists():
             path.touch()
-        elif path is not None and content.n_bytes < path.stat().st_size:
-            os.truncate(path, content.n_bytes)
+        elif path is not None:
+            if path.stat().st_nlink > 1:  # a copy of hard links: what is appended here is not for the other
+                with store.atomic(path) as temporary:
+                    shutil.copy2(path, temporary)
+            if content.n_bytes < path.stat().st_size:
+                os.truncate(path, content.n_bytes)
 
     def read_logs(self, log_number_from: int) -> Iterator[Log]:
         """Yield the operations from a number on."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -399,6 +400,17 @@ def test_an_unknown_name_lists_the_known(tmp_path: Path, monkeypatch: pytest.Mon
         ConfigError, match=r"^nothing_like_it: no such file and no shipped search space of this name; known: "
     ):
         load_space("nothing_like_it")
+
+
+def test_what_is_no_file_is_named_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe.yaml")
+    (tmp_path / "folder").mkdir()
+    for name in ("pipe.yaml", "folder"):
+        with pytest.raises(ConfigError, match=f"^{name}: must be a file, got a folder, pipe or device$"):
+            load_space(name)
+    (tmp_path / "quickstart").mkdir()  # beside the shipped space of this name
+    assert load_space("quickstart").study == "quickstart"
 
 
 def test_every_shipped_search_space_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

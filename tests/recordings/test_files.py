@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from dse.recordings import RecordingError
@@ -26,3 +28,12 @@ def test_an_absolute_path_is_taken_as_it_is(tmp_path):
     assert locate(str(tmp_path / "x.npz"), tmp_path / "elsewhere") == tmp_path / "x.npz"
     with pytest.raises(RecordingError, match="not found"):
         locate(str(tmp_path / "y.npz"), tmp_path)
+
+
+def test_what_is_no_file_is_named_as_such(tmp_path):
+    os.mkfifo(tmp_path / "x.npz")
+    for kind, name in (("file", "x.npz"), ("folder", "x.npz")):
+        with pytest.raises(
+            RecordingError, match=rf"data {kind} 'x.npz': .*x.npz must be a {kind}, and is none"
+        ):
+            locate(name, tmp_path, kind)  # type: ignore[arg-type]

@@ -66,6 +66,16 @@ def test_what_was_asked_and_told_is_there_after_a_restart(
         assert read.reported_s is None or read.proposed_s <= read.reported_s
 
 
+def test_a_copy_of_hard_links_goes_its_own_way(ledger: Ledger, tmp_path: Path, space: SearchSpace) -> None:
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "journal.log").hardlink_to(tmp_path / "journal.log")
+    before = (tmp_path / "journal.log").read_bytes()
+    Ledger(tmp_path / "copy" / "journal.log", space).tell(2, (0.25, 1.0, 1.0))
+    assert (tmp_path / "journal.log").read_bytes() == before
+    copied = read_journal(tmp_path / "copy" / "journal.log")
+    assert [entry.values for entry in copied] == [(0.5, 100.0, 1.5), None, (0.25, 1.0, 1.0)]
+
+
 def test_a_journal_is_read_as_optuna_reads_it(ledger: Ledger, tmp_path: Path) -> None:
     from optuna.storages import JournalStorage
     from optuna.storages.journal import JournalFileBackend
