@@ -1,7 +1,7 @@
 """What a study costs beside training: many trials whose training is a stub, then the same study resumed.
 
     python -m benchmarks.coordinator [--trials 500 1000 2000 5000] [--batch 64] [--profile FILE]
-    python -m benchmarks.coordinator --space FILE [--jobs 1 2]
+    python -m benchmarks.coordinator --space FILE [--set KEY=VALUE ...] [--jobs 1 2 8]
 
 One design is trained for its files; in place of every other training a worker copies these, and publishes
 them as a finished run does. Everything else is as in `dse run`: ledger, executor, reading back, tables. CPU
@@ -12,7 +12,9 @@ part of it before this trial is trained. Memory is the coordinator's peak.
 With `--space`, the spiking networks of a search space are trained, on each number of workers. Training is
 what the workers spend in it. The rest of all CPU seconds is the framework's: measuring, writing, reading.
 That of a study of one design stands apart, as the start: processes, and kernels that load. Data sets and
-kernels are prepared before.
+kernels are prepared before. `on paper` is when a study ends that has a core for each worker: CPU seconds of
+the coordinator, of the start of a worker, and of the cohorts of the worker that ends last, each taken by the
+next free worker. It does not depend on what else the machine does, nor on how many cores it has.
 """
 
 from __future__ import annotations
@@ -20,12 +22,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import cProfile
+import heapq
 import importlib
 import resource
 import shutil
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -66,8 +70,8 @@ def _copier(source: Path) -> Any:
 
 
 def timed(job: jobs.TrainingJob) -> Iterator[Any]:
-    """Do as `dse.study.jobs.train`, and add the CPU seconds of the training to a file of the study."""
-    original, seconds = snn.train, 0.0
+    """Do as `dse.study.jobs.train`, and note when it began, its CPU seconds and those of training."""
+    original, seconds, began, began_s = snn.train, 0.0, time.time(), time.process_time()
 
     def measured(*arguments: Any, **named: Any) -> Iterator[Any]:
         nonlocal seconds
@@ -83,36 +87,60 @@ def timed(job: jobs.TrainingJob) -> Iterator[Any]:
     with mock.patch.object(snn, "train", measured):
         yield from jobs.train(job)
     with (job.runs[0].folder.parents[2] / TIMES).open("a") as file:
-        file.write(f"{seconds}\n")
+        file.write(f"{began} {time.process_time() - began_s} {seconds}\n")
 
 
-def measure(path: Path, n_trials: int | None, n_workers: int) -> tuple[int, float, float, float]:
-    """Return designs, CPU seconds of a study, those of its training, and its wall seconds."""
-    changes = {} if n_trials is None else {"search.n_trials": str(n_trials)}
+@dataclass(frozen=True)
+class Measured:
+    """What a study took, in seconds: of CPU, of that training, of wall time, and on paper."""
+
+    designs: int
+    cpu_s: float
+    training_s: float
+    wall_s: float
+    paper_s: float
+
+
+def measure(path: Path, changes: dict[str, str], n_workers: int) -> Measured:
+    """Return what a study takes on so many workers."""
     space = load_space(path, changes)
     timer = importlib.import_module(NAME).timed
     with tempfile.TemporaryDirectory() as name, mock.patch.object(jobs, "train", timer):
-        began_s, wall_s = _cpu_s(), time.perf_counter()
+        began_s, own_s, wall_s = _cpu_s(), _cpu_s(resource.RUSAGE_SELF), time.perf_counter()
         study = explore.run(space, name, jobs=n_workers, progress=False)
-        cpu_s, wall_s = _cpu_s() - began_s, time.perf_counter() - wall_s
-        trained = (study.folder / TIMES).read_text().split()
-        return len(study.trials), cpu_s, sum(map(float, trained)), wall_s
+        cpu_s, own_s = _cpu_s() - began_s, _cpu_s(resource.RUSAGE_SELF) - own_s
+        wall_s = time.perf_counter() - wall_s
+        lines = (study.folder / TIMES).read_text().splitlines()
+        _, cohort_s, training_s = zip(*sorted(map(_floats, lines)), strict=True)
+        ends = [0.0] * n_workers
+        for seconds in cohort_s:
+            heapq.heapreplace(ends, ends[0] + seconds)
+        starts_s = (cpu_s - own_s - sum(cohort_s)) / min(n_workers, len(cohort_s))
+        return Measured(len(study.trials), cpu_s, sum(training_s), wall_s, own_s + starts_s + max(ends))
 
 
-def overhead(path: Path, workers: list[int]) -> Table:
+def _floats(line: str) -> tuple[float, ...]:
+    return tuple(map(float, line.split()))
+
+
+def overhead(path: Path, changes: dict[str, str], workers: list[int]) -> Table:
     """Return what the framework adds to the training of a search space."""
-    measure(path, 1, 1)  # the cache is filled, and kernels are compiled
+    one = changes | {"search.n_trials": "1"}
+    measure(path, one, 1)  # the cache is filled, and kernels are compiled
     table = Table(
-        "workers", "designs", "CPU s", "training", "start", "framework, % of training", "wall s", box=None
+        *("workers", "designs", "CPU s", "training", "start", "framework, % of training", "wall s"),
+        *("on paper", "times as fast"),
+        box=None,
     )
+    first_s = 0.0
     for n_workers in workers:
-        _, first_s, of_first_s, _ = measure(path, 1, n_workers)
-        n, cpu_s, training_s, wall_s = measure(path, None, n_workers)
-        start_s = first_s - of_first_s
-        share = 100 * (cpu_s - training_s - start_s) / training_s
-        table.add_row(
-            str(n_workers), str(n), *(f"{x:.2f}" for x in (cpu_s, training_s, start_s, share, wall_s))
-        )
+        first, whole = measure(path, one, n_workers), measure(path, changes, n_workers)
+        start_s = first.cpu_s - first.training_s
+        share = 100 * (whole.cpu_s - whole.training_s - start_s) / whole.training_s
+        first_s = first_s or whole.paper_s
+        numbers = (whole.cpu_s, whole.training_s, start_s, share, whole.wall_s, whole.paper_s)
+        cells = [f"{x:.2f}" for x in (*numbers, first_s / whole.paper_s)]
+        table.add_row(str(n_workers), str(whole.designs), *cells)
     return table
 
 
@@ -173,12 +201,14 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--profile", type=Path, help="write cProfile's statistics of the studies here")
     parser.add_argument("--space", type=Path, help="a search space of spiking networks to train")
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="changes of this space")
     parser.add_argument(
-        "--jobs", type=int, nargs="+", default=[1, 2], help="numbers of workers, with --space"
+        "--jobs", type=int, nargs="+", default=[1, 2, 8], help="numbers of workers, with --space"
     )
     arguments = parser.parse_args()
     if arguments.space:
-        Console(width=120).print(overhead(arguments.space, arguments.jobs))
+        changes = dict(pair.split("=", 1) for pair in arguments.set)
+        Console(width=120).print(overhead(arguments.space, changes, arguments.jobs))
         return
     table = Table(
         *("trials", "CPU s", "of it worker", "wall s", "CPU ms per trial"),

@@ -1,6 +1,6 @@
 """Racing against the full grid: what is trained, and what of the front is lost.
 
-    python -m benchmarks.racing SPACE [--results DIR] [--rungs 5 10 20]
+    python -m benchmarks.racing SPACE [--set KEY=VALUE ...] [--results DIR] [--rungs 5 10 20]
 
 The first call trains every design of the grid to its end and keeps what it was at each rung. Then races are
 replayed on these records, in seconds, with the code that `dse run` races with. Printed per choice of rungs
@@ -160,10 +160,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("space", type=Path)
+    parser.add_argument(
+        "--set", nargs="*", default=[], metavar="KEY=VALUE", help="changes of the search space"
+    )
     parser.add_argument("--results", type=Path, default=Path("results"))
     parser.add_argument("--rungs", type=int, nargs="+", default=[5, 10, 20])
     arguments = parser.parse_args()
-    space = load_space(arguments.space)
+    space = load_space(arguments.space, dict(pair.split("=", 1) for pair in arguments.set))
     search = dataclasses.replace(space.search, racing=Racing(rungs=tuple(arguments.rungs)))
     folder = kept(dataclasses.replace(space, search=search), arguments.results)
     entries = read_journal(folder / "journal.log")
