@@ -121,8 +121,8 @@ def replayed(grid: Grid, name: str, seed: int, batch: int, limit: str) -> Trace:
         sampler = limited(sampler, check)
     n_epochs = grid.curves.shape[1]
     trace: Trace = []
-    most = 0.25 if name == "gp" else 1.0  # a Gaussian process takes seconds per design
-    while len(trace) < most * len(grid.designs) and (designs := sampler.ask(batch)):
+    most = 40 if name == "gp" else len(grid.designs)  # a Gaussian process takes seconds per design
+    while len(trace) < most and (designs := sampler.ask(batch)):
         rows = [grid.place[seeds.design_key(design)] for design in designs]
         trace += [(n_epochs, row) for row in rows]
         values = [

@@ -30,7 +30,7 @@ _BATCH = 8
 _STORAGE = re.compile(r"(postgresql|sqlite)://.")
 AUTO = "auto"
 """The sampler that is chosen by the number of designs."""
-_FEW = 20
+_FEW = 12
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
 
 
@@ -383,7 +383,7 @@ def automatic(n_designs: int | None, n_trials: Raw) -> str:
     """Return the sampler that `auto` stands for.
 
     A grid that is trained whole needs no sampler. Of the others, Sobol points lead while designs are few, and
-    TPE from then on (benchmarks/search.py).
+    TPE from then on (results/README.md, section Search).
 
     Args:
         n_designs: of the grid; None: there is none.

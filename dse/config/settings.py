@@ -603,7 +603,7 @@ class Search:
     sampler: str = param(
         "",
         doc="a component of search.samplers (default: grid if every axis is a choice or has a step, "
-        "otherwise tpe), or auto: grid where n_trials covers it, sobol below 20 designs, else tpe",
+        "otherwise tpe), or auto: grid where n_trials covers it, sobol below 12 designs, else tpe",
         axis=False,
     )
     n_trials: int | None = param(

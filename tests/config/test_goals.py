@@ -104,9 +104,9 @@ def test_what_is_no_decision_grid(raw: Any, fault: str) -> None:
         (96, None, "grid"),
         (96, 96, "grid"),
         (96, 95, "tpe"),
-        (96, 19, "sobol"),
-        (96, 20, "tpe"),
-        (None, 19, "sobol"),
+        (96, 11, "sobol"),
+        (96, 12, "tpe"),
+        (None, 11, "sobol"),
         (None, None, "tpe"),  # which then requires n_trials
     ],
 )
