@@ -369,7 +369,8 @@
     const counts = page.progress ? [] : Object.entries(page.counts).map(([status, n]) => (status === "finished" ? plural(n, "trial") : `${number(n)} ${status}`));
     const n = columns.hardware ? rows.filter((row) => String(columns.hardware.values[row]) === state.hardware).length : nRows;
     const age = page.points_at && Details.isServed(page) ? ` as of ${new Date(page.points_at).toLocaleTimeString()}` : "";
-    if (nRows) counts.push(`${plural(n, "point")}${age}`);
+    const isSample = page.budgets.stands_for > 1; // of how many points, a note says
+    if (nRows && !isSample) counts.push(`${plural(n, "point")}${age}`);
     byId("counts").textContent = counts.join(" · ");
     byId("title").textContent = page.definition.title;
     const open = byId("notes").querySelector("details")?.open ?? false;
@@ -425,9 +426,10 @@
       const reason = isShown(row) && shown.budgeted.matches(row) ? shown.leftOut(row) : "";
       if (reason) reasons.set(reason, (reasons.get(reason) ?? 0) + 1);
     }
+    const sampled = shown.budgeted.exact ? "" : " of those shown";
     byId("left").hidden = reasons.size === 0;
     byId("left-out").checked = state.left === "1";
-    byId("left").querySelector("span").textContent = [...reasons].map(([reason, n]) => `${plural(n, "point")} ${n === 1 ? reason : severally(reason)}`).join(", ");
+    byId("left").querySelector("span").textContent = [...reasons].map(([reason, n]) => `${plural(n, "point")}${sampled} ${n === 1 ? reason : severally(reason)}`).join(", ");
   }
 
   // ---- filters: two ends of any column of numbers, or some values of any other

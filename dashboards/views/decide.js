@@ -65,7 +65,7 @@ const Decide = (() => {
     }
 
     const cell = (text, className = "") => element("td", { textContent: text, className });
-    const head = (...names) => element("tr", {}, ...names.map((text, k) => element("th", { scope: "col", textContent: text, className: k ? "" : "text" })));
+    const head = (...names) => element("tr", {}, ...names.map((text, k) => element("th", { scope: "col", textContent: text, className: k && text !== "task" ? "" : "text" })));
     function table(headings, rows) {
       const scroll = element("div", { className: "scroll", tabIndex: 0 }, element("table", {}, element("thead", {}, head(...headings)), element("tbody", {}, ...rows)));
       scroll.setAttribute("role", "group");

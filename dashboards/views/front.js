@@ -247,8 +247,8 @@ const Front = (() => {
     }
 
     function spaceTraces(look) {
-      const traces = [];
       const tint = tintOf(look);
+      const traces = keyTraces(tint).map((trace) => ({ ...trace, type: "scatter3d", z: [null] }));
       const painted = (rows, colour) => (tint ? rows.map(tint.of) : colour);
       const front = shown.joined(axes());
       const points = drawable();
@@ -275,7 +275,7 @@ const Front = (() => {
         }
         const shaded = line.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look));
         add(line, { color: shaded, size: 4.5, line: { color: look.page, width: 1 } },
-          { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 });
+          { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 && !tint });
       }
       const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => app.placed(column, value(column)))]));
       const cited = published();

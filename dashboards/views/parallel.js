@@ -478,7 +478,7 @@ const Parallel = (() => {
       const { front, dominated, outside, others } = drawn;
       const dim = dominated.length + outside.length;
       const grey = budgeted.limits.length ? ", grey outside the budgets" : "";
-      count.textContent = `${nAxes()}, ${many(front.length + dim)} of ${many(made.order.length)} lines drawn`;
+      count.textContent = `${nAxes()}${wide() > width ? " (scroll)" : ""}, ${many(front.length + dim)} of ${many(made.order.length)} lines drawn`;
       caption.textContent = [
         front.length ? `Strong: ${many(front.length)} on the front.` : "Nothing is within the budgets.",
         others ? `Dim: ${dim < others ? "an even sample of " : ""}${many(others)} others${grey}.` : "",

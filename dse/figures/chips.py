@@ -171,7 +171,13 @@ def draw_chips(chips: Chips) -> plotly.graph_objects.Figure:
     of = f"{html.escape(chips.task, quote=False)}: " if chips.task else ""
     title = of + axis_title(chips.cost) + (f"<br>not known: {unknown}" if unknown else "")
     figure.update_layout(
-        xaxis={"title": {"text": title}, "type": "log" if is_log else "linear"},
+        separators=".\u202f",
+        xaxis={
+            "title": {"text": title},
+            "type": "log" if is_log else "linear",
+            "exponentformat": "none",
+            "separatethousands": True,
+        },
         yaxis={"tickvals": places.tolist(), "ticktext": names, "autorange": "reversed", "showgrid": False},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0},
         height=_MARGIN_PX + _ROW_PX * max(2, len(names)),

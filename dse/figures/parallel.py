@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,9 @@ _DIM = "#B4BBC3"
 _SPANS_DECADES = 100.0
 _MAX_TICKS = 12
 _LABEL_CHARACTERS = 24
-_CHARACTER_PX = 7  # about as wide as one is drawn
+_ABSENT = -0.1  # where lines pass an axis that they have no value on
+_STEPS = 5  # between ticks of an axis of numbers, about
+_INK, _PAPER = "#1B1E22", "rgba(255,255,255,0.8)"
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,9 @@ class Parallel:
 
     columns: the axes, left to right.
     categories: for each axis the words that its values count from 0, None where it is of numbers.
-    values: (point, column) float64.
+    values: (point, column) float64; NaN where a design does not have the parameter.
     on_front: (point,) whether no other point of the same task and chip is better in all objectives.
-    n_incomplete: rows that miss a number on one of the axes, and have no line.
+    n_incomplete: rows that miss a measured number on one of the axes, and have no line.
     n_left_out: complete rows left out of the sample.
     """
 
@@ -94,7 +97,10 @@ def gather_parallel(
     on_front = _fronts(frame, objectives)
     axes = [_axis(frame, column) for column in columns]
     values = np.column_stack([axis for axis, _ in axes])
-    complete = np.flatnonzero(np.isfinite(values).all(axis=1))
+    is_measured = np.array(
+        ["." not in column for column in columns]
+    )  # others are parameters of some families
+    complete = np.flatnonzero((np.isfinite(values) | ~is_measured).all(axis=1))
     best, rest = complete[on_front[complete]], complete[~on_front[complete]]
     room = min(len(rest), max(0, MAX_LINES - len(best)))
     sample = rest[np.linspace(0, len(rest) - 1, room).round().astype(int)]
@@ -113,28 +119,51 @@ def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
     """Draw the lines, the front in colour above the others; a column over two decades is in logarithms."""
     import plotly.graph_objects as go
 
-    dimensions = [
-        _dimension(column, words, parallel.values[:, index])
-        for index, (column, words) in enumerate(zip(parallel.columns, parallel.categories, strict=True))
-    ]
-    figure = go.Figure(
-        go.Parcoords(
-            dimensions=dimensions,
-            line={
-                "color": parallel.on_front.astype(int).tolist(),  # higher numbers are drawn above lower ones
-                "colorscale": [[0, _DIM], [1, OKABE_ITO_LIGHT[0]]],
-                "cmin": 0,
-                "cmax": 1,
-            },
-            labelside="top",
+    axes = [
+        _scaled(words, parallel.values[:, index]) for index, words in enumerate(parallel.categories)
+    ]  # plotly's own parallel coordinates are pixels, in a PDF too
+    shares = np.column_stack([axis.shares for axis in axes])
+    figure = go.Figure()
+    for is_front, name in ((False, "others"), (True, "front")):
+        lines = shares[parallel.on_front == is_front]
+        gap = np.full((len(lines), 1), np.nan)
+        places = np.broadcast_to([*range(len(axes)), np.nan], (len(lines), len(axes) + 1))
+        figure.add_scatter(
+            x=places.ravel(),
+            y=np.hstack([lines, gap]).ravel(),
+            mode="lines",
+            name=name,
+            line={"color": OKABE_ITO_LIGHT[0] if is_front else _DIM, "width": 1.2 if is_front else 0.6},
+            hoverinfo="skip",
         )
+    for place, axis in enumerate(axes):
+        figure.add_shape(type="line", x0=place, x1=place, y0=0, y1=1, line={"color": _INK, "width": 1})
+        for at, text in axis.ticks:
+            figure.add_annotation(
+                x=place,
+                y=at,
+                text=text,
+                showarrow=False,
+                xanchor="left",
+                xshift=3,
+                bgcolor=_PAPER,
+                borderpad=1,
+            )
+    figure.update_layout(
+        xaxis={
+            "tickvals": list(range(len(axes))),
+            "ticktext": [axis_title(_clipped(name)) for name in parallel.columns],
+            "side": "top",
+            "tickangle": -25,
+            "range": [-0.1, len(axes) - 0.6],
+            "showgrid": False,
+            "showline": False,
+            "ticks": "",
+        },
+        yaxis={"visible": False, "range": [_ABSENT - 0.04, 1.04]},
+        legend={"y": -0.02, "yanchor": "top"},
+        margin={"l": 16, "r": 48, "t": 24, "b": 32},
     )
-    # Plotly gives these axes no room of their own: words stand left of them, titles above.
-    first = parallel.categories[0] if parallel.categories[0] is not None else ()
-    longest = max((len(_clipped(word)) for word in first), default=0)
-    left = max(longest + 2, len(_clipped(parallel.columns[0])) // 2) * _CHARACTER_PX
-    right = len(_clipped(parallel.columns[-1])) // 2 * _CHARACTER_PX
-    figure.update_layout(margin={"l": max(56, left), "r": max(48, right), "t": 48, "b": 24})
     return figure
 
 
@@ -162,32 +191,41 @@ def _word(value: object) -> str:
     return ("yes" if value else "no") if isinstance(value, bool | np.bool_) else str(value)
 
 
-def _dimension(column: str, words: tuple[str, ...] | None, values: Array) -> dict[str, Any]:
-    label = axis_title(_clipped(column))
+class _Scaled(NamedTuple):
+    """Values of an axis as shares of its length, and its ticks: share and text."""
+
+    shares: Array
+    ticks: list[tuple[float, str]]
+
+
+def _scaled(words: tuple[str, ...] | None, values: Array) -> _Scaled:
     if words is not None:
-        places = list(range(0, len(words), -(-len(words) // _MAX_TICKS) or 1))
-        margin = 0.5 if len(words) < 2 else 0.0
-        return {
-            "label": label,
-            "values": values.tolist(),
-            "tickvals": places,
-            "ticktext": [_clipped(words[place]) for place in places],  # plotly takes these as they are
-            "range": [-margin, max(len(words) - 1, 0) + margin],
-        }
-    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
-    if low > 0 and high / low > _SPANS_DECADES:
-        powers = range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
-        return {
-            "label": label,
-            "values": np.log10(values).tolist(),
-            "tickvals": list(powers),
-            "ticktext": [short(10.0**power) for power in powers],
-            "range": [math.log10(low), math.log10(high)],
-        }
-    # Plotly draws an axis of one value as a bare line: give it a range to lie in.
-    margin = 0.5 * (abs(low) or 1.0) if low == high else 0.0
-    ends = [low - margin, high + margin]
-    return {"label": label, "values": values.tolist(), "range": ends, "tickformat": ".3~r"}
+        last = len(words) - 1
+        every = -(-len(words) // _MAX_TICKS) or 1
+        shares = values / last if last > 0 else np.full(len(values), 0.5)
+        places = [(k / last if last > 0 else 0.5, words[k]) for k in range(0, len(words), every)]
+        return _Scaled(shares, [(at, html.escape(_clipped(word), quote=False)) for at, word in places])
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return _Scaled(np.full(len(values), _ABSENT), [(_ABSENT, "–")] if len(values) else [])
+    low, high = float(known.min()), float(known.max())
+    if low == high:
+        shares, ticks = np.where(values == low, 0.5, np.nan), [(0.5, short(low))]
+    elif low > 0 and high / low > _SPANS_DECADES:
+        foot, top = math.log10(low), math.log10(high)
+        shares = (np.log10(values) - foot) / (top - foot)
+        powers = range(math.ceil(foot), math.floor(top) + 1)
+        ticks = [((power - foot) / (top - foot), short(10.0**power)) for power in powers]
+    else:
+        shares = (values - low) / (high - low)
+        rough = (high - low) / _STEPS
+        unit = 10.0 ** math.floor(math.log10(rough))
+        step = next(n * unit for n in (1, 2, 5, 10) if n * unit >= rough * 0.999)
+        rounds = [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+        ticks = [((at - low) / (high - low), short(round(at, 12))) for at in rounds]
+    if len(known) < len(values):
+        ticks.append((_ABSENT, "–"))
+    return _Scaled(np.where(np.isnan(shares), _ABSENT, shares), ticks)
 
 
 def _clipped(text: str) -> str:

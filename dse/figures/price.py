@@ -187,15 +187,15 @@ def draw_prices(prices: Prices) -> plotly.graph_objects.Figure:
             hovertemplate="%{y}: %{customdata} per point<extra></extra>",
         )
     )
-    for name, end, text in zip(names, beyond, words, strict=True):
-        figure.add_annotation(x=float(end), y=name, text=text, showarrow=False, xanchor="left", xshift=6)
+    for name, text in zip(names, words, strict=True):
+        figure.add_annotation(x=0, y=name, text=text, showarrow=False, xanchor="left", yshift=12)
     of = html.escape(
         f"{prices.task + ': ' if prices.task else ''}price of a point of {label(prices.gain)[0]}", quote=False
     )
     figure.update_layout(
         xaxis={
-            "title": {"text": f"{of}, % of what trial {prices.trial} costs"},
-            "range": [min(0, float(low.min())), 1.9 * top],
+            "title": {"text": f"{of},<br>% of what trial {prices.trial} costs"},
+            "range": [min(0, float(low.min())), 1.1 * top],
         },
         yaxis={"autorange": "reversed", "automargin": True, "showgrid": False},
         showlegend=False,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from xml.etree import ElementTree
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -260,6 +261,33 @@ def test_on_a_phone_budgets_stay_at_the_foot_beside_what_they_change(opened):
     page.tab.set_viewport_size({"width": 1280, "height": 720})
     page.tab.locator("#controls").wait_for(state="visible")
     page.tab.locator("#drawer").wait_for(state="hidden")
+
+
+def test_on_a_small_screen_the_pick_follows_the_figure_and_budgets_stay_beside_both(opened):
+    page = opened(points(), size=(1024, 768))
+    ids = ["figure", "choice", "design", "view-decide", "budgets"]
+    boxes = f"() => {ids}.map((id) => document.getElementById(id).getBoundingClientRect())"
+    figure, choice, design, decide, _ = page.tab.evaluate(boxes)
+    assert figure["bottom"] <= choice["top"] == design["top"] and choice["right"] <= design["left"]
+    assert design["bottom"] <= decide["top"]
+    page.tab.evaluate("scrollTo(0, document.documentElement.scrollHeight / 2)")
+    assert 0 <= page.tab.evaluate(boxes)[4]["top"] < 16, "budgets stay in sight"
+    assert page.overflow() <= 0
+
+
+def test_colours_have_their_key_in_space_too(opened):
+    page = opened(points(family=list("aabbc")), fragment="view=3")
+    named = "document.getElementById('plot').data.filter((t) => t.showlegend).map((t) => t.name)"
+    assert page.tab.evaluate(named) == ["a", "b", "c"]
+
+
+def test_a_page_of_a_sample_counts_no_sample_as_the_study(opened):
+    many = pd.concat([points(trial=range(5 * k, 5 * k + 5)) for k in range(3000)], ignore_index=True)
+    rng = np.random.default_rng(0)
+    columns = {name: rng.random(len(many)) for name in OBJECTIVES}
+    page = opened(many.assign(hardware="chip", fits=many["trial"] % 5 != 4, **columns))
+    assert page.tab.inner_text("#counts") == "15\u202f000 trials"
+    assert "points of those shown do not fit chip" in page.tab.inner_text("#left")
 
 
 def test_a_page_in_a_file_shows_the_views_of_its_study_and_says_where_they_are_saved(shown, page_path):

@@ -78,8 +78,8 @@ def test_the_front_is_whole_and_the_others_an_even_sample(monkeypatch):
 def test_empty_and_one_row(n):
     found = gather_parallel(points().iloc[:n], COLUMNS, OBJECTIVES)
     assert found.values.shape == (n, 3)
-    low, high = draw_parallel(found).data[0].dimensions[1].range
-    assert low < high
+    others, front = draw_parallel(found).data
+    assert np.sum(np.isfinite(others.y)) == 0 and np.sum(np.isfinite(front.y)) == 3 * n
 
 
 @pytest.mark.parametrize(
@@ -105,23 +105,28 @@ def test_drawing_colours_the_front_and_uses_logarithms_over_decades():
     figure = draw_parallel(
         gather_parallel(points(energy_uj=[1.0, 20.0, 300.0, 4000.0, 50.0]), COLUMNS, OBJECTIVES)
     )
-    (lines,) = figure.data
-    assert list(lines.line.color) == [1, 1, 1, 0, 0]
-    hidden, accuracy, energy = lines.dimensions
-    assert list(accuracy.values) == ACCURACY
-    assert list(accuracy.range) == [0.6, 0.95]
-    np.testing.assert_allclose(energy.values, np.log10([1.0, 20.0, 300.0, 4000.0, 50.0]))
-    assert list(energy.tickvals) == [0, 1, 2, 3]
-    assert list(energy.ticktext) == ["1", "10", "100", "1\u202f000"]
-    assert energy.label == "energy (µJ)"
-    assert hidden.ticktext is None
+    others, front = (np.reshape(trace.y, (-1, 4)) for trace in figure.data)
+    assert (len(others), len(front)) == (2, 3)
+    np.testing.assert_allclose(front[:, 1], (np.array(ACCURACY[:3]) - 0.6) / 0.35)
+    np.testing.assert_allclose(front[:, 2], np.log10([1.0, 20.0, 300.0]) / np.log10(4000))
+    assert list(figure.layout.xaxis.ticktext) == ["model.hidden", "accuracy", "energy (µJ)"]
+    energy = [note.text for note in figure.layout.annotations if note.x == 2]
+    assert energy == ["1", "10", "100", "1\u202f000"]
+
+
+def test_a_parameter_that_some_families_lack_leaves_their_lines_below_its_axis():
+    found = gather_parallel(points(**{"model.hidden": [100, 50, np.nan, 25, 75]}), COLUMNS, OBJECTIVES)
+    assert found.n_incomplete == 0
+    figure = draw_parallel(found)
+    assert np.reshape(figure.data[1].y, (-1, 4))[2, 0] < 0
+    assert [note.text for note in figure.layout.annotations if note.x == 0][-1] == "–"
 
 
 def test_hostile_names_are_escaped_where_plotly_reads_marks_and_short():
     evil = "<img src=x onerror=alert(1)>"
     frame = points(**{evil: [evil, "x" * 500, "%{x} 🦔", "", "y"]})
-    name, accuracy = draw_parallel(gather_parallel(frame, [evil, "accuracy"], OBJECTIVES)).data[0].dimensions
-    assert name.label == "&lt;img src=x onerror=aler…"
-    assert name.ticktext[0] == "<img src=x onerror=aler…"  # ticks are plain text
-    assert max(map(len, name.ticktext)) <= 24
-    assert accuracy.label == "accuracy"
+    layout = draw_parallel(gather_parallel(frame, [evil, "accuracy"], OBJECTIVES)).layout
+    assert list(layout.xaxis.ticktext) == ["&lt;img src=x onerror=aler…", "accuracy"]
+    words = [note.text for note in layout.annotations if note.x == 0]
+    assert words[0] == "&lt;img src=x onerror=aler…"
+    assert max(map(len, words[1:])) <= 24
