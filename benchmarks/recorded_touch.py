@@ -357,8 +357,11 @@ CASES = (
 )
 
 IN_README = (
+    "7 fabrics: small, delays, dilation, crops of whole slides",
     "7 fabrics: small, delays, dilation",
     "7 fabrics: tiny, delays, dilation",
+    "6 speeds: resonators, delays, event dropout, crops of whole slides",
+    "6 speeds: resonators, delays, event dropout, crops of 64",
     "6 speeds: resonators, delays, event dropout",
     "6 speeds: small, resonators, delays",
     "26 ridged textures: small, resonators, cross-entropy",
