@@ -50,6 +50,8 @@ def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = npy.read_magic(stream)
     read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, _, dtype = read(stream)
+    if min(shape, default=0) < 0:
+        raise ValueError(f"an array cannot have shape {shape}")
     return shape, dtype
 
 

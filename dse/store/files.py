@@ -42,8 +42,15 @@ def exclusive(folder: Path) -> Iterator[None]:
     """Lock a study folder for this process; the system releases the lock when the process ends.
 
     Raises:
-        StoreError: another process has the lock, or the folder cannot be made.
+        StoreError: another process has the lock, or the folder cannot be made, or its name is not UTF-8, as
+            tables need.
     """
+    try:
+        str(folder).encode()
+    except UnicodeEncodeError:
+        raise StoreError(
+            f"{os.fsencode(folder)!r}: the folder of a study must have a name in UTF-8"
+        ) from None
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as held:

@@ -58,17 +58,19 @@ class Lines:
 
 
 def read(path: Path) -> Lines:
-    """Return the lines of a journal; none where there is no file.
+    """Return the lines of a journal; none where there is no file, which is a fault beside finished runs.
 
     Raises:
         StoreError: it cannot be read now.
     """
+    if path.exists() and not path.is_file():
+        return Lines(faults=["is not a file"])  # a pipe would never end
     try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        return Lines()
+        content = path.read_bytes() if path.exists() else b""
     except OSError as error:
         raise store.unreadable(path, error) from None
+    if not content and any(path.parent.glob("artefacts/*/repeat_*")):
+        return Lines(faults=["is missing or empty, beside finished runs"])
     logs: list[Log] = []
     faults: list[str] = []
     n, n_bad, fault, is_sealed = 0, 0, "", store.requires_seal(path)
@@ -191,7 +193,7 @@ class JournalLines:
         self._n_trials = sum(log["op_code"] == CREATE_TRIAL for log in self.logs)
         if path is not None and not path.exists():
             path.touch()
-        elif path is not None:
+        elif path is not None and path.is_file():
             if path.stat().st_nlink > 1:  # a copy of hard links: what is appended here is not for the other
                 with store.atomic(path) as temporary:
                     shutil.copy2(path, temporary)
@@ -218,7 +220,11 @@ class JournalLines:
         assert self._path is not None
         self._n = self._n_trials = 0
         lines = [self._line(log) for log in logs]
-        shutil.copy2(self._path, self._path.with_name(f"{self._path.name}.damaged"))
+        aside = self._path.with_name(f"{self._path.name}.damaged")
+        if self._path.is_file():
+            shutil.copy2(self._path, aside)
+        else:
+            self._path.replace(aside)
         with store.atomic(self._path) as temporary:
             temporary.write_bytes(b"".join(lines))
         self.logs, self.faults = [json.loads(line) for line in lines], []

@@ -239,6 +239,23 @@ def test_a_folder_stays_locked_when_its_lock_file_is_removed(tmp_path: Path) -> 
             pass
 
 
+@pytest.mark.parametrize("kind", ["pipe", "folder", "nothing", "empty"])
+def test_a_journal_that_is_no_journal_is_written_anew(whole: Path, tmp_path: Path, kind: str) -> None:
+    folder = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
+    path, expected = folder / "journal.log", results.open(folder).trials
+    path.unlink()
+    make = {"pipe": os.mkfifo, "folder": Path.mkdir, "nothing": lambda _: None, "empty": Path.touch}
+    make[kind](path)
+    [found] = examine(folder)
+    assert found.file == "journal.log"
+    assert found.fault == (
+        "is not a file" if kind in ("pipe", "folder") else "is missing or empty, beside finished runs"
+    )
+    assert repair(folder, [found]) == [] and examine(folder) == []
+    assert len(read_journal(path)) == 6
+    assert_frame_equal(results.open(folder).trials, expected, check_exact=True)
+
+
 def test_a_line_that_optuna_refuses_is_listed_and_mended(whole: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
     path = folder / "journal.log"

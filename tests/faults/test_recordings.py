@@ -93,6 +93,7 @@ def member(shape: tuple[int, ...], content: bytes) -> bytes:
     ("shape", "n_bytes", "text"),
     [
         ((1 << 40, 4, 4), 64, "declares uint8 of shape (1099511627776, 4, 4), but holds 64 bytes"),
+        ((-1, 4, 4), 64, "an array cannot have shape (-1, 4, 4)"),
         ((4, 17 << 22), 17 << 24, "must be at most 200 times as large as it is stored"),
     ],
 )

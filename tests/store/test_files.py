@@ -54,6 +54,13 @@ def test_a_disk_that_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest.Mon
     assert [(x.name, x.read_text()) for x in tmp_path.iterdir()] == [("kept", "old")]
 
 
+def test_a_folder_that_tables_cannot_name_is_refused_first(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"r\xff")
+    with pytest.raises(store.StoreError, match="must have a name in UTF-8"), store.exclusive(folder):
+        pass
+    assert not folder.exists()
+
+
 def test_only_one_process_holds_a_study(tmp_path: Path) -> None:
     code = "import pathlib, sys; from dse import store\nwith store.exclusive(pathlib.Path(sys.argv[1])): pass"
     command = [sys.executable, "-c", code, str(tmp_path)]
