@@ -50,12 +50,13 @@ MOST_WAITING = 256
 MOST_HOLDERS = 8
 """Places beside these, for requests with the token of the server alone."""
 HEAD_S = 10.0
-"""Time for all of a request, however it drips in; a connection may be closed for another one much sooner."""
+"""Time for the first line of a request, and for its headers, however they drip in; a connection may be closed
+for another one much sooner."""
 ANSWER_S = 60.0
 """Time for all of an answer to be taken."""
 _BACKLOG = 1024  # connections that the system holds back
 # A client whose request or answer has taken so long may be closed for another one.
-_SLOW_HEAD_S, _SLOW_ANSWER_S = 0.5, 5.0
+_SLOW_HEAD_S, _SLOW_ANSWER_S = 2.0, 5.0
 _POLL_S = 0.05
 _WORTH_PACKING = 1024
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # policy of answers that are no page
@@ -240,6 +241,18 @@ def stamp(path: Path) -> Stamp | None:
     return status.st_ino, status.st_mtime_ns, status.st_size
 
 
+def _head(connection: socket.socket) -> bytes:
+    """Return the head of a request that has come and is not read yet; b'' until all of it has come."""
+    try:
+        # A second handle has no timeout: with one, recv would wait for it even where it is told not to.
+        with socket.fromfd(connection.fileno(), connection.family, connection.type) as look:
+            sent = look.recv(LONGEST_ADDRESS + LONGEST_HEADERS, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except OSError:
+        return b""
+    head, end, _ = sent.partition(b"\r\n\r\n")
+    return head + end if end else b""
+
+
 @dataclass
 class _Open:
     """An open connection: whether it waits for its request ('head'), us ('') or its client ('answer')."""
@@ -249,9 +262,10 @@ class _Open:
     since_s: float
 
     def is_slow(self, head_s: float, answer_s: float) -> bool:
-        """Return whether its client has taken longer than it may."""
+        """Return whether its client has taken longer than it may; a request that lies unread is ours."""
         may_s = {"head": head_s, "answer": answer_s}.get(self.waits_for, math.inf)
-        return time.monotonic() - self.since_s > may_s
+        is_late = time.monotonic() - self.since_s > may_s
+        return is_late and not (self.waits_for == "head" and _head(self.socket))
 
     def close(self) -> None:
         """End it; its thread sees that."""
@@ -267,25 +281,16 @@ class _Waiting:
     address: Any
     since_s: float
 
-    def head(self) -> bytes:
-        """Return the head of its request; b'' until all of it has come."""
-        try:
-            sent = self.socket.recv(LONGEST_ADDRESS + LONGEST_HEADERS, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-        except OSError:
-            return b""
-        head, end, _ = sent.partition(b"\r\n\r\n")
-        return head + end if end else b""
-
     def path(self) -> str:
         """Return the address that its request asks for; '' until the whole head has come."""
-        words = self.head().partition(b"\r\n")[0].decode("latin-1").split()
+        words = _head(self.socket).partition(b"\r\n")[0].decode("latin-1").split()
         return words[1] if len(words) > 1 else ""
 
 
 class Server(ThreadingHTTPServer):
     """A server of a live page with one thread for each request.
 
-    Who sends a request within half a second and takes the answer is always served: if there is no place, it
+    Who sends a request within two seconds and takes the answer is always served: if there is no place, it
     waits, and the clients that have been slow for longest are closed. Requests that carry the token do not
     wait for the others: places are kept free for them.
     """
@@ -430,7 +435,7 @@ class Server(ThreadingHTTPServer):
         """Close the connections that wait for a place and have not sent a request for a while."""
         with self._opening:
             for each in list(self._waiting):
-                if time.monotonic() - each.since_s > _SLOW_HEAD_S and not each.head():
+                if time.monotonic() - each.since_s > _SLOW_HEAD_S and not _head(each.socket):
                     self._waiting.remove(each)
                     self.shutdown_request(each.socket)
 
@@ -464,6 +469,11 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = ANSWER_S
     server_version = "dse"
     sys_version = ""
+
+    def parse_request(self) -> bool:
+        """Read the headers; the time for them begins with the first line, however late we read it."""
+        self.server.waits_for(self.connection, "head")
+        return super().parse_request()
 
     def do_GET(self) -> None:
         self.server.waits_for(self.connection, "")

@@ -7,6 +7,7 @@ import gzip
 import itertools
 import json
 import re
+import socket
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +26,7 @@ from dse.dashboard.serve import (
     Refused,
     Server,
     Writing,
+    _Open,
 )
 from tests.page_data import OBJECTIVES, points
 from tests.serving import answer_to, ask, connect, served
@@ -362,6 +364,19 @@ def test_clients_that_drip_shut_nobody_out(server, monkeypatch):
     assert [ask(server, "/data.json")[0] for _ in range(3)] == [200] * 3
     stop.set()
     attacker.join()
+
+
+def test_a_request_that_lies_unread_is_no_slow_client():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.settimeout(PATIENCE_S)
+        waiting = _Open(ours, "head", since_s=time.monotonic() - 60)
+        assert waiting.is_slow(2, 5)
+        theirs.sendall(b"GET / HTTP/1.1\r\n")
+        assert waiting.is_slow(2, 5)
+        theirs.sendall(b"Host: x\r\n\r\n")
+        assert not waiting.is_slow(2, 5)
+        assert ours.recv(100).endswith(b"\r\n\r\n")  # it was only looked at
 
 
 def test_a_place_is_free_for_the_holder_of_the_token(folder, monkeypatch):
