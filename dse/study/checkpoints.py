@@ -1,9 +1,9 @@
 """Checkpoints: where trainings stand, on disk, so that a killed job repeats the last epochs alone.
 
     checkpoints/<epochs>/artefacts/<trial>/repeat_<k>/   state.npz, from which the training goes on, and
-        record.json; at a rung, where training pauses, also everything that a finished run has
+        record.json; at a rung of a study with limits also everything that a finished run has
 
-So the folder of a number of epochs is laid out as a study of trainings of so many. A run has the newest
+So the folder of a rung is laid out as a study of trainings of so many epochs. A run has the newest
 checkpoint alone, and none once it has ended.
 """
 

@@ -178,6 +178,8 @@ class TrainingJob:
 
     until: epochs after which trainings pause at a rung; None: they train to their ends.
     checkpoint_s: seconds between two checkpoints.
+    points_at_rung: design points are measured at a rung too, and what they need is kept; otherwise the full
+        read-out alone, which is all that designs are ranked by.
     """
 
     runs: tuple[Run, ...]
@@ -185,6 +187,7 @@ class TrainingJob:
     threads: int = 1
     until: int | None = None
     checkpoint_s: float = math.inf
+    points_at_rung: bool = False
 
 
 def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
@@ -319,7 +322,8 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
             try:
                 if isinstance(ended, Exception):
                     raise ended
-                _publish(job.runs[number], job.device, ended, loaded, unseen[number], rungs)
+                only_full = isinstance(ended, Rung) and not job.points_at_rung
+                _publish(job.runs[number], job.device, ended, loaded, unseen[number], rungs, only_full)
             except (store.StoreError, MemoryError):
                 raise  # a full disk is not the run's fault, and alone the run may have the memory
             except Exception as error:
@@ -453,6 +457,7 @@ def _publish(
     loaded: Loaded,
     unseen: UnseenTargets,
     rungs: Mapping[int, Numbers],
+    only_full: bool = False,
 ) -> None:
     """Measure a run that has finished, or stands at a rung, and write its record and its arrays.
 
@@ -463,11 +468,14 @@ def _publish(
         loaded: what it was trained on.
         unseen: accuracies of the trainings without some groups.
         rungs: epochs -> what was measured there before.
+        only_full: measure its full read-out alone, without arrays.
     """
     outcome = ended.outcome if isinstance(ended, Rung) else ended
     assert outcome is not None  # the training pauses here
     data, leak = loaded.data, loaded.leak
-    if job.phi_step is not None and isinstance(outcome.validation, Response):
+    if only_full:
+        job = dataclasses.replace(job, phi=(), theta=())
+    elif job.phi_step is not None and isinstance(outcome.validation, Response):
         most = most_output_spikes(job.sections.model, outcome.network, data)
         job = dataclasses.replace(job, phi=tuple(range(0, most + job.phi_step, job.phi_step)))
     measurement = job.measured(outcome, data, unseen=unseen)
@@ -488,16 +496,7 @@ def _publish(
     )
     if isinstance(ended, Rung):
         record = dataclasses.replace(record, rungs={**rungs, ended.epochs: record.measured})
-    arrays = {
-        "weights.npz": store.record_arrays(outcome.network),
-        "response.npz": _response_arrays(outcome.validation, data, data.validation),
-        "history.npz": dict(outcome.history),
-        **arrays_of(job, measurement, ""),
-    }
-    if outcome.test is not None:
-        arrays["response_test.npz"] = _response_arrays(outcome.test, data, data.test)
-    for name, head in measurement.heads.items():
-        arrays |= arrays_of(job, head, f"_{name}")
+    arrays = {} if only_full else _arrays(job, outcome, measurement, data)
     files = {name: _writer(content) for name, content in arrays.items()}
     if isinstance(ended, Rung):
         checkpoints.save(
@@ -506,6 +505,23 @@ def _publish(
     else:
         store.save_run(job.folder, record.to_plain(), files)
         checkpoints.remove(job.study, job.trial, job.repeat)
+
+
+def _arrays(
+    job: Run, outcome: Outcome, measurement: Measurement, data: Dataset
+) -> dict[str, dict[str, Array]]:
+    """Return the files of a run."""
+    files = {
+        "weights.npz": store.record_arrays(outcome.network),
+        "response.npz": _response_arrays(outcome.validation, data, data.validation),
+        "history.npz": dict(outcome.history),
+        **arrays_of(job, measurement, ""),
+    }
+    if outcome.test is not None:
+        files["response_test.npz"] = _response_arrays(outcome.test, data, data.test)
+    for name, head in measurement.heads.items():
+        files |= arrays_of(job, head, f"_{name}")
+    return files
 
 
 def publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:

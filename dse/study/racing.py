@@ -180,13 +180,15 @@ class Race:
         if not limits:
             return set()
         folder = checkpoints.rung_folder(self._folder, epochs)
-        rows = points.points_table(self._space, folder, waiting, self._profiles)
+        # Without limits nothing is kept for points, and limits may have come since.
+        with_points = {t: of for t, of in waiting.items() if all("response.npz" in one.files for one in of)}
+        rows = points.points_table(self._space, folder, with_points, self._profiles)
         if rows.empty:
-            return set(waiting)
+            return set(with_points)
         for limit in limits:
             if named_columns([limit]) <= set(rows.columns):
                 rows = rows[matches(limit, rows)]
-        return set(waiting) - set(rows["trial"])
+        return set(with_points) - set(rows["trial"])
 
     def _full(
         self, records: Sequence[RunRecord], numbers: Sequence[Numbers]

@@ -25,6 +25,7 @@ from dse.config.resolved import Sections
 from dse.dataset import cache
 from dse.dataset.shape import Shape
 from dse.hardware.profile import Profile
+from dse.measure.objectives import need_no_decisions
 from dse.recordings import RecordingError
 from dse.records import Dataset
 from dse.registry import PluginError
@@ -396,8 +397,16 @@ class Runs:
         self._progress.plan([demand.cost for demand in demands])
         device, threads, checkpoint_s = execution.device, execution.threads, execution.checkpoint_s
         plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
+        ranked_by = [name for name, _ in self._space.objectives]
         return [
-            jobs.TrainingJob(tuple(fitting[i] for i in members), device, threads, until, checkpoint_s)
+            jobs.TrainingJob(
+                tuple(fitting[i] for i in members),
+                device,
+                threads,
+                until,
+                checkpoint_s,
+                points_at_rung=bool(self._space.limits) or not need_no_decisions(ranked_by),
+            )
             for members in plan
         ]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.measure.objectives import need_no_decisions
 from dse.models.snn.family import SNN
 from dse.models.training import Training
 from dse.study import checkpoints, jobs
@@ -24,7 +25,13 @@ class Killed(BaseException):
     """As if the process were gone."""
 
 
-def cohort(folder: Path, until: int | None = None, checkpoint_s: float = 0.0, **training: Any) -> Any:
+def cohort(
+    folder: Path,
+    until: int | None = None,
+    checkpoint_s: float = 0.0,
+    points_at_rung: bool = False,
+    **training: Any,
+) -> Any:
     """Return a job of two runs whose data set is saved."""
     if not (folder / "data").exists():
         save(toy(n_channels=6, n_steps=20, n=24), folder / "data")
@@ -44,7 +51,9 @@ def cohort(folder: Path, until: int | None = None, checkpoint_s: float = 0.0, **
         )
         for number in range(2)
     ]
-    return jobs.TrainingJob(tuple(runs), until=until, checkpoint_s=checkpoint_s)
+    return jobs.TrainingJob(
+        tuple(runs), until=until, checkpoint_s=checkpoint_s, points_at_rung=points_at_rung
+    )
 
 
 def trained(job: jobs.TrainingJob) -> None:
@@ -111,11 +120,12 @@ def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(
     tmp_path: Path, whole: dict[str, Any]
 ) -> None:
     study, measured = tmp_path / "study", {}
-    for until in (2, 3):
-        trained(cohort(tmp_path, until))
+    for until, points in ((2, True), (3, False)):
+        trained(cohort(tmp_path, until, points_at_rung=points))
         assert not any(store.run_folder(study, k, 0).exists() for k in (0, 1))
         record = checkpoints.at_rung(study, 1, 0, until)
-        assert record is not None and not record.failed and "surface.npz" in record.files
+        assert record is not None and not record.failed
+        assert ("surface.npz" in record.files) == points and "state.npz" in record.files
         assert checkpoints.at_rung(study, 1, 0, until - 1) is None
         measured[until] = record.measured.columns["accuracy"]
     trained(cohort(tmp_path, until=3))  # nobody trains further than the rung
@@ -126,13 +136,30 @@ def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(
     assert_ended_as(tmp_path, whole)
 
 
+def test_a_rung_without_points_lacks_only_what_the_decision_maker_measures(tmp_path: Path) -> None:
+    columns: list[dict[str, Any]] = []
+    for points in (True, False):
+        folder = tmp_path / str(points)
+        folder.mkdir()
+        trained(cohort(folder, until=2, points_at_rung=points))
+        record = checkpoints.at_rung(folder / "study", 1, 0, 2)
+        assert record is not None
+        columns.append({k: x for k, x in record.measured.columns.items() if k != "train_s"})
+    with_points, without = columns
+    assert without.items() <= with_points.items() and need_no_decisions(
+        ["accuracy", "n_weights", "energy_uj"]
+    )
+    lacking = with_points.keys() - without.keys()
+    assert "t_p_ms" in lacking and not any(need_no_decisions([name]) for name in lacking)
+
+
 @pytest.mark.parametrize("what", ["damaged", "other training", "other schema"])
 def test_a_checkpoint_that_cannot_be_used_is_removed(
     tmp_path: Path, whole: dict[str, Any], what: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(checkpoints, "SCHEMA", 0 if what == "other schema" else checkpoints.SCHEMA)
-        other = {"learning_rate": 0.5} if what == "other training" else {}
+        other: Any = {"learning_rate": 0.5} if what == "other training" else {}
         trained(cohort(tmp_path, until=2, **other))
     for folder in [*checkpoints.folders(tmp_path / "study", 0, 0).values()] if what == "damaged" else []:
         (folder / "state.npz").write_bytes(b"torn")

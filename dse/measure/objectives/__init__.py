@@ -19,7 +19,7 @@ To add one, here or in a module of your own, write a file with
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -147,6 +147,16 @@ def measured(needs: Needs, record: Points | FullReadOut | Priced) -> dict[str, A
             )
         result |= columns
     return dict(sorted(result.items(), key=lambda item: _place(item[0])))
+
+
+def need_no_decisions(columns: Iterable[str]) -> bool:
+    """Return whether each column is one of every read-out or chip, so none is the decision maker's."""
+    of_read_outs = {
+        column.name
+        for cls in registry.known("objectives").values()
+        for column in (cls().columns if cls().needs != "full_read_out" else ())
+    }
+    return of_read_outs.issuperset(columns)
 
 
 # Columns of the tables in the order in which they stand there; others follow.
