@@ -96,7 +96,8 @@ def show(answer: Answer, command: str, form: str | None) -> None:
             show(section, command, form)
         return
     if form == "csv":
-        _frame(answer).to_csv(sys.stdout, index=False)
+        if answer.rows or answer.columns:
+            _frame(answer).to_csv(sys.stdout, index=False)
     else:
         buffer = io.BytesIO()
         _frame(answer).to_parquet(buffer, index=False)
@@ -122,6 +123,8 @@ def _content(answer: Answer) -> dict[str, object]:
 def _frame(answer: Answer) -> pandas.DataFrame:
     import pandas
 
+    if not answer.rows:
+        return pandas.DataFrame(columns=list(answer.columns))
     return pandas.DataFrame(list(answer.rows))
 
 

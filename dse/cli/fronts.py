@@ -54,6 +54,8 @@ def front_answer(
         notes: on it.
         beside: further columns to show.
     """
+    if rows.empty:
+        return Answer([], [*notes, "no design point is left"], list(map(str, rows.columns)))
     table = without_equals(rows, objectives)
     shown = columns(table, objectives)
     if len(table) < len(rows):
@@ -72,7 +74,7 @@ def without_equals(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> pandas
     """Return one row for the points of a trial that are equal in all objectives, with their number."""
     from dse.skyline.pick import economy
 
-    if "trial" not in rows or rows.empty:
+    if "trial" not in rows:
         return rows
     alike = [x for x in ("trial", "task", "hardware", "weight_bits", "pruned_after") if x in rows]
     alike += [name for name, _ in objectives if name not in alike]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -53,6 +54,15 @@ def test_equal_points_of_a_trial_are_one_row_with_their_number() -> None:
     assert answer.notes[0] == "a note" and answer.notes[1].startswith("points: how many points of a trial")
     alone = front_answer(points.iloc[2:], [Goal(*pair) for pair in GOALS], ["a note"])
     assert "points" not in alone.columns and list(alone.notes) == ["a note"]
+
+
+def test_an_empty_front_says_so_and_has_a_header(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mixed().to_csv(tmp_path / "points.csv", index=False)
+    options = ["--objectives", "accuracy:max", "--where", "n_weights < 0"]
+    assert main(["skyline", str(tmp_path / "points.csv"), *options, "--format", "csv"]) == 0
+    printed = capsys.readouterr()
+    assert "no design point is left" in printed.err
+    assert list(pd.read_csv(io.StringIO(printed.out)).columns)[:3] == ["trial", "task", "family"]
 
 
 def test_a_missed_budget_is_no_axis() -> None:
