@@ -28,7 +28,7 @@ from dse.engine.losses import Loss
 from dse.engine.member import Masters, Member, Report, State, Turn, as_part, of_part
 from dse.engine.shared import copies_of
 from dse.neurons import Population
-from dse.neurons.fixed_point import WEIGHT_SCALE
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, WEIGHT_SCALE
 from dse.neurons.surrogate import OFFSET, Exponential
 from dse.records import Arithmetic, Array, Floats, Ints
 
@@ -326,10 +326,12 @@ class _Matrix:
         for name, values in state.items():
             setattr(self, name, torch.tensor(values, device=self.weights.device))
 
-    def update(self, gradient: Tensor, rate: float, step: int) -> None:
+    def update(self, gradient: Tensor, rate: float, step: int, arithmetic: Arithmetic) -> None:
         self.weights, self.first, self.second = adam(
             self.weights, gradient, self.first, self.second, step, rate * self.unit
         )
+        if arithmetic == "integer":
+            self.weights = self.weights.clamp(LOWEST_WEIGHT, HIGHEST_WEIGHT)
 
 
 class _Network:
@@ -399,7 +401,7 @@ class _Network:
         if self._clip_norm is not None and norm > 0:
             clip = min(1.0, self._clip_norm / norm)
         for matrix, gradient in zip(trained, totals, strict=True):
-            matrix.update(clip * gradient, turn.learning_rate, self._steps)
+            matrix.update(clip * gradient, turn.learning_rate, self._steps, self._arithmetic)
         cells = max(1, rows.n_samples * rows.n_steps)
         return Report(
             loss,

@@ -19,11 +19,11 @@ from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.shared import Copies, copies_of
-from dse.neurons.fixed_point import WEIGHT_SCALE
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT
 from dse.records import Arithmetic, Array, Ints
 
 _NOTHING = np.zeros(0, np.float32)
-_LOWEST, _HIGHEST = -256 / WEIGHT_SCALE * GRID, 254 / WEIGHT_SCALE * GRID
+_LOWEST, _HIGHEST = LOWEST_WEIGHT * GRID, HIGHEST_WEIGHT * GRID
 
 
 @dataclass(frozen=True)

@@ -110,8 +110,6 @@ class Delays:
             0.0,
             float(self.longest),
         )
-        # A master beyond an end would have no gradient and never come back.
-        np.clip(self.masters, 0, self.longest, out=self.masters)
 
     def state(self) -> dict[str, Array]:
         """Return a copy of what an update reads and writes."""

@@ -701,8 +701,9 @@ def adam(
         rate: learning rate over 1 - beta_1 ** step.
         correction: 1 / (1 - beta_2 ** step).
         table: int8 weights as they run, or empty where weights run as they are.
-        grid, low, high: rounded weights are `rint(weight * grid)` in [low, high]; where it lies outside, the
-            gradient does not pass; grid 0: weights are not rounded.
+        grid, low, high: rounded weights are `rint(weight * grid)` in [low, high]. Where it lies outside, the
+            gradient does not pass; moved weights are clipped to low / grid and high / grid, where it does.
+            grid 0: weights are not rounded.
     """
     wide = np.zeros(LANES)
     norm = zeros(wide, LANES_16)
@@ -729,10 +730,10 @@ def adam(
                 w = w - size * m / (sqrt(v * splat(correction, v)) + splat(epsilon, v))
                 store(first, at, m)
                 store(second, at, v)
-                store(weights, at, w)
                 if grid > 0:
-                    q = rint(w * splat(grid, w))
-                    store(table, at, smaller(larger(q, splat(low, q)), splat(high, q)))
+                    w = smaller(larger(w, splat(low / grid, w)), splat(high / grid, w))
+                    store(table, at, rint(w * splat(grid, w)))
+                store(weights, at, w)
         column += width
     store(wide, 0, norm)
     return float(wide.sum())

@@ -100,6 +100,8 @@ def adam(
 ) -> None:
     """Move master weights against their gradients, in place (dse.engine.adam.adam).
 
+    Those that run rounded stay within the range of 8 bits (fixed_point.within_range).
+
     Args:
         masters: panels, float32.
         gradients: panels.
@@ -129,4 +131,7 @@ def adam(
     v += (1 - BETA_2) * (gradient * gradient - v)
     tl.store(first + at, m, mask=exists)
     tl.store(second + at, v, mask=exists)
-    tl.store(masters + at, master - tl.div_rn(size * m, tl.sqrt_rn(v * correction) + EPSILON), mask=exists)
+    master -= tl.div_rn(size * m, tl.sqrt_rn(v * correction) + EPSILON)
+    if INTEGER:
+        master = tl.minimum(tl.maximum(master, LOWEST / GRID), HIGHEST / GRID)
+    tl.store(masters + at, master, mask=exists)

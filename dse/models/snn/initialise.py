@@ -16,7 +16,7 @@ from dse.engine.shared import copies_of, expanded
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
-from dse.neurons.fixed_point import quantise
+from dse.neurons.fixed_point import quantise, within_range
 from dse.records import Arithmetic, Array, Floats, Ints
 
 _GAIN_RANGE = 16.0
@@ -158,6 +158,7 @@ def initialise(
     delays: list[Floats | None] = []
     rates = []
     sharing = model.sharing(n_outputs)
+    within = within_range if model.arithmetic == "integer" else np.asarray
     for depth, (n, population) in enumerate(zip((*model.hidden, n_outputs), populations, strict=True)):
         cells = max(1, rows.n_samples * rows.n_steps)
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
@@ -202,8 +203,8 @@ def initialise(
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
         gain, reached = _reach_rate(rate, target, spread)
-        feed_forward.append((gain * drawn + fixed).astype(np.float32))
-        recurrent.append(ring)
+        feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
+        recurrent.append(None if ring is None else within(ring))
         delays.append(late)
         rates.append((target, reached))
         rows = delayed(forward(gain).fired)

@@ -25,7 +25,7 @@ from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
-from dse.neurons.fixed_point import STATE_LIMIT, quantise_passes
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
@@ -237,7 +237,9 @@ def _outcome(
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
         "saturated_outputs": int((fired[-1] >= SATURATED * cells).sum()) if cells else 0,
         "collapsed_outputs": _collapsed(dataset, validation),
-        "clipped_weights": sum(int((~quantise_passes(w)).sum()) for w in masters),
+        "clipped_weights": sum(
+            int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in masters
+        ),
         "peak_state": validation.peak_state,
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
         "missed_initial_rates": sum(

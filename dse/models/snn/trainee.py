@@ -14,7 +14,7 @@ from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
-from dse.neurons.fixed_point import WEIGHT_SCALE, quantise_passes
+from dse.neurons.fixed_point import WEIGHT_SCALE
 from dse.records import Array, Floats, Ints
 from dse.seeds import move_to, position
 
@@ -226,9 +226,6 @@ class Trainee:
             layer = number % len(layers) + 1
             if self.model.arithmetic != "integer" and growth > _LOST_GROWTH:
                 return f"the weights of layer {layer} have grown {growth:.0e} times after epoch {epoch + 1}"
-            # A weight beyond the range of 8 bits has no gradient: growth ends there.
-            if self.model.arithmetic == "integer" and not quantise_passes(w).any():
-                return f"the weights of layer {layer} all exceed 8 bits after epoch {epoch + 1}"
         return ""
 
 
