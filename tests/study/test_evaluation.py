@@ -250,7 +250,7 @@ def test_a_run_that_fails_without_a_group_is_not_trained_further(
 
     monkeypatch.setattr(jobs, "_outcomes", counted)
     training = FEW | {"learning_rate": {"choice": [0.05, 1e30]}}
-    changes = {"model": SNN | {"hidden": 5}, "evaluation": {"leave_out": "force"}}
+    changes = {"model": SNN | {"hidden": 5, "arithmetic": "ideal"}, "evaluation": {"leave_out": "force"}}
     study = run(tmp_path, by_channel(), training=training, **changes)
     ours = study.trials.set_index("training.learning_rate")
     assert ours["status"].to_dict() == {0.05: "finished", 1e30: "failed"}
