@@ -116,7 +116,14 @@ SETS = {
             "output_voltage_decay": 0.03,
         },
         {},
-        {**_UNSTRETCHED, "event_dropout": 0.0},
+        {
+            **_UNSTRETCHED,
+            "event_dropout": 0.0,
+            "epochs": 100,
+            "learning_rate": 0.1,
+            "lr_every": 16,
+            "average_epochs": 10,
+        },
         {},
     ),
     "36 objects": Recordings(
@@ -184,6 +191,15 @@ _DELAYS = {**_ONE_COPY, "max_delay": 40}
 _FEW_DELAYS = {**_ONE_COPY, "max_delay": 10}
 _DROPPED = {"event_dropout": 0.2}
 _DILATED = {"dilation": [0.8, 1.25], "dilation_keeps_label": True}
+_LONG_BRAILLE = {
+    **_DROPPED,
+    **_DILATED,
+    "dilation": [0.9, 1.1],
+    "learning_rate": 0.05,
+    "epochs": 200,
+    "lr_every": 32,
+    "average_epochs": 20,
+}
 _SMALL_SPEED = {"hidden": 150, "input_delays": [0, 2, 5, 10, 20, 40]}
 _TINY_SPEED = {**_SMALL_SPEED, **_RESONATOR, "hidden": 40}
 _TINY_BRAILLE = {**_CROSS_ENTROPY, "hidden": 40, "input_delays": [0]}
@@ -291,6 +307,25 @@ CASES = (
         _CROSS_ENTROPY,
         training={**_DROPPED, **_DILATED, "dilation": [0.9, 1.1]},
     ),
+    Case("7 Braille letters", "long, event dropout, dilation", _CROSS_ENTROPY, training=_LONG_BRAILLE),
+    Case(
+        "7 Braille letters",
+        "long, 160 hidden, event dropout, dilation",
+        {**_CROSS_ENTROPY, "hidden": 160},
+        training={**_LONG_BRAILLE, "learning_rate": 0.1},
+    ),
+    Case(
+        "7 Braille letters",
+        "long, pruned, 40 hidden, event dropout, dilation, taught",
+        {**_PRUNED_BRAILLE, "hidden": 40, "pruned": 0.57},
+        training={
+            **_LONG_BRAILLE,
+            "learning_rate": 0.1,
+            "epochs": 300,
+            "lr_every": 48,
+            **_taught("7 Braille letters", **_CROSS_ENTROPY, hidden=160),
+        },
+    ),
     Case("7 Braille letters", "CUBA-LIF, delays", {**_CROSS_ENTROPY, "input_delays": [0], "max_delay": 62}),
     Case("7 Braille letters", "CUBA-LIF, one copy", {**_CROSS_ENTROPY, **_ONE_COPY}),
     Case(
@@ -322,14 +357,8 @@ CASES = (
         "two layers, delays, taught",
         {**_TINY_BRAILLE, "hidden": [36, 26], "max_delay": 62},
         training={
-            **_DROPPED,
-            **_DILATED,
-            "dilation": [0.9, 1.1],
+            **_LONG_BRAILLE,
             "dropout": 0.0,
-            "learning_rate": 0.05,
-            "epochs": 200,
-            "lr_every": 32,
-            "average_epochs": 20,
             **_taught("7 Braille letters", **_CROSS_ENTROPY),
         },
     ),
@@ -365,9 +394,10 @@ IN_README = (
     "6 speeds: resonators, delays, event dropout",
     "6 speeds: small, resonators, delays",
     "26 ridged textures: small, resonators, cross-entropy",
-    "7 Braille letters: CUBA-LIF, event dropout, dilation",
+    "7 Braille letters: long, event dropout, dilation",
+    "7 Braille letters: long, 160 hidden, event dropout, dilation",
     "7 Braille letters: few spikes, CUBA-LIF, spike rate",
-    "7 Braille letters: pruned, 40 hidden, event dropout, taught",
+    "7 Braille letters: long, pruned, 40 hidden, event dropout, dilation, taught",
     "36 objects: CUBA-LIF, spike rate",
     "36 objects: pruned, CUBA-LIF, spike rate",
 )
