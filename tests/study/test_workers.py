@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -164,6 +165,23 @@ def test_leaving_the_block_ends_a_running_job_at_once() -> None:
     assert time.monotonic() - began < PATIENCE_S
     assert isinstance(pid, int)
     assert _gone(pid)
+
+
+def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "pid"
+    submit = loky._Slot.submit
+
+    def interrupted(self: loky._Slot, *task: Any) -> None:
+        submit(self, *task)
+        until(lambda: place.is_file() and place.read_text() != "", "the worker's process number")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(loky._Slot, "submit", interrupted)
+    with pytest.raises(KeyboardInterrupt), Workers(1) as workers:
+        list(workers.map(announce, [str(place)]))
+    assert _gone(int(place.read_text()))
 
 
 def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:

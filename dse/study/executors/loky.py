@@ -52,13 +52,16 @@ class Loky:
     ) -> Future[list[bytes]]:
         """Start a task in an idle worker or a new one."""
         while True:
-            slot = self._idle.pop() if self._idle else _Slot()
+            if not self._idle:
+                self._idle.append(_Slot())
+            slot = self._idle[-1]  # stays known: Ctrl-C may interrupt `submit` after the task has begun
             try:
                 future = slot.submit(task, post, ended)
             except BrokenProcessPool:  # it died while idle
-                slot.close()
+                self._idle.pop().close()
                 continue
             self._busy[future] = slot
+            self._idle.pop()
             return future
 
     def result(self, handle: object) -> list[bytes] | Failure:
@@ -80,7 +83,7 @@ class Loky:
 
     def close(self) -> None:
         """End all workers at once."""
-        for slot in [*self._idle, *self._busy.values()]:
+        for slot in {*self._idle, *self._busy.values()}:
             slot.close()
         self._idle.clear()
         self._busy.clear()
