@@ -138,6 +138,7 @@ def command(folder: Path, more_kib: int | None, cache: str) -> None:
     """Run the study of a folder as the command line does, with little more memory than there is now."""
     os.environ["DSE_CACHE"] = cache
     os.dup2(os.open(folder / "told", os.O_WRONLY | os.O_CREAT), 2)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored where the tests run under nohup
     study_workers.Loky = InProcess  # type: ignore[assignment, misc]
     tiny_study.register()
     if more_kib is not None:
