@@ -99,10 +99,8 @@ def save(
     trial, repeat = int(record["trial"]), int(record["repeat"])
     path = store.run_folder(rung_folder(study, epochs), trial, repeat)
     older = [folder for folder in folders(study, trial, repeat).values() if folder != path]
-    store.remove(path)
-    store.save_run(
-        path, {**record, "states": SCHEMA, "training": training}, {**(files or {}), _STATE: _writer(state)}
-    )
+    plain = {**record, "states": SCHEMA, "training": training}
+    store.save_run(path, plain, {**(files or {}), _STATE: _writer(state)}, replaces=True)
     for folder in older:
         store.remove(folder)
 
