@@ -28,7 +28,7 @@ _OF_CLASS = ("fits", "transductive", "hardware", "task")
 def skyline_of_blocks(
     blocks: Iterable[pd.DataFrame],
     goals: Sequence[tuple[str, str]],
-    where: str | None = None,
+    where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the front of all blocks together, as `dse.skyline.front.skyline`, in memory for a block.
@@ -38,7 +38,7 @@ def skyline_of_blocks(
     Args:
         blocks: tables of design points with the same columns.
         goals: (column, 'max' or 'min') pairs.
-        where: condition, as of `skyline`.
+        where: condition, or several, as of `skyline`.
         by: columns whose values have separate fronts.
 
     Raises:
@@ -62,7 +62,10 @@ def skyline_of_blocks(
 
 
 def _needed(
-    frame: pd.DataFrame, goals: Sequence[Goal], where: str | None, by: str | Sequence[str] | None
+    frame: pd.DataFrame,
+    goals: Sequence[Goal],
+    where: str | Sequence[str] | None,
+    by: str | Sequence[str] | None,
 ) -> Bools:
     """Return the rows that can be on the front, or decide which ones may be compared, (row,).
 
@@ -88,7 +91,7 @@ def _needed(
 def parquet_skyline(
     path: Path,
     goals: Sequence[tuple[str, str]],
-    where: str | None = None,
+    where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the front of a Parquet file; only the columns that decide it are read whole.
@@ -96,7 +99,7 @@ def parquet_skyline(
     Args:
         path: the file.
         goals: (column, 'max' or 'min') pairs.
-        where: condition, as of `skyline`.
+        where: condition, or several, as of `skyline`.
         by: columns whose values have separate fronts.
 
     Raises:
@@ -107,7 +110,7 @@ def parquet_skyline(
 
     store.verify(Path(path))
     with pyarrow.parquet.ParquetFile(path) as file:
-        deciding = {*(name for name, _ in goals), *named_columns([where] if where else []), *as_list(by)}
+        deciding = {*(name for name, _ in goals), *named_columns(as_list(where or None)), *as_list(by)}
         names = [name for name in file.schema_arrow.names if name in {*deciding, *_OF_CLASS, COST}]
         front = skyline_of_blocks(_blocks(file, names), goals, where, by)
         places = np.sort(front.rows.index.to_numpy())

@@ -222,7 +222,9 @@ def sure_pick(
     goals = [(maximise, "max"), *tie_breaks]
     among = comparable(frame, goals, conditions, by, named_columns(budgets), oversize)
     if among.rows.empty:
-        return Pick(None, pick(frame, budgets, maximise, tie_breaks, n_nearest, oversize).nearest, among.notes)
+        return Pick(
+            None, pick(frame, budgets, maximise, tie_breaks, n_nearest, oversize).nearest, among.notes
+        )
     drawn = front_draws(among.rows, goals, draws, by)
     if not drawn.values and drawn.rows.size and any(limit.column in draws.columns for limit in limits):
         values = draws.of(among.rows.iloc[drawn.rows])
