@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import TELLING, columns, records
 from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_question, add_targets, question_of
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "RESULTS/bundles, with the verdicts on their targets",
     )
     add_targets(parser)
-    add_format(parser)
+    add_format(parser, FORMATS)
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
