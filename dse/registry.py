@@ -383,8 +383,9 @@ def _load(plugin: Plugin, module: str, import_module: Callable[[], object]) -> P
 def _ask(name: str, what: str, digest: str, named_by: str | Path, asks: bool) -> None:
     """Raise a PluginError unless the user consents to code."""
     if not trust.consents(f"{what}, which {named_by} names", digest, asks=asks):
-        text = f"plugin '{name}' is code that you have not trusted ({what}, SHA-256 {digest})"
-        raise PluginError(f"{text}: look at it, then say --trust once; in Python, call load_plugin")
+        how = "then say --trust once, or in Python call dse.registry.load_plugin"
+        text = f"is code that you have not trusted: look at {what} (SHA-256 {digest}), {how}"
+        raise PluginError(f"plugin '{name}' {text}")
 
 
 def _module(name: str) -> tuple[str, bytes]:

@@ -58,8 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _refused(text: str) -> int:
-    """Print an error, and what may lie behind it: plugins of the folder that was read were not run."""
-    print(lines("\n".join(dict.fromkeys((text, *left_out())))), file=sys.stderr)
+    """Print an error; one about an unknown name may be that of a plugin that was not run."""
+    reasons = left_out() if "unknown" in text else ()
+    print(lines("\n".join((text, *reasons))), file=sys.stderr)
     return _BAD_INPUT
 
 
