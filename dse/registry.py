@@ -5,7 +5,7 @@ gives each key its unit, bounds and meaning, and `dse describe` prints them.
 
 A component may live outside `dse`: in a plugin, which is a module or a .py file that a search space names
 (`load_plugin`), or in a module that an installed distribution names in the entry-point group
-`dse.components`.
+`dse.components`. What a file names runs with the user's consent alone (`dse.trust`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, TypeVar
+
+from dse import trust
 
 T = TypeVar("T")
 
@@ -59,8 +61,13 @@ _MEMBERS: Mapping[str, tuple[str, ...]] = {
 }
 """Section -> what a component of it must have, beside what its contract defines for it."""
 
+_ENDING = "a file is named with its ending, {}.py"
+_MOST_BYTES = 2**24
+"""Size of the largest file that is read as a plugin."""
+
 _components: dict[str, dict[str, type]] = {}
 _plugins: dict[str, Plugin] = {}
+_left_out: dict[str, str] = {}
 _imported: set[str] = set()
 
 
@@ -256,8 +263,12 @@ def name_of(section: str, component: object) -> str:
     raise ValueError(f"{type(component).__name__} is not registered in section '{section}'")
 
 
-def load_plugin(name: str, base: Path | None = None) -> Plugin:
+def load_plugin(
+    name: str, base: Path | None = None, *, named_by: str | Path | None = None, asks: bool = True
+) -> Plugin:
     """Import a module of components; a plugin that is loaded already is not imported again.
+
+    No other function runs code that is not part of an installation.
 
     The module of a file is named by its contents: objects of its classes can be pickled and unpickled by
     every process that has loaded the same contents, and a file that has changed is loaded anew, in place of
@@ -266,23 +277,49 @@ def load_plugin(name: str, base: Path | None = None) -> Plugin:
     Args:
         name: the name of an installed module, or a path that ends in .py.
         base: folder that a path is relative to; absent: the current one.
+        named_by: the file that names it: it runs with the user's consent alone (`dse.trust`). None: who calls
+            names it, and consents by that.
+        asks: whether the user may be asked.
 
     Raises:
-        PluginError: there is no such module or file, it fails while it is imported, or the name of one of its
-            components is taken. Then nothing of it is registered.
+        PluginError: there is no such module or file, the user does not consent, it fails while it is
+            imported, or the name of one of its components is taken. Then nothing of it is registered.
     """
     if not name.endswith(".py"):
         if not all(part.isidentifier() for part in name.split(".")):
             raise PluginError(f"plugin '{name}' must be the name of a module or a path that ends in .py")
+        _load_entry_points()
+        if named_by is not None and name not in {*_plugins, *sys.modules}:
+            place, code = _module(name)
+            digest = hashlib.sha256(f"{name}\0{place}\0".encode() + code).hexdigest()
+            _ask(name, f"module {name} of {place}", digest, named_by, asks)
         return _load(Plugin(name, name), name, lambda: importlib.import_module(name))
     path = ((base or Path()) / Path(name).expanduser()).resolve()
-    try:
-        code = path.read_bytes()
-    except OSError as error:
-        raise PluginError(f"plugin '{name}': cannot read {path}: {error.strerror}") from None
+    code = _code(name, path)
     stem, digest = re.sub(r"\W", "_", path.stem), hashlib.sha256(code).hexdigest()
     module = f"dse_plugin_{stem}_{digest[:16]}"
+    if named_by is not None and module not in _plugins:
+        _ask(name, str(path), digest, named_by, asks)
     return _load(Plugin(name, str(path)), module, lambda: _run_file(path, code, module))
+
+
+def load_trusted(names: Iterable[object], named_by: Path) -> None:
+    """Load the plugins of a folder that is read; nobody is asked.
+
+    What may not run, or cannot, is left out (`left_out`): names of its components are texts like any other.
+    """
+    for name in map(str, names):
+        try:
+            load_plugin(name, named_by=named_by, asks=False)
+        except PluginError as error:
+            _left_out[name] = str(error)
+
+
+def left_out() -> list[str]:
+    """Return why plugins of folders that were read since the last call are not loaded, a sentence each."""
+    sentences = list(_left_out.values())
+    _left_out.clear()
+    return sentences
 
 
 def plugin_of(cls: type) -> Plugin | None:
@@ -343,6 +380,46 @@ def _load(plugin: Plugin, module: str, import_module: Callable[[], object]) -> P
     return _plugins[module]
 
 
+def _ask(name: str, what: str, digest: str, named_by: str | Path, asks: bool) -> None:
+    """Raise a PluginError unless the user consents to code."""
+    if not trust.consents(f"{what}, which {named_by} names", digest, asks=asks):
+        how = "then say --trust once, or in Python call dse.registry.load_plugin"
+        text = f"is code that you have not trusted: look at {what} (SHA-256 {digest}), {how}"
+        raise PluginError(f"plugin '{name}' {text}")
+
+
+def _module(name: str) -> tuple[str, bytes]:
+    """Return where a module lies and its source; nothing is imported, packages above it neither."""
+    spec, where, parts = None, None, name.split(".")
+    for n in range(1, len(parts) + 1):
+        full = ".".join(parts[:n])
+        found = (finder.find_spec(full, where) for finder in sys.meta_path if hasattr(finder, "find_spec"))
+        spec = next((one for one in found if one is not None), None)
+        if spec is None:
+            raise PluginError(f"plugin '{name}': no module '{full}' is installed; {_ENDING.format(name)}")
+        where = list(spec.submodule_search_locations or ())
+    place = (spec and spec.origin) or ""
+    return place, _code(name, Path(place)) if Path(place).is_file() else b""
+
+
+def _code(name: str, path: Path) -> bytes:
+    """Return the source of a plugin.
+
+    Raises:
+        PluginError: it cannot be read, is no file, such as a pipe, or is too large.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise PluginError(f"plugin '{name}': {path} must be a file of Python source")
+        with path.open("rb") as file:
+            code = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise PluginError(f"plugin '{name}': cannot read {path}: {error.strerror}") from None
+    if len(code) > _MOST_BYTES:
+        raise PluginError(f"plugin '{name}': {path} must have at most {_MOST_BYTES} bytes")
+    return code
+
+
 def _run_file(path: Path, code: bytes, name: str) -> None:
     """Run a file as a module of a name; unlike an import it leaves no compiled file beside it."""
     module = ModuleType(name)
@@ -358,7 +435,7 @@ def _run_file(path: Path, code: bytes, name: str) -> None:
 def failure(error: BaseException, plugin: Plugin) -> str:
     """Return the error of a plugin's code as one sentence, with the line."""
     if isinstance(error, ModuleNotFoundError) and f"{plugin.source}.".startswith(f"{error.name}."):
-        return f"no module '{error.name}' is installed; a file is named with its ending, {plugin.name}.py"
+        return f"no module '{error.name}' is installed; {_ENDING.format(plugin.name)}"
     kind = type(error).__name__
     if isinstance(error, SyntaxError):
         return f"{kind} in line {error.lineno} of {error.filename}: {error.msg}"

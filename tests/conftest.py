@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from dse import registry
+from dse import registry, trust
 from dse.study import workers as study_workers
 from dse.study.executors.loky import Loky
 from tests.in_process import Forked, InProcess
@@ -62,6 +62,22 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setenv("DSE_CACHE", str(folder))
         patch.delenv("DSE_CACHE_GIB", raising=False)
         yield folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_config(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A list of trusted code for the tests of one run; the user's own is neither read nor written."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("config")
+        patch.setenv("DSE_CONFIG", str(folder))
+        yield folder
+
+
+@pytest.fixture
+def trusting() -> Iterator[None]:
+    """Let plugins that files name run; the command line has `--trust` for that."""
+    with trust.answering(True):
+        yield
 
 
 @pytest.fixture(autouse=True, scope="module")

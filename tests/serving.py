@@ -29,7 +29,9 @@ def served(server: Server) -> Iterator[Server]:
 def ask(
     server: Server, path: str = "/", method: str = "GET", body: str | None = None, **headers: str
 ) -> tuple[int, HTTPMessage, bytes]:
-    """Send a request; return its status, headers and body."""
+    """Send a request, with the token of the server if it names none; return its status, headers and body."""
+    if "token=" not in path:
+        path = f"{path}{'&' if '?' in path else '?'}token={server.token}"
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)
     try:
         connection.request(method, path, body, headers)

@@ -15,6 +15,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from dse.text import json_line, lines, one_line
+
 if TYPE_CHECKING:
     import pandas
 
@@ -85,35 +87,37 @@ def show(answer: Answer, command: str, form: str | None) -> None:
     """Print an answer to stdout; notes follow a table, and go to stderr with other formats."""
     if answer.is_printed:
         for note in answer.notes:
-            print(note, file=sys.stderr)
+            print(one_line(note), file=sys.stderr)
         return
     columns: Sequence[str] = ()
     if form is None:
         form, columns = "table" if answer.text or sys.stdout.isatty() else "csv", answer.columns
     if form == "json":
-        print(document(answer, command))
+        print(json_line(document(answer, command)))
         return
     if form == "table":
         if answer.text:
-            print(answer.text)
+            print(lines(answer.text))
         elif answer.rows:
             _print_table(answer)
         for note in answer.notes:
             print(wrapped(note))
         for title, section in answer.sections.items():
-            print(f"\n{title}")
+            print(f"\n{one_line(title)}")
             show(section, command, form)
         return
     if form == "csv":
         if answer.rows or answer.columns:
             frame = _frame(answer)
-            frame[[name for name in columns or frame if name in frame]].to_csv(sys.stdout, index=False)
+            shown = frame[[name for name in columns or frame if name in frame]]
+            content = shown.to_csv(index=False)
+            sys.stdout.write(lines(content) if sys.stdout.isatty() else content)
     else:
         buffer = io.BytesIO()
         _frame(answer).to_parquet(buffer, index=False)
         sys.stdout.buffer.write(buffer.getvalue())
     for note in answer.notes:
-        print(note, file=sys.stderr)
+        print(one_line(note), file=sys.stderr)
 
 
 def document(answer: Answer, command: str) -> str:
@@ -234,7 +238,7 @@ def _print_grid(
         )
         for name in columns:
             table.add_column(
-                Text(name),
+                Text(one_line(name)),
                 justify="right" if numeric[name] else "left",
                 no_wrap=not _is_prose(name, rows),
                 min_width=needed[name],
@@ -260,21 +264,21 @@ def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> N
 
 def _wrap(text: str, width: int, subsequent_indent: str = "") -> list[str]:
     """Return lines that break between words alone; spaces within them stay, and options with their value."""
-    whole = _OPTION.sub(lambda option: option[0].replace(" ", _KEPT), text)
-    lines = textwrap.wrap(
+    whole = _OPTION.sub(lambda option: option[0].replace(" ", _KEPT), one_line(text))
+    broken = textwrap.wrap(
         whole,
         width,
         subsequent_indent=subsequent_indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
-    return [line.replace(_KEPT, " ") for line in lines]
+    return [line.replace(_KEPT, " ") for line in broken]
 
 
 def wrapped(text: str) -> str:
     """Return a text wrapped between words at the width of the terminal."""
     width = _width()
-    return "\n".join(_wrap(text, width)) if width else text
+    return "\n".join(_wrap(text, width)) if width else one_line(text)
 
 
 def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:
@@ -285,19 +289,20 @@ def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:
         width: in characters; None: that of the terminal, and without one no line is wrapped.
     """
     width = width or _width()
+    pairs = [(one_line(name), one_line(text)) for name, text in pairs]
     indent = max((len(name) for name, _ in pairs), default=0) + _GAP
     longest_word = max((len(word) for _, text in pairs for word in text.split()), default=0)
     if width is None or width - indent < max(_PROSE // 2, min(longest_word, width - _GAP)):
         indent = indent if width is None else _GAP
-    lines = []
+    listed = []
     for name, text in pairs:
         head = f"{name:<{indent}}" if len(name) + _GAP <= indent else f"{name}{' ' * _GAP}"
         if width is None:
-            lines.append(f"{head}{text}".rstrip())
+            listed.append(f"{head}{text}".rstrip())
             continue
         wrapped = _wrap(f"{head}{text}", width, subsequent_indent=" " * indent)
-        lines += wrapped or [name]
-    return "\n".join(lines)
+        listed += wrapped or [name]
+    return "\n".join(listed)
 
 
 def _width() -> int | None:
@@ -321,4 +326,4 @@ def cell(value: object, digits: int = 4) -> str:
         return "-"
     if isinstance(value, float):
         return f"{value:.0f}" if abs(value) >= 10_000 else f"{value:.{digits}g}"
-    return str(value)
+    return one_line(str(value))

@@ -8,14 +8,19 @@ import sys
 from collections.abc import Sequence
 
 import dse
+from dse import trust
 from dse.cli.answer import Answer, show
+from dse.cli.asking import trusts
 from dse.cli.commands import commands_by_name
 from dse.config import ConfigError
+from dse.registry import left_out
+from dse.text import lines
 
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained; 2 bad input, every fault on stderr; 3 no design "
     "point meets the budgets; 4 a target that was faithful is so no longer; 130 stopped by Ctrl-C"
 )
+_TRUST = "run the code of plugins that the folder or search space names, now and whenever it is the same"
 _BAD_INPUT = 2
 _STOPPED = 130
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
@@ -24,8 +29,10 @@ _RESUMABLE = "stopped; finished trials are kept, and the same command resumes th
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
     parsed = _parser().parse_args(arguments)
+    left_out()
     try:
-        answer: Answer = parsed.answer(parsed)
+        with trust.answering(getattr(parsed, "trust", False) or trusts):
+            answer: Answer = parsed.answer(parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
@@ -36,23 +43,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ConfigError as error:
-        print(error, file=sys.stderr)
-        return _BAD_INPUT
+        return _refused(str(error))
     except OSError as error:
-        print(f"{error.filename or 'dse'}: {error.strerror or error}", file=sys.stderr)
-        return _BAD_INPUT
+        return _refused(f"{error.filename or 'dse'}: {error.strerror or error}")
     except MemoryError:
-        print("dse: out of memory; nothing that has finished is lost", file=sys.stderr)
-        return _BAD_INPUT
+        return _refused("dse: out of memory; nothing that has finished is lost")
     except UnicodeEncodeError as error:
-        print(f"dse: a name or text must be UTF-8, got {error.object!r}", file=sys.stderr)
-        return _BAD_INPUT
+        return _refused(f"dse: a name or text must be UTF-8, got {error.object!r}")
     except Exception as error:
         if not isinstance(error, _users_mistakes()):
             raise
-        print(error, file=sys.stderr)
-        return _BAD_INPUT
+        return _refused(str(error))
     return answer.code
+
+
+def _refused(text: str) -> int:
+    """Print an error; one about an unknown name may be that of a plugin that was not run."""
+    reasons = left_out() if "unknown" in text else ()
+    print(lines("\n".join((text, *reasons))), file=sys.stderr)
+    return _BAD_INPUT
 
 
 def _users_mistakes() -> tuple[type[Exception], ...]:
@@ -86,5 +95,7 @@ def _parser() -> argparse.ArgumentParser:
             name, help=module.HELP, description=module.HELP, epilog=EXIT_CODES, allow_abbrev=False
         )
         module.add_arguments(subparser)
+        if module.GROUP in ("search", "choose", "deploy"):
+            subparser.add_argument("--trust", action="store_true", help=_TRUST)
         subparser.set_defaults(answer=module.answer)
     return parser

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-_CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029\\ud800-\\udfff]")
-
-
-def one_line(text: str) -> str:
-    """Return a text whose control characters, as a file may hold them, are escaped."""
-    return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)
+from dse.text import one_line
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     for key in REQUIRED:
         if key not in data:
             report((), f"section '{key}' is required")
-    plugins = _plugins(data.get("plugins"), source.parent, report)
+    plugins = _plugins(data.get("plugins"), source, report)
     if plugins is None:
         return None  # whatever names its components would be at fault
     study = _study(data.get("study", "study" if str(source) == _IN_PYTHON else source.stem), report)
@@ -158,20 +158,21 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     )
 
 
-def _plugins(raw: Raw, base: Path, report: Report) -> tuple[Plugin, ...] | None:
+def _plugins(raw: Raw, source: Path, report: Report) -> tuple[Plugin, ...] | None:
     """Load the plugins of a search space, modules or .py files beside it; None after a fault.
 
     Args:
         raw: a name or a list of names, as written.
-        base: folder of the search space.
+        source: the search space.
         report: called with (path, sentence) for every plugin that cannot be loaded or registers nothing.
     """
     names = read(raw or (), tuple[str, ...], Rule(doc=""), ("plugins",), report)
     plugins: list[Plugin] = []
+    named_by = None if str(source) == _IN_PYTHON else source  # a mapping is of whoever calls
     good = names is not INVALID
     for index, name in enumerate(names if good else ()):
         try:
-            plugin = registry.load_plugin(name, base)
+            plugin = registry.load_plugin(name, source.parent, named_by=named_by)
         except registry.PluginError as error:
             fault = str(error)
         else:

@@ -108,7 +108,7 @@ def load(name: str | Path = DEFAULT) -> Definition:
     path = _path(str(name))
     document = read_document(path, {})
     faults = list(document.faults)
-    values = {} if faults else _values(document, path.parent, faults)
+    values = {} if faults else _values(document, path, faults)
     if faults:
         raise in_file_order(faults)
     return Definition(**values)
@@ -124,7 +124,7 @@ def _path(name: str) -> Path:
     return Path(name)
 
 
-def _values(document: Document, folder: Path, faults: list[Fault]) -> dict[str, Any]:
+def _values(document: Document, file: Path, faults: list[Fault]) -> dict[str, Any]:
     """Return the valid keys of the file, each in its type."""
 
     def report(path: Keys, message: str) -> None:
@@ -145,7 +145,7 @@ def _values(document: Document, folder: Path, faults: list[Fault]) -> dict[str, 
             values[key] = value
     for place, plugin in enumerate(values.get("plugins", ())):
         try:
-            load_plugin(plugin, folder)
+            load_plugin(plugin, file.parent, named_by=file)
         except PluginError as error:
             report(("plugins", place), str(error))
     _check_views(values.get("views"), report)

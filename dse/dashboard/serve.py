@@ -3,8 +3,8 @@
 There are five routes to read: `/` is the page; `/data.json` and `/progress.json` are its data, each sent
 again after a change (`ETag`); `/design.json` is the details of one trial; `/bundle.zip` is a design point to
 download. One writes: `POST /note` is a note on a design, and carries a token that only the page holds. No
-address names a file. A request must name this machine (`Host`), or, if other machines may connect, carry the
-token of the server.
+address names a file. Every request carries the token of the server, which the printed address holds: other
+users of this machine can connect too. One to a loopback address must name this machine (`Host`) as well.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from typing import Any
 from urllib.parse import parse_qs
 
 from dse.dashboard.write import Filled, as_json, filled
+from dse.text import one_line
 
 PORT = 8050
 LOOPBACK = "127.0.0.1"
@@ -213,7 +214,7 @@ class Live:
             missing = [path.name for path in self._required if not path.exists()]
             if self._good is None and missing:
                 return self._waiting()
-            print(str(error) or type(error).__name__, file=sys.stderr)
+            print(one_line(str(error)) or type(error).__name__, file=sys.stderr)
             return self._unreadable(missing)
         self._good = page
         self._read_at = time.strftime("%H:%M:%S")
@@ -310,7 +311,7 @@ class Server(ThreadingHTTPServer):
 
         Args:
             live: the page.
-            host: name or address to listen on; any address but loopback requires a token.
+            host: name or address to listen on.
             port: 0 for any free port.
             design: number of a trial -> its details; may raise Refused. Called once for each version of the
                 page's points.
@@ -336,7 +337,7 @@ class Server(ThreadingHTTPServer):
             why = f"{error.strerror}{busy if error.errno == errno.EADDRINUSE else ''}"
             raise OSError(error.errno, why, f"{host}:{port}") from error
         bound = ipaddress.ip_address(str(self.server_address[0]))
-        self.token = None if bound.is_loopback else secrets.token_urlsafe(24)
+        self.token, self.is_local = secrets.token_urlsafe(24), bound.is_loopback
         # If the server listens on every address, readers use the name of the machine.
         name = socket.gethostname() if bound.is_unspecified else str(bound)
         self._name = f"[{name}]" if ":" in name else name
@@ -345,8 +346,7 @@ class Server(ThreadingHTTPServer):
     @property
     def url(self) -> str:
         """The address of the page for a browser."""
-        query = f"?token={self.token}" if self.token else ""
-        return f"http://{self._name}:{self.server_port}/{query}"
+        return f"http://{self._name}:{self.server_port}/?token={self.token}"
 
     def document(self, trial: int) -> str:
         """Return the details of a trial, as JSON.
@@ -408,12 +408,12 @@ class Server(ThreadingHTTPServer):
 
     def _is_holder(self, waiting: _Waiting) -> bool:
         """Return whether the request of a connection that waits carries the token."""
-        return self.token is not None and self.carries_token(waiting.path())
+        return self.carries_token(waiting.path())
 
     def carries_token(self, path: str) -> bool:
         """Return whether an address has the token of the server in its query."""
         token = parse_qs(path.partition("?")[2], errors="replace").get("token", [""])[-1]
-        return hmac.compare_digest(token.encode(), (self.token or "").encode())
+        return hmac.compare_digest(token.encode(), self.token.encode())
 
     def waits_for(self, request: socket.socket, what: str) -> None:
         """Note what a connection waits for from now on."""
@@ -514,7 +514,7 @@ class _Handler(BaseHTTPRequestHandler):
         except Refused as reason:
             self._answer(reason.status, str(reason))
         except Exception as error:  # a damaged study raises nearly anything, and the server goes on
-            print(str(error) or type(error).__name__, file=sys.stderr)
+            print(one_line(str(error)) or type(error).__name__, file=sys.stderr)
             self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
         else:
             self._reply(HTTPStatus.NO_CONTENT, {})
@@ -543,7 +543,7 @@ class _Handler(BaseHTTPRequestHandler):
         except Refused as refused:
             self._answer(refused.status, str(refused))
         except Exception as error:  # a damaged study raises nearly anything, and the server goes on
-            print(str(error) or type(error).__name__, file=sys.stderr)
+            print(one_line(str(error)) or type(error).__name__, file=sys.stderr)
             self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
         else:
             if download is None:
@@ -565,12 +565,10 @@ class _Handler(BaseHTTPRequestHandler):
             return HTTPStatus.REQUEST_URI_TOO_LONG
         if sum(len(name) + len(value) for name, value in self.headers.items()) > LONGEST_HEADERS:
             return HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
-        if self.server.token is None:
-            # The name of a foreign page may resolve to this machine; the browser then sends that name.
-            named = self.headers.get_all("Host") or []
-            if len(named) != 1 or _without_port(named[0]) not in self.server.hosts:
-                return HTTPStatus.MISDIRECTED_REQUEST
-            return None
+        # The name of a foreign page may resolve to this machine; the browser then sends that name.
+        named = self.headers.get_all("Host") or []
+        if self.server.is_local and (len(named) != 1 or _without_port(named[0]) not in self.server.hosts):
+            return HTTPStatus.MISDIRECTED_REQUEST
         return None if self.server.carries_token(self.path) else HTTPStatus.FORBIDDEN
 
     def _send_document(self, document: Document) -> None:

@@ -52,7 +52,7 @@ class PageRequest:
 
 
 def load_definition(folder: Path, name: str) -> Definition:
-    """Read the definition of a study's page; its views may come from plugins of the study.
+    """Read the definition of a study's page; views may be those of its trusted plugins.
 
     Args:
         folder: of the study; without a search space, no plugin is loaded.
@@ -60,7 +60,7 @@ def load_definition(folder: Path, name: str) -> Definition:
 
     Raises:
         ConfigError: no such definition, or everything that is wrong with the file.
-        StoreError: the search space is damaged, or one of its plugins cannot be loaded.
+        StoreError: the search space is damaged.
     """
     from dse.dashboard.definition import load
     from dse.study.results import Study
@@ -140,7 +140,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
 
     Raises:
         ConfigError: a hardware profile does not exist or is wrong.
-        StoreError: the folder holds no study, a plugin cannot be loaded, or there is nothing to sample.
+        StoreError: the folder holds no study, or there is nothing to sample.
         OSError: the host is not an address of this machine, or the port is in use.
     """
     import pandas

@@ -35,6 +35,7 @@ from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
 from dse.records import Arithmetic, Array, Block, Head, Network, Parameters
 from dse.store import StoreError
+from dse.text import markdown
 
 if TYPE_CHECKING:
     from dse.deploy.module import ClassifierModule, Examples
@@ -175,7 +176,7 @@ def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read(folder: str | Path) -> Bundle:
-    """Return a bundle after checking that it is whole; code of its plugins is run.
+    """Return a bundle after checking that it is whole; code of its plugins runs if the user consents.
 
     Raises:
         BundleError: it is damaged, disagrees with itself, or has another schema.
@@ -195,7 +196,7 @@ def read(folder: str | Path) -> Bundle:
         arrays = store.load_arrays(where, needs_seal=False)  # as of bundle.json
         where = path / _DOCUMENT
         for source in sources:  # before their components are named
-            registry.load_plugin(source)
+            registry.load_plugin(source, named_by=path)
         bundle = _bundle(document, arrays, str(where), sources)
         where = path / _WEIGHTS
         _check_classifier(bundle, arrays)
@@ -475,9 +476,10 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _readme(bundle: Bundle) -> str:
-    record = "\n".join(f"| {name} | {value} |" for name, value in bundle.record.items())
+    record = "\n".join(f"| {markdown(str(x))} | {markdown(str(y))} |" for x, y in bundle.record.items())
     what, weights_are = _described(bundle)
-    return f"""# {bundle.evidence.get("study", "dse")}: a classifier of {", ".join(_answers(bundle))}
+    title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(_answers(bundle))}"
+    return f"""# {markdown(title)}
 
 {what}
 
@@ -501,7 +503,7 @@ def _targets_described(bundle: Bundle) -> str:
         return ""
     known: dict[str, Any] = registry.known("targets")
     rows = [
-        f"| `{name}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
+        f"| `{markdown(name)}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
         f" {'' if verdict.kind == 'unsupported' else getattr(known.get(name), 'use', '')} |"
         for name, verdict in bundle.targets.items()
     ]
@@ -521,11 +523,12 @@ def _targets_described(bundle: Bundle) -> str:
 def _in_words(verdict: Verdict) -> str:
     words = [f"**{verdict.kind}**"]
     if verdict.kind == "faithful":
-        words.append(f"all decisions and spikes of {verdict.n_recordings} recordings ({verdict.recordings})")
-    words += [verdict.reason] * bool(verdict.reason)
-    words += [f"{name} {value:g}" for name, value in verdict.figures.items()]
-    words += [f"compiled by {verdict.compiler}"] * bool(verdict.compiler)
-    return "; ".join(words).replace("|", "\\|")
+        of = f"{verdict.n_recordings} recordings ({markdown(verdict.recordings)})"
+        words.append(f"all decisions and spikes of {of}")
+    words += [markdown(verdict.reason)] * bool(verdict.reason)
+    words += [markdown(f"{name} {value:g}") for name, value in verdict.figures.items()]
+    words += [markdown(f"compiled by {verdict.compiler}")] * bool(verdict.compiler)
+    return "; ".join(words)
 
 
 def _answers(bundle: Bundle) -> tuple[str, ...]:
@@ -549,7 +552,7 @@ def _described(bundle: Bundle) -> tuple[str, str]:
     """Return a description of the classifier, and one of its arrays."""
     fitted = bundle.fitted
     if isinstance(fitted, Parameters):
-        names = ", ".join(f"`own/{name}`" for name in fitted.arrays)
+        names = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
         kind = bundle.sections.kinds["model"]
         return (
             f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",

@@ -23,8 +23,7 @@ class Evaluation:
     label: (n,) answered class; time_ms: (n,) time of the answer; decided: (n,) whether theta was reached.
     target: (n,) true class, -1 without a label in the file.
     accuracy, accuracy_se, confusion: over the labelled recordings; None if there are none.
-    notes: the plugins that the bundle loaded, whether it was trained on these recordings, and the repairs
-        of the recordings.
+    notes: whether it was trained on these recordings, and the repairs of the recordings.
     power: of this machine's processor at rest and while it classifies; None unless requested.
     """
 
@@ -122,14 +121,9 @@ def evaluate(
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
         confusion=_confusion(label[known], target[known], len(classes)) if total else None,
-        notes=(*_on_plugins(classifier), *_known(classifier, Path(data_file).absolute()), *notes),
+        notes=(*_known(classifier, Path(data_file).absolute()), *notes),
         power=power,
     )
-
-
-def _on_plugins(bundle: Bundle) -> list[str]:
-    names = ", ".join(Path(source).name for source in bundle.plugins)
-    return [f"the bundle ran code of its plugins: {names}"] if names else []
 
 
 def _known(bundle: Bundle, path: Path) -> list[str]:

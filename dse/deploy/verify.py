@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import filecmp
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import dse
 from dse import registry
 from dse.config.faults import known_names
 from dse.deploy.bundle import Bundle, BundleError, copy_target, read, write
@@ -15,6 +17,10 @@ from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, TargetError
 from dse.deploy.verdict import Verdict
 
+_WRITES = (
+    f"dse {dse.__version__} writes for these weights: it was changed, or another version wrote it; "
+    "`dse export` writes it anew"
+)
 _UNRUN = "no recordings were given to run it on"
 
 
@@ -120,6 +126,9 @@ def verify(
 ) -> dict[str, Verified]:
     """Run the targets of a bundle on recordings; the bundle is not changed.
 
+    A target is written anew from the weights, and what was written here is run. Files in the bundle that
+    differ from it in any byte are the finding; they are neither compiled nor run.
+
     Args:
         folder: of the bundle.
         recordings: to run them on.
@@ -143,9 +152,10 @@ def verify(
     for name, target in targets.items():
         try:
             with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
-                files = Path(temporary) / name
-                copy_target(path, name, files)
-                verdict = target.verify(bundle, files, reference)
+                written = Path(temporary) / name
+                written.mkdir()
+                if (verdict := _written(target, bundle, written, None)).kind != "unsupported":
+                    verdict = _differs(path, name, written) or target.verify(bundle, written, reference)
         except BundleError as error:
             faults.append(f"target {name}: {error}")
             continue
@@ -163,6 +173,19 @@ def _written(target: Target, bundle: Bundle, folder: Path, reference: Reference 
     if reference is None:
         return Verdict("not verified", _UNRUN)
     return target.verify(bundle, folder, reference)
+
+
+def _differs(bundle: Path, name: str, written: Path) -> Verdict | None:
+    """Return a verdict if files of a target in a bundle are not what was written here; None if they are."""
+    copy = written.with_name(f"{name} of the bundle")
+    copy_target(bundle, name, copy)
+    theirs, ours = ({x.relative_to(of): x for x in of.rglob("*") if x.is_file()} for of in (copy, written))
+    for file in sorted({*theirs, *ours}):
+        if file not in theirs:
+            return Verdict("not verified", f"it lacks {file}, which {_WRITES}")
+        if file not in ours or not filecmp.cmp(theirs[file], ours[file], shallow=False):
+            return Verdict("not verified", f"{file} is not what {_WRITES}")
+    return None
 
 
 def _is_written(verdict: Verdict) -> bool:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Protocol, cast
 
 from dse.config.contracts import PLACES, EventSource, Recordings, Source
-from dse.config.faults import one_line
 from dse.records import Ints
+from dse.text import one_line
 
 if TYPE_CHECKING:
     from dse.preprocessing import Pooling

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from dse.study.time_left import TimeLeft
+from dse.text import one_line
 
 # Shortest time between two lines of a log about the work in progress.
 _DOING_S = 10.0
@@ -102,7 +103,7 @@ class Lines:
     def note(self, text: str) -> None:
         """Print a line."""
         # In one piece: `print` writes the line's end apart, and Ctrl-C may fall between the two.
-        sys.stderr.write(f"{text}\n")
+        sys.stderr.write(f"{one_line(text)}\n")
         sys.stderr.flush()
 
 
@@ -136,13 +137,13 @@ def _bar(n_workers: int) -> Iterator[Progress]:
                 left.end(now_s, work)
                 left_s = left.seconds(now_s)
                 estimate = "" if left_s is None else f"about {duration(left_s)} left"
-                rich.update(task, advance=1, description=escape(text), left=estimate)
+                rich.update(task, advance=1, description=escape(one_line(text)), left=estimate)
 
             def doing(self, text: str) -> None:
-                rich.update(task, description=escape(text))
+                rich.update(task, description=escape(one_line(text)))
 
             def note(self, text: str) -> None:
-                rich.console.print(text, markup=False, highlight=False)
+                rich.console.print(one_line(text), markup=False, highlight=False)
 
         yield Bar()
 

@@ -48,16 +48,13 @@ class Study:
         return _table(self.folder / "trials.parquet")
 
     def load_plugins(self) -> None:
-        """Load the plugins of the search space, so that their components can be named.
+        """Load those plugins of the search space that the user trusts already (`dse.registry.load_trusted`).
 
         Raises:
-            StoreError: the search space is damaged, or a plugin cannot be loaded.
+            StoreError: the search space is damaged.
         """
-        for plugin in self.space.get("plugins", ()):
-            try:
-                registry.load_plugin(plugin)
-            except registry.PluginError as error:
-                raise store.StoreError(f"{self.folder / 'search_space.yaml'}: {error}") from None
+        names = self.space.get("plugins")
+        registry.load_trusted(names if isinstance(names, list) else (), self.folder / "search_space.yaml")
 
     def points(self, hardware: Sequence[str] = (), repeats: str = "mean") -> pandas.DataFrame:
         """Return one row per design point: a trial, a time of its answer, and a hardware profile.

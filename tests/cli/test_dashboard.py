@@ -68,10 +68,11 @@ def shown(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 def ask(url: str, path: str) -> Any:
+    """Ask for a path with the token of an address."""
     at = urlsplit(url)
     connection = http.client.HTTPConnection("127.0.0.1", at.port, timeout=PATIENCE_S)
     try:
-        connection.request("GET", path)
+        connection.request("GET", f"{path}?{at.query}")
         answer = connection.getresponse()
         body = answer.read()
         return (answer.status, json.loads(body)) if answer.status == 200 else (answer.status, None)
@@ -137,16 +138,17 @@ def test_a_page_from_before_the_first_trial_to_the_last(
 
 def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:
     with shown(str(study_folder(tmp_path)), "--port", "0") as (_, url):
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", url)
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{32}", url)
         status, answer = ask(url, "/data.json")
     assert (status, answer["name"]) == (200, "tiny")
     assert answer["state"]["title"] == "No design yet"
 
 
-def test_other_hosts_are_given_a_token(fake_model: None, tmp_path: Path) -> None:
-    with shown(str(study_folder(tmp_path)), "--port", "0", "--host", "0.0.0.0") as (_, url):
-        assert ask(url, "/data.json") == (403, None)
-        assert ask(url, f"/data.json?{urlsplit(url).query}")[0] == 200
+def test_without_the_token_nobody_is_answered(fake_model: None, tmp_path: Path) -> None:
+    for host in ("127.0.0.1", "0.0.0.0"):
+        with shown(str(study_folder(tmp_path / host)), "--port", "0", "--host", host) as (_, url):
+            assert ask(url.partition("?")[0], "/data.json") == (403, None)
+            assert ask(url, "/data.json")[0] == 200
 
 
 def test_a_taken_port_is_one_line(
@@ -265,7 +267,7 @@ def test_a_view_of_a_plugin_of_the_study(
     space.write_text(space.read_text(encoding="utf-8") + f"plugins: [{plugin}]\n", encoding="utf-8")
     definition = tmp_path / "mine.yaml"
     definition.write_text("views: [blank, table]\n", encoding="utf-8")
-    with shown(str(folder), "--port", "0", "--page", str(definition)) as (_, url):
+    with shown(str(folder), "--port", "0", "--page", str(definition), "--trust") as (_, url):
         assert ask(url, "/data.json")[1]["definition"]["views"] == ["blank", "table"]
     if has_run:
         path = tmp_path / "page.html"
@@ -274,7 +276,8 @@ def test_a_view_of_a_plugin_of_the_study(
         capsys.readouterr()
     plugin.unlink()
     assert main(["dashboard", str(folder), "--port", "0", "--page", str(definition)]) == 2
-    assert capsys.readouterr().err.startswith(f"{space}: plugin '{plugin}': cannot read ")
+    error = capsys.readouterr().err
+    assert "unknown views[0] 'blank'" in error and f"plugin '{plugin}': cannot read " in error
 
 
 def test_a_damaged_study_has_a_page_without_published_designs(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ MODEL = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
 
 
 @pytest.fixture(autouse=True)
-def clean() -> Iterator[None]:
+def clean(trusting: None) -> Iterator[None]:
     before, plugins = registry._outside(), dict(registry._plugins)
     yield
     registry._replace(before)

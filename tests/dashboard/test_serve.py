@@ -196,7 +196,7 @@ def test_other_methods_are_refused(server, method):
     ],
 )
 def test_no_address_names_a_file(server, path):
-    text = answer_to(server, f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+    text = answer_to(server, f"GET {path}?token={server.token} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     assert text.startswith(b"HTTP/1.0 404 ")
     assert text.endswith(b"\r\n\r\n404 Not Found\n")  # nothing that was sent comes back
 
@@ -207,7 +207,7 @@ def test_no_address_names_a_file(server, path):
         ("/?" + "x" * LONGEST_ADDRESS, {}, 414),
         ("/?" + "x" * 100_000, {}, 414),
         ("/data.json?" + "a=b&" * 200, {}, 200),
-        ("/data.json?x=%ff%00&token=", {}, 200),
+        ("/data.json?x=%ff%00", {}, 200),
         ("/data.json", {"If-None-Match": "\xff" * 200}, 200),
         ("/", {"Cookie": "x" * LONGEST_HEADERS}, 431),
         ("/", {"Cookie": "x" * 100_000}, 431),
@@ -245,14 +245,16 @@ def test_names_of_others_are_not_answered(server, host, status):
     assert ask(server, "/data.json", Host=host)[0] == status
 
 
-def test_another_host_needs_the_token(folder):
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_every_request_needs_the_token(folder, host):
     folder.write(points())
-    with running(folder.live(), "0.0.0.0") as server:
+    with running(folder.live(), host) as server:
         assert len(server.token) >= 32
         assert server.url.endswith(f":{server.server_port}/?token={server.token}")
         for path in ("/", "/data.json", "/progress.json", "/nothing"):
+            bare = f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
+            assert answer_to(server, bare).startswith(b"HTTP/1.0 403 ")
             for query in (
-                "",
                 "?token=",
                 "?token=wrong",
                 f"?token={server.token}x",
@@ -260,14 +262,11 @@ def test_another_host_needs_the_token(folder):
             ):
                 assert ask(server, path + query)[0] == 403
         assert ask(server, "/?token=%ff%C3%A9")[0] == 403
-        assert ask(server, f"/?token={server.token}", Host="my-machine")[0] == 200
+        named = ask(server, f"/?token={server.token}", Host="my-machine")[0]
+        assert named == (421 if host == "127.0.0.1" else 200)
         assert ask(server, f"/data.json?token={server.token}")[0] == 200
-        with running(folder.live(), "0.0.0.0") as another:
+        with running(folder.live(), host) as another:
             assert another.token != server.token
-
-
-def test_the_own_machine_needs_none(server):
-    assert server.url == f"http://127.0.0.1:{server.server_port}/"
 
 
 def test_a_taken_port_is_said(server, folder):
@@ -417,7 +416,8 @@ def test_who_takes_no_answer_makes_room(server, monkeypatch):
     monkeypatch.setattr("dse.dashboard.serve._SLOW_ANSWER_S", 0.5)
     lazy = [connect(server) for _ in range(MOST_READERS)]
     for connection in lazy:
-        connection.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
+        path = f"/?token={server.token}"
+        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
     assert [ask(server, "/data.json")[0] for _ in range(5)] == [200] * 5
     for connection in lazy:
         connection.close()
@@ -564,6 +564,7 @@ def test_a_design_can_be_downloaded(serving):
 )
 @pytest.mark.parametrize("path", ["/design.json?trial", "/bundle.zip?point=0&hardware=chip&trial"])
 def test_a_number_is_digits(serving, designs, path, trial):
+    path = path.replace("?", f"?token={serving.token}&")
     text = answer_to(serving, f"GET {path}{trial} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     assert text.startswith(b"HTTP/1.0 400 ")
     assert text.split(b"\r\n\r\n")[1] in (
@@ -611,7 +612,6 @@ def test_designs_are_guarded_like_the_page(serving, folder, designs, path):
     for other in (f"{route}/?{query}", f"{route}%00?{query}", f"/x/..{route}?{query}"):
         assert ask(serving, other)[0] == 404
     with running(folder.live(), "0.0.0.0", design=designs.design, bundle=designs.bundle) as server:
-        assert ask(server, path)[0] == 403
         assert ask(server, f"{path}&token=wrong")[0] == 403
         assert designs.asked == []
         assert ask(server, f"{path}&token={server.token}")[0] == 200

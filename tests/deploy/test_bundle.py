@@ -183,7 +183,9 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_a_bundle_carries_its_plugins_and_loads_them(made: Bundle, plugin: Path, tmp_path: Path) -> None:
+def test_a_bundle_carries_its_plugins_and_loads_them(
+    trusting: None, made: Bundle, plugin: Path, tmp_path: Path
+) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "mine.py").write_text("x = 1\n")
     plugins = (str(plugin), str(tmp_path / "other" / "mine.py"), "json")
@@ -222,7 +224,7 @@ def test_a_plugin_that_has_changed_is_not_run(
     assert "of_a_bundle" not in registry.known("encoders")
 
 
-def test_a_plugin_that_fails_is_named(made: Bundle, plugin: Path, tmp_path: Path) -> None:
+def test_a_plugin_that_fails_is_named(trusting: None, made: Bundle, plugin: Path, tmp_path: Path) -> None:
     plugin.write_text("raise RuntimeError('no licence')\n")
     write(replace(made, plugins=(str(plugin),)), tmp_path / "b")
     with pytest.raises(BundleError, match=r"plugin '.*mine\.py': RuntimeError in line 1 .*no licence"):

@@ -20,7 +20,7 @@ from dse.deploy.verify import export_targets, verify
 from dse.recordings import RecordingError
 from dse.records import Parameters
 from dse.testing.targets import small_bundle, small_recordings
-from tests.plugins import with_targets
+from tests.plugins import arrays_target, with_targets
 from tests.spaces import RASTER, sections
 
 Captured = pytest.CaptureFixture[str]
@@ -158,15 +158,30 @@ def test_verifying_repeats_the_run_and_changes_nothing(folder: Path, touch: Path
     assert content(folder) == before
 
 
-def test_drift_is_exit_code_4(folder: Path, touch: Path, capsys: Captured) -> None:
+def test_drift_is_exit_code_4(
+    folder: Path, touch: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
     assert main(["export", str(folder), "--target", "arrays", "--verify", str(touch), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
-    other_weights(folder)
+    fired = arrays_target._fired
+    monkeypatch.setattr(arrays_target, "_fired", lambda *of: [~x for x in fired(*of)])
     for _ in range(2):
         assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 4
         printed = json.loads(capsys.readouterr().out)
         assert printed["rows"][0]["verdict"] == "approximate" and printed["rows"][0]["spikes_differ"] > 0
         assert printed["notes"][0].startswith("target arrays was faithful and is approximate: ")
+
+
+def test_files_that_are_not_those_of_the_weights_are_named_and_not_run(
+    folder: Path, touch: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    export_targets(folder, ["arrays"], touch)
+    other_weights(folder)
+    monkeypatch.setattr(arrays_target, "_fired", lambda *_: pytest.fail("it was run"))
+    assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 2
+    [row] = json.loads(capsys.readouterr().out)["rows"]
+    assert (row["verdict"], row["before"]) == ("not verified", "faithful")
+    assert row["reason"].startswith("network.npz is not what dse ") and "`dse export`" in row["reason"]
 
 
 def test_what_cannot_be_run_here_is_exit_code_2(folder: Path, touch: Path, capsys: Captured) -> None:

@@ -16,7 +16,10 @@ HEADERS = "Host: 127.0.0.1\r\nAccept-Encoding: gzip\r\nIf-None-Match: x\r\nConte
 REQUESTS = [
     f"{method} {path} HTTP/1.1\r\n{HEADERS}\r\n".encode()
     for method in ("GET", "HEAD", "POST", "PUT", "")
-    for path in ("/", "/data.json", "/design.json?trial=1", "/bundle.zip?trial=1&point=2", "/note", "*", "")
+    for path in (
+        *("/?token=TOKEN", "/data.json?token=TOKEN", "/design.json?trial=1&token=TOKEN", "/note?token=TOKEN"),
+        *("/bundle.zip?trial=1&point=2&token=TOKEN", "/data.json", "*", ""),
+    )
 ]
 
 
@@ -45,7 +48,7 @@ def test_no_rubbish_stops_the_server(
     rng = random.Random(25)
     with served(Server(live, port=0)) as server:
         for number in range(n_faults):
-            sent = _spoilt(rng.choice(REQUESTS), rng)
+            sent = _spoilt(rng.choice(REQUESTS).replace(b"TOKEN", server.token.encode()), rng)
             answer = answer_to(server, sent)
             assert answer == b"" or answer.startswith((b"HTTP/1.0 ", b"<", b"4")), (number, sent, answer)
             tried["a request to the page"] += 1

@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host",
         metavar="NAME",
-        help="address to listen on (default: 127.0.0.1, this machine only; any other address needs the "
-        "token in the printed URL)",
+        help="address to listen on (default: 127.0.0.1, this machine only); readers need the token in the "
+        "printed URL",
     )
 
 

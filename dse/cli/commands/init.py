@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, add_format, listing, wrapped
+from dse.cli.asking import asked, is_person
 from dse.cli.numbers import amount
 from dse.recordings.grid import UNITS_MS
+from dse.text import one_line
 
 if TYPE_CHECKING:
     from dse.data.look import Look
@@ -68,7 +70,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         base=out.parent,
     )
     look = looking.look(path, options)
-    if look.lacks_step and (step_ms := _asked("Sampling period in ms", None)) is not None:
+    if look.lacks_step and (step_ms := asked("Sampling period in ms")):
         look = dataclasses.replace(look, data=look.data | {"step_ms": amount(step_ms)}, lacks_step=False)
     seen = first.seen(path.name, look, out)
     label = arguments.label or _label(look, seen.likely)
@@ -90,23 +92,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
 def _label(look: Look, likely: str) -> str:
     """Return the label column that is asked for where there is a person to ask, else the likely one."""
     names = list(look.n_values)
-    if len(names) < 2 or not _is_person():
+    if len(names) < 2 or not is_person():
         return likely
     print(listing([(name, f"{look.n_values[name]} values") for name in names]), file=sys.stderr)
     while True:
-        name = _asked("Label column to predict", likely) or likely
+        name = asked("Label column to predict", likely)
         if name in names:
             return name
-        print(f"must be one of {', '.join(names)}, got '{name}'", file=sys.stderr)
-
-
-def _is_person() -> bool:
-    return sys.stdin.isatty() and sys.stderr.isatty()
-
-
-def _asked(question: str, default: str | None) -> str | None:
-    """Return what a person answers, the default without one."""
-    if not _is_person():
-        return default
-    print(f"{question}{f' [{default}]' if default else ''}: ", end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip() or default
+        print(one_line(f"must be one of {', '.join(names)}, got '{name}'"), file=sys.stderr)

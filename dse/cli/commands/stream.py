@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer
 from dse.cli.numbers import positive
+from dse.text import json_line, one_line
 
 if TYPE_CHECKING:
     from dse.deploy.bundle import Bundle
@@ -137,7 +138,9 @@ def _decisions(
 def _print(decision: Decision, recording: int, as_json: bool) -> None:
     row = {"recording": recording, **decision._asdict()}
     if as_json:
-        print(json.dumps(row, ensure_ascii=False))
+        print(json_line(json.dumps(row, ensure_ascii=False)))
     else:
+        if sys.stdout.isatty():
+            row["answer"] = one_line(decision.answer or "")
         csv.writer(sys.stdout, lineterminator="\n").writerow(row[name] for name in _COLUMNS)
     sys.stdout.flush()

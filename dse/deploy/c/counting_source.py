@@ -8,7 +8,7 @@ from dse.deploy.c.counting import Bayes, Classifier, CountingPlan, Extreme, Near
 from dse.deploy.c.files import Code
 from dse.deploy.c.front_end import front_end, level_type
 from dse.deploy.c.memory import Member, Table, front_end_members, struct_bytes
-from dse.deploy.c.text import filled, string
+from dse.deploy.c.text import filled, strings
 
 _NOT_FUSED = """\
 #ifdef __clang__
@@ -135,7 +135,7 @@ def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
         front_end=front_end(plan),
         n_features=plan.n_features,
         init=init,
-        names="\n        ".join(string(name) for name in plan.classes),
+        names=strings(plan.classes),
         n_classes=len(plan.classes),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dse.deploy.c.plan import Frame, SendOnDeltaPlan
 from dse.deploy.c.text import filled, real
+from dse.text import c_comment, markdown
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def write(code: Code, folder: Path, title: str, version: str) -> None:
         title: a line about the classifier.
         version: of dse.
     """
-    title = title.replace("*/", "* /")
+    heading, title = markdown(title), c_comment(title)
     for place in ("src", "examples/touch"):
         (folder / place).mkdir(parents=True)
     project = "dse_touch"
@@ -52,7 +53,7 @@ def write(code: Code, folder: Path, title: str, version: str) -> None:
         ("CMakeLists.txt", filled("CMakeLists.txt", project=project)),
         ("library.properties", filled("library.properties", project=project, version=version)),
         ("examples/touch/touch.ino", filled(f"touch_{code.frame.front_end}.ino", title=title)),
-        ("README.md", readme(code, title)),
+        ("README.md", readme(code, heading)),
     ):
         (folder / name).write_text(text, encoding="utf-8")
 

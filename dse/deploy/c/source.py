@@ -9,7 +9,7 @@ from dse.deploy.c.front_end import front_end, level_type
 from dse.deploy.c.memory import is_delayed, members, ram_bytes, states, table_bytes, tables
 from dse.deploy.c.neurons import layer_text, leaks, rows
 from dse.deploy.c.plan import Plan
-from dse.deploy.c.text import filled, indented, string
+from dse.deploy.c.text import filled, indented, strings
 
 
 def code(plan: Plan) -> Code:
@@ -28,7 +28,6 @@ def code(plan: Plan) -> Code:
 
 def source(plan: Plan) -> str:
     """Return dse.c."""
-    names = "\n        ".join(string(name) for name in plan.classes)
     return filled(
         "dse.c",
         title="TITLE",
@@ -48,7 +47,7 @@ def source(plan: Plan) -> str:
         clear=_clear(plan),
         init=_init(plan),
         n_outputs=plan.layers[-1].n_neurons,
-        names=names,
+        names=strings(plan.classes),
         n_classes=len(plan.classes),
     )
 

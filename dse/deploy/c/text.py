@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from string import Template
 
+from dse.text import c_characters
+
 _TEMPLATES = Path(__file__).parent / "templates"
+_LONGEST_STRING = 4096  # what C99 wants every compiler to take, the null at its end included
 
 
 def filled(template: str, **values: object) -> str:
@@ -32,10 +35,12 @@ def wrapped(numbers: Iterable[str]) -> str:
     return "\n".join([*lines, line]) + "\n"
 
 
-def string(name: str) -> str:
-    """Return a C string; what is not ASCII is written as octal bytes of UTF-8."""
-    text = "".join(chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode())
-    return f'"{text}\\0"'
+def strings(names: Sequence[str]) -> str:
+    """Return what initialises a C array with names, each with a null character after it."""
+    characters = [[*c_characters(name), "\\0"] for name in names]
+    if sum(map(len, characters)) < _LONGEST_STRING:
+        return "\n        ".join(f'"{"".join(name)}"' for name in characters)
+    return "{\n" + wrapped(f"'{x}'" for name in characters for x in name) + "}"
 
 
 def real(x: float) -> str:

@@ -1,0 +1,28 @@
+"""Questions to a person at a terminal: on stderr, for stdout is for results."""
+
+from __future__ import annotations
+
+import sys
+
+from dse.text import lines
+
+
+def is_person() -> bool:
+    """Return whether there is somebody to ask."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def asked(question: str, default: str = "") -> str:
+    """Return what a person answers, the default where there is none or the answer is empty."""
+    if not is_person():
+        return default
+    print(f"{lines(question)}{f' [{default}]' if default else ''}: ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip() or default
+
+
+def trusts(what: str, digest: str) -> bool:
+    """Return whether a person says that code may run."""
+    question = (
+        f"{what}\nis code that would run here with your rights (SHA-256 {digest}).\nRun it, now and later?"
+    )
+    return asked(question, "no").lower() in ("y", "yes")

@@ -1,0 +1,304 @@
+"""Whatever of somebody else is opened: nothing of it runs, unless the user has consented."""
+
+from __future__ import annotations
+
+import ast
+import io
+import json
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import dse
+from benchmarks.structure import modules
+from dse import registry, trust
+from dse.cli import main
+from dse.cli.commands import commands_by_name
+from dse.config import ConfigError, load_space
+from dse.dashboard.study import page_server
+from dse.deploy import bundle
+from dse.deploy.verify import export_targets
+from dse.testing.targets import small_bundle, small_recordings
+from tests.serving import ask, served
+from tests.trust.others import Others, forgotten, made, poisoned
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory, own_config: Path) -> Others:
+    folder = tmp_path_factory.mktemp("others")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSE_CONFIG", str(folder / "their_config"))
+        return made(folder / "made", folder / "PWNED")
+
+
+@pytest.fixture
+def others(original: Others, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Others]:
+    """A copy of the files of others, on a machine that trusts nothing, in a process that knows nothing."""
+    monkeypatch.setenv("DSE_CONFIG", str(tmp_path / "config"))
+    monkeypatch.chdir(tmp_path)
+    with forgotten():
+        yield original.copied(tmp_path / "others")
+    original.trace.unlink(missing_ok=True)
+
+
+# Command -> its arguments, with properties of `Others` in braces, and its exit code without consent.
+READ = {
+    "skyline": ("{study}", 0),
+    "pick": ("{study} --budget n_weights<=100000", 0),
+    "dashboard": ("{study} --html page.html", 0),
+    "figure": ("{study} front --out front.json", 0),
+    "compare": ("{study} {root}/again", 0),
+    "report": ("{study}", 2),
+    "note": ("{study} 0 seen", 0),
+    "doctor": ("{study}", 0),
+    "merge": ("{study} {root}/again --into merged", 2),
+    "tell": ("{study} 0 accuracy=0.5", 2),
+    "enqueue": ("{space} {root}/designs.yaml --results results", 2),
+    "ask": ("{space} --results results", 2),
+    "check": ("{space}", 2),
+    "audit": ("{space}", 2),
+    "run": ("{space} --results results", 2),
+    "evaluate": ("{bundle} --data {data}", 2),
+    "stream": ("{bundle} --data {data}", 2),
+    "measure": ("{bundle} --data {data}", 2),
+    "verify": ("{bundle} --data {data}", 2),
+    "export": ("{bundle} --target c99", 2),
+    "import": ("{bundle} {root}/state.pt --out imported --data {data}", 2),
+    "init": ("{data} --label label --step-ms 10 --out first.yaml", 0),
+    "prepare": ("braille {root} --out prepared", 2),
+    "describe": ("hardware {root}/mine.py", 2),
+    "simulate": ("{root}/mine.py", 2),
+    "cost": ("{study}/hardware/loihi1_silicon.yaml --hardware {root}/mine.py", 2),
+    "completion": ("bash", 0),
+}
+MORE = {
+    "skyline priced anew": ("skyline", "{study} --hardware mcu_m4", 0),
+    "skyline on a profile of theirs": ("skyline", "{study} --hardware {root}/mine.py", 2),
+    "pick exported": ("pick", "{study} --export picked", 2),
+    "pick on a target": ("pick", "{study} --target c99", 2),
+    "a page of theirs": ("dashboard", "{study} --html page.html --page {root}/page.yaml", 2),
+    "a figure of theirs": ("figure", "{study} figure_of_others --out front.json", 2),
+    "doctor repairs": ("doctor", "{study} --repair", 0),
+    "their study is run on": ("run", "{study}/search_space.yaml --results results", 2),
+    "tables are made anew": ("doctor", "{root}/bare --repair", None),
+}
+CASES = [
+    *((name, name, *case) for name, case in READ.items()),
+    *((name, *case) for name, case in MORE.items()),
+]
+
+
+def called(others: Others, command: str, arguments: str) -> int:
+    """Run a command with arguments about files of others."""
+    places = {name: getattr(others, name) for name in ("root", "study", "space", "bundle", "data")}
+    try:
+        return main([command, *(argument.format(**places) for argument in arguments.split())])
+    except SystemExit as left:
+        return int(left.code or 0)
+
+
+def prepared(others: Others) -> None:
+    (others.root / "designs.yaml").write_text("model.hidden: 4\n")
+    (others.root / "page.yaml").write_text("plugins: [mine.py]\nviews: [table]\n")
+    for name in ("again", "bare"):
+        shutil.copytree(others.study, others.root / name)
+    (others.root / "bare" / "points.parquet").unlink()
+
+
+def test_every_command_is_tried() -> None:
+    assert set(READ) == set(commands_by_name())
+
+
+@pytest.mark.parametrize(("name", "command", "arguments", "code"), CASES)
+def test_nothing_of_a_folder_runs(
+    others: Others, capsys: Captured, name: str, command: str, arguments: str, code: int | None
+) -> None:
+    prepared(others)
+    found = called(others, command, arguments)
+    error = capsys.readouterr().err
+    assert not others.trace.exists(), name
+    assert code is None or found == code, error
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    "plugin",
+    ["others/mine.py", "./others/../others/mine.py", "mine_of_others", "pack_of_others.part", "antigravity"],
+)
+@pytest.mark.parametrize(
+    "case", [case for case in CASES if case[1] in ("skyline", "figure", "dashboard", "run")]
+)
+def test_no_name_of_a_plugin_finds_code(
+    others: Others,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Captured,
+    plugin: str,
+    case: tuple[str, str, str, int | None],
+) -> None:
+    """Paths are relative to the working folder, and modules may lie in it: `python -m dse` looks there."""
+    prepared(others)
+    here = Path.cwd()
+    trace = f"open({str(others.trace)!r}, 'w').close()\n"
+    (here / "mine_of_others.py").write_text(trace)
+    (here / "pack_of_others").mkdir()
+    (here / "pack_of_others" / "__init__.py").write_text(trace)
+    (here / "pack_of_others" / "part.py").write_text(trace)
+    monkeypatch.syspath_prepend(here)
+    monkeypatch.setattr("webbrowser.open", lambda *_: others.trace.touch())  # what antigravity does
+    others.rename_plugins(plugin)
+    called(others, *case[1:3])
+    assert not others.trace.exists()
+    assert "antigravity" not in sys.modules
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "huge"])
+def test_what_is_no_source_is_refused_at_once(others: Others, capsys: Captured, kind: str) -> None:
+    plugin = others.root / "mine.py"
+    plugin.unlink()
+    if kind == "pipe":
+        os.mkfifo(plugin)
+    elif kind == "folder":
+        plugin.mkdir()
+    elif kind == "device":
+        plugin.symlink_to("/dev/zero")
+    else:
+        with plugin.open("wb") as file:
+            file.truncate(2**40)
+    for words in (
+        ["check", str(others.space)],
+        ["figure", str(others.study), "front", "--plugin", str(plugin)],
+    ):
+        extra = ["--trust"] if words[0] == "check" else ["--out", "front.json"]
+        assert main([*words, *extra]) == 2
+        [line] = capsys.readouterr().err.splitlines()
+        assert " must " in line and "mine.py" in line
+    others.rename_plugins(str(plugin))
+    assert main(["skyline", str(others.study), "--json"]) == 0
+
+
+def test_a_server_runs_nothing(others: Others) -> None:
+    shutil.copytree(others.bundle, others.study / "bundles" / "theirs")
+    with served(page_server(others.study, "127.0.0.1", 0)) as server:
+        for path in ("/", "/data.json", "/progress.json", "/design.json?trial=0"):
+            assert ask(server, path)[0] == 200
+        row = next(iter(others.rows()))
+        fields = "&".join(f"{name}={row[name]}" for name in ("trial", "point", "hardware"))
+        assert ask(server, f"/bundle.zip?{fields}")[0] == 422
+    assert not others.trace.exists()
+
+
+def test_consent_is_for_a_content_and_is_asked_once(others: Others, capsys: Captured) -> None:
+    check = ["check", str(others.space), "--json"]
+    assert main(check) == 2
+    assert main([*check, "--trust"]) == 0 and others.trace.exists()
+    shutil.copytree(others.study, "twin")
+    capsys.readouterr()
+    for arguments in (
+        check,
+        ["evaluate", str(others.bundle), "--data", str(others.data)],
+        ["pick", str(others.study), "--export", "picked"],
+        ["report", str(others.study)],
+        ["run", str(others.space), "--results", "results", "--quiet"],
+        ["merge", str(others.study), "twin", "--into", "merged"],
+    ):
+        others.trace.unlink()
+        with forgotten():
+            assert main(arguments) == 0, capsys.readouterr().err
+            assert others.trace.exists()
+    others.trace.unlink()
+    plugin = others.root / "mine.py"
+    plugin.write_text(plugin.read_text() + "# changed\n")
+    with forgotten():
+        assert main(check) == 2
+    assert not others.trace.exists()
+
+
+@pytest.mark.parametrize(("said", "code"), [("y\n", 0), ("yes\n", 0), ("\n", 2), ("n\n", 2), ("", 2)])
+def test_a_person_is_asked(
+    others: Others, monkeypatch: pytest.MonkeyPatch, capsys: Captured, said: str, code: int
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(said))
+    monkeypatch.setattr("dse.cli.asking.is_person", lambda: True)
+    assert main(["check", str(others.space)]) == code
+    assert others.trace.exists() == (code == 0)
+    assert f"{others.root / 'mine.py'}, which {others.space} names" in capsys.readouterr().err
+    with forgotten():  # readers ask nobody
+        monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+        others.trace.unlink(missing_ok=True)
+        assert main(["skyline", str(others.study)]) == 0
+        assert sys.stdin.read() == "y\n" and others.trace.exists() == (code == 0)
+
+
+def test_a_list_that_cannot_be_kept_is_no_reason(others: Others, capsys: Captured) -> None:
+    Path(os.environ["DSE_CONFIG"]).write_text("a file where the folder should be")
+    for _ in range(2):
+        with forgotten():
+            assert main(["check", str(others.space)]) == 2
+            assert main(["check", str(others.space), "--trust"]) == 0
+
+
+def test_python_is_told_how_to_go_on(others: Others) -> None:
+    with pytest.raises(ConfigError, match=r"dse\.registry\.load_plugin"):
+        load_space(others.space)
+    assert not others.trace.exists()
+    registry.load_plugin(str(others.root / "mine.py"))
+    assert others.trace.exists() and load_space(others.space).plugins
+    with forgotten(), trust.answering(True), ThreadPoolExecutor(1) as pool:
+        space = load_space(others.space)
+        assert space.plugins
+        with forgotten():
+            Path(os.environ["DSE_CONFIG"], trust.LIST).unlink()
+            assert isinstance(pool.submit(load_space, others.space).exception(), ConfigError)
+
+
+def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path: Path, capsys: Captured) -> None:
+    bundle.write(small_bundle(), tmp_path / "b")
+    data = small_recordings(tmp_path / "touch.npz")
+    verify = ["verify", str(tmp_path / "b"), "--data", str(data), "--json"]
+    export_targets(tmp_path / "b", ["c99", "loihi", "nir", "torch"])
+    assert main(verify) == 0, "what was written is written again, byte for byte"
+    trace = tmp_path / "PWNED"
+    run = f'\n__attribute__((constructor)) static void run(void) {{ system("touch {trace}"); }}\n'
+    poisoned(tmp_path / "b", "targets/c99/src/dse.c", f"#include <stdlib.h>\n{run}")
+    capsys.readouterr()
+    assert main(verify) == 2
+    verdicts = {row["target"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
+    assert verdicts["c99"]["verdict"] == "not verified"
+    assert verdicts["c99"]["reason"].startswith("src/dse.c is not what dse ")
+    assert {row["verdict"] for name, row in verdicts.items() if name != "c99"} != {"not verified"}
+    for command in ("measure", "evaluate", "stream"):
+        assert main([command, str(tmp_path / "b"), "--data", str(data)]) == 0
+    assert main(["export", str(tmp_path / "b"), "--target", "torch"]) == 0
+    assert not trace.exists()
+    assert main(["export", str(tmp_path / "b"), "--target", "c99"]) == 0
+    assert main(verify) == 0
+
+
+def test_code_is_run_in_one_place() -> None:
+    """What could run text or find code by a name that comes from outside."""
+    risky = {
+        "exec",
+        "eval",
+        "import_module",
+        "__import__",
+        "run_path",
+        "exec_module",
+        "spec_from_file_location",
+    }
+    shipped = {"dse", "dse.registry", "dse.cli.commands", "dse.report.compare", "dse.report.gather"}
+    shipped |= {"dse.deploy.targets.emulator"}  # these import modules of dse, or of a fixed name
+    found = {
+        name
+        for name, tree in modules(Path(dse.__file__).parent).items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and (getattr(node.func, "id", "") in risky or getattr(node.func, "attr", "") in risky - {"eval"})
+    }
+    assert found == shipped
