@@ -9,6 +9,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES, MOST_TRIALS
 from dse.config.device import DEVICES
 from dse.config.yaml_lines import Raw
 from dse.registry import param
@@ -362,9 +363,12 @@ def _shown(value: int | tuple[int, ...]) -> str:
 class Training:
     """Adam with a step schedule; every default is a published or a measured value."""
 
-    epochs: int = param(60, low=1, doc="passes over the training samples")
+    epochs: int = param(60, low=1, high=MOST_EPOCHS, doc="passes over the training samples")
     batch_size: int = param(
-        32, low=1, doc="samples per weight update; the last batch of an epoch may be smaller"
+        32,
+        low=1,
+        high=MOST_SAMPLES,
+        doc="samples per weight update; the last batch of an epoch may be smaller",
     )
     learning_rate: float = param(0.03, low=0, low_open=True, doc="step size of Adam, in units of `step_unit`")
     step_unit: str = param(
@@ -614,6 +618,7 @@ class Search:
         doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
         "execution.storage, otherwise 8)",
         low=1,
+        high=MOST_TRIALS,
         axis=False,
     )
     repeats: int | None = param(
