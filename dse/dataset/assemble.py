@@ -36,6 +36,7 @@ from dse.recordings.targets import heads, in_use, target, target_columns
 from dse.recordings.windows import chosen
 from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
 
+_ROUNDING = 0.1  # share of spikes that the rounding of levels may move
 _FEW = 64  # recordings that tell whether spikes follow the level
 
 
@@ -176,7 +177,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
 
 
 def _follow_levels(recordings: Recordings, design: Sections, samples: Ints) -> bool:
-    """Return whether spikes change with the resting level: half of the counts in 16 bins of some windows."""
+    """Return whether spikes change with the resting level: a tenth of the counts in 16 bins of some windows."""
     if not isinstance(recordings, Signals) or design.encoder is None or design.encoder.transductive:
         return True
     some, used = chosen(recordings, samples), np.ones(len(samples), bool)
@@ -186,7 +187,7 @@ def _follow_levels(recordings: Recordings, design: Sections, samples: Ints) -> b
         before, after = (
             _binned(encoded_without(some, design, used, constant, nothing)) for constant in (nothing, levels)
         )
-    return bool(2 * np.abs(before - after).sum() >= (before + after).sum())
+    return bool(np.abs(before - after).sum() > _ROUNDING * (before + after).sum())
 
 
 def _binned(spikes: Spikes) -> Ints:

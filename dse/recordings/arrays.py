@@ -113,7 +113,9 @@ def _matlab(path: Path, names: set[str] | None) -> dict[str, Array]:
 def _survives(path: Path, modified_ns: int) -> bool:
     """Return whether a process lives on after it has read a MATLAB file: scipy crashes on some damaged ones."""
     code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
-    return subprocess.run([sys.executable, "-c", code, path], capture_output=True, check=False).returncode in (0, 1)
+    return subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, check=False
+    ).returncode in (0, 1)
 
 
 def _plain(value: Array) -> Array:

@@ -79,7 +79,7 @@ def warnings(
             what = "resting level (mean of each channel)"
             advice = (
                 "window.remove_mean: true or an encoder of changes, such as send_on_delta, drops it, unless "
-                "the level is what is to be felt"
+                "the level is what is to be felt (dse audit: whether readers need it)"
                 if follow_levels()
                 else "the encoder drops it already"
             )

@@ -125,8 +125,14 @@ def test_a_published_test_set_stays_one(capsys: Captured) -> None:
     for group in ("", ", group: session"):
         rule = f"{{stratified: {{validation: 0.2, test: {{usage: TEST}}, seed: 2{group}}}}}"
         (checked,) = answered(capsys, "check", "touch.yaml", "--set", f"split={rule}")
-        assert (checked["train"], checked["validation"], checked["test"]) == (24 + bool(group), 6 - bool(group), 10)
-    error = refused(capsys, "check", "touch.yaml", "--set", "split={train: {usage: TRAIN}, test: {usage: TEST}}")
+        assert (checked["train"], checked["validation"], checked["test"]) == (
+            24 + bool(group),
+            6 - bool(group),
+            10,
+        )
+    error = refused(
+        capsys, "check", "touch.yaml", "--set", "split={train: {usage: TRAIN}, test: {usage: TEST}}"
+    )
     assert "stratified: {validation: 0.2, test: {COLUMN: test}}" in error
 
 
