@@ -407,11 +407,6 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
         raise RecordingError(
             f"{path.name}: no array of recordings ({_some(list(shapes))}); --signal NAME names it"
         )
-    if "packed" in signal.lower():
-        raise RecordingError(
-            f"{path.name}: '{signal}' seems to hold packed bits; describe them as `kind: raster, packed: "
-            "true` (dse describe data raster)"
-        )
     shape = shapes[signal]
     vectors = {name: shape[0] for name, shape in shapes.items() if len(shape) == 1 and name != signal}
     data: dict[str, Any] = {
@@ -436,6 +431,10 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
         notes.add(
             f"'{signal}' holds {n} recordings of {shape[1]} channels end to end, with borders '{offsets}'"
         )
+    elif "packed" in signal.lower() and len(shape) > 1:
+        data, n = _packed(path, shapes, data, set(vectors.values()), notes)
+        if label_file is not None:
+            raise RecordingError(f"{path.name}: the labels of spikes must be arrays of the same file")
     elif -1 in shape:
         n = shape[0]
         notes.add(f"'{signal}' holds {n} recordings of {shape[2]} channels, of different lengths")
@@ -472,6 +471,31 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
     return Look(data, n_values, lacks_step=step_ms is None)
 
 
+def _packed(
+    path: Path, shapes: npz.Shapes, data: Mapping[str, Any], n_labels: set[int], notes: _Notes
+) -> tuple[dict[str, Any], int]:
+    """Return section `data` of an array of packed bits, and the number of its recordings.
+
+    The axis of steps is the one whose length an array such as `shape` multiplies, else the longest.
+    """
+    signal = data["signal"]
+    sizes = shapes[signal]
+    recording = next((k for k, size in enumerate(sizes) if size in n_labels), 0)
+    others = [k for k in range(len(sizes)) if k != recording]
+    step = max(others, key=lambda k: sizes[k])
+    full, name = [size * (1 + 7 * (k == step)) for k, size in enumerate(sizes)], None
+    for name in (x for x, shape in shapes.items() if shape == (len(sizes),) and "shape" in x.lower()):
+        full = npz.load(path, [name])[name].tolist()
+        step = next((k for k in others if full[k] != sizes[k]), step)
+    rest = [k for k in others if k != step]
+    named = {k: "polarity" if sizes[k] == 2 else "taxel" if k == rest[0] else f"axis_{k}" for k in rest}
+    named |= {recording: "sample", step: "step"} | ({rest[0]: "channel"} if len(rest) == 1 else {})
+    axes = " ".join(named[k] for k in range(len(sizes)))
+    notes.add(f"'{signal}' is ({axes}) = {tuple(full)} of spikes, packed as bits along its steps")
+    raster = {"kind": "raster", "file": data["file"], "step_ms": None, "array": signal, "axes": axes}
+    return raster | {"packed": True} | ({"shape": name} if name else {}), full[recording]
+
+
 def _events(
     path: Path, shapes: npz.Shapes, fields: Mapping[str, str | None], options: Options, notes: _Notes
 ) -> Look:
@@ -498,7 +522,9 @@ def _events(
 
 
 def _largest(shapes: npz.Shapes) -> str | None:
-    """Return the array with most values among those of two or three axes."""
+    """Return the array of packed bits, or that with most values among those of two or three axes."""
+    if packed := next((name for name, x in shapes.items() if "packed" in name.lower() and len(x) > 1), None):
+        return packed
     sizes = {name: abs(int(np.prod(shape))) for name, shape in shapes.items() if len(shape) in (2, 3)}
     ragged = [name for name, shape in shapes.items() if -1 in shape]
     return ragged[0] if ragged else max(sizes, key=lambda name: sizes[name], default=None)

@@ -63,6 +63,7 @@ def label_of(look: Look, recordings: Recordings) -> str:
         for name, n in look.n_values.items()
         if n <= _MOST_CLASSES
         and not _PARTS.match(name)
+        and not _parts(np.asarray(recordings.columns[name]))
         and not _GROUPS.match(name)
         and np.unique(recordings.columns[name], return_counts=True)[1].min() > 1
     ]
@@ -102,17 +103,12 @@ def starter(
     assumed: list[str] = []
     columns = {name: np.asarray(values) for name, values in recordings.columns.items()}
     split = _split(columns, label, group, assumed)
-    used = _names_in(split)
-    data = dict(look.data)
-    data["columns"] = {
-        x: y for x, y in look.data["columns"].items() if x == label or x in used or x in columns
-    }
     n_classes = len(np.unique(columns[label]))
     assumed.insert(0, f"'{label}' is predicted: {n_classes} classes")
     sections: list[tuple[str, dict[str, Any]]] = [
         (
-            "Where the recordings are and how they are read: dse describe data " + str(data["kind"]),
-            {"data": data},
+            "Where the recordings are and how they are read: dse describe data " + str(look.data["kind"]),
+            {"data": dict(look.data)},
         ),
         (
             "What is predicted; other label columns: "
@@ -211,59 +207,70 @@ def _batch_size(n: int) -> int:
 
 def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed: list[str]) -> dict[str, Any]:
     """Return section `split`: the file's own parts, or a draw of every class with whole groups."""
-    for name, values in columns.items():
-        parts = _parts(values) if _PARTS.match(name) else {}
-        if "train" in parts and "validation" in parts:
-            assumed.append(f"the split is that of column '{name}'")
-            return {part: {name: value} for part, value in parts.items()}
-    labels = columns[label]
-    groups = group or next((x for x in columns if x != label and _GROUPS.match(x)), None)
-    shares = None if groups is None else _shares(labels, columns[groups])
-    if shares is not None:
+    named = ((name, _parts(values)) for name, values in columns.items() if name != label)
+    name, parts = next((x for x in named if {"train"} < x[1].keys()), ("", {}))
+    if "validation" in parts:
+        assumed.append(f"the split is that of column '{name}'")
+        return {part: {name: value} for part, value in parts.items()}
+    drawn = np.ones(len(columns[label]), bool)
+    more: dict[str, Any] = {}
+    if parts:
+        drawn, more = columns[name] == parts["train"], {"test": {name: parts["test"]}}
         assumed.append(
-            f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} is "
-            "not recognised in place of the class"
+            f"the test set is that of column '{name}', {np.count_nonzero(~drawn)} recordings; validation is "
+            "drawn from the others"
         )
-        return {"stratified": {**shares, "group": groups, "seed": 1}}
+    labels = columns[label][drawn]
+    groups = group or next((x for x in columns if x not in (label, name) and _GROUPS.match(x)), None)
     if groups is not None:
-        text = f"'{groups}' has too few values in a class to be split by; the recordings are drawn one by one"
+        known = columns[groups]
+        if np.isin(known[~drawn], known[drawn]).any():
+            text = f"values of '{groups}' are in training and in the test set of column '{name}'"
+        elif shares := _shares(labels, known[drawn], bool(parts)):
+            assumed.append(
+                f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} "
+                "is not recognised in place of the class"
+            )
+            return {"stratified": {**shares, **more, "group": groups, "seed": 1}}
+        else:
+            text = f"'{groups}' has too few values in a class to be split by"
         if group is not None:
             raise RecordingError(text)
-        assumed.append(text)
-    shares = _shares(labels, np.arange(len(labels)))
+        assumed.append(f"{text}; the recordings are drawn one by one")
+    shares = _shares(labels, np.arange(len(labels)), bool(parts))
     if shares is None:
         names, counts = np.unique(labels, return_counts=True)
         raise RecordingError(
-            f"every class must have at least 2 recordings, but '{names[counts.argmin()]}' of '{label}' has "
-            f"{counts.min()}"
+            f"every class must have at least 2 recordings{' in training' if parts else ''}, but "
+            f"'{names[counts.argmin()]}' of '{label}' has {counts.min()}"
         )
     if groups is None:
         assumed.append(
             "recordings are drawn for training and validation one by one: if some were made in one session "
             "or by one person, name their column with --group"
         )
-    return {"stratified": {**shares, "seed": 1}}
+    return {"stratified": {**shares, **more, "seed": 1}}
 
 
-def _shares(labels: Array, groups: Array) -> dict[str, float] | None:
-    """Return fractions for validation and test that leave groups of each class in every part, or None."""
+def _shares(labels: Array, groups: Array, has_test: bool) -> dict[str, float] | None:
+    """Return fractions for validation, and test if there is none, with groups of each class in every part.
+
+    None where a class has too few.
+    """
     fewest = min(len(np.unique(groups[labels == label])) for label in np.unique(labels))
     if fewest < 2:
         return None
     if fewest < 3:
         return {"validation": 0.5}
     share = 0.2 if fewest >= 5 else round(1 / fewest, 2)
-    return {"validation": share, "test": share}
+    return {"validation": share} if has_test else {"validation": share, "test": share}
 
 
 def _parts(values: Array) -> dict[str, str]:
-    """Return train, validation and test -> the value that names it."""
+    """Return train, validation and test -> the value that names it; nothing where a value is none of them."""
     texts = {str(x).lower(): str(x) for x in np.unique(values)} if values.dtype.kind == "U" else {}
-    return {part: texts[name] for part, names in _NAMES_OF_PARTS.items() for name in names if name in texts}
-
-
-def _names_in(split: Mapping[str, Any]) -> set[str]:
-    return {str(x) for inner in split.values() for x in (*inner, *inner.values())}
+    found = {part: texts[name] for part, names in _NAMES_OF_PARTS.items() for name in names if name in texts}
+    return found if len(found) == len(texts) else {}
 
 
 # ---- windows, and what makes spikes

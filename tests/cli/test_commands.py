@@ -83,7 +83,7 @@ def test_check_lists_faults_in_both_forms(tmp_path: Path, capsys: Captured) -> N
     assert plain.out == ""
     assert plain.err.splitlines() == [
         f"{path}:2: seed must be an integer, got 'x'",
-        f"{path}:15: training.epochs must be >= 1, got 0",
+        f"{path}:15: training.epochs must be in [1, 1000000], got 0",
     ]
     assert main(["check", str(path), "--json"]) == 2
     rows = document(capsys.readouterr().out)["rows"]

@@ -1,0 +1,159 @@
+"""Odd inputs at the command line: each is one line with exit code 2, or is said before anything is trained."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+from dse.cli import main
+from dse.config import load_space
+from tests.spaces import write_space
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(capsys: Captured, *arguments: str) -> str:
+    """Return the one line that a command refuses its arguments with."""
+    capsys.readouterr()
+    assert main(list(arguments)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1, printed.err
+    return printed.err
+
+
+def notes(capsys: Captured, *arguments: str) -> str:
+    """Return the notes of a command that is right."""
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+    return "\n".join(json.loads(capsys.readouterr().out)["notes"])
+
+
+@pytest.mark.parametrize(
+    ("old", "value"),
+    [
+        ("true_rate: 0.8", "{range: [0, 1], step: .nan}"),
+        ("true_rate: 0.8", "{range: [0, 1], step: .inf}"),
+        ("seed: 3", f"0x{'f' * 100_000}"),
+        ("seed: 3", "9" * 350),
+        ("epochs: 1", "100000000000"),
+        ("batch_size: 8", "1000000000000"),
+    ],
+)
+def test_a_number_beyond_bounds_is_refused(tmp_path: Path, capsys: Captured, old: str, value: str) -> None:
+    key = old.split(":")[0]
+    space = write_space(tmp_path, (old, f"{key}: {value}"))
+    error = refused(capsys, "check", str(space))
+    assert error.startswith(f"{space}:") and f"{key}" in error and len(error) < 300 + len(str(space))
+
+
+DAMAGES = {
+    "complex": (145, b"\x08"),  # an array without its imaginary part crashes scipy
+    "no_class": (144, b"\x00"),
+    "dimensions": (152, b"\x09"),
+    "no_matrix": (128, b"\x14"),
+    "noise": (128, bytes(range(250, 50, -1))),
+}
+
+
+def test_damaged_files_of_matlab_are_refused() -> None:
+    file = io.BytesIO()
+    savemat(file, {"p": np.arange(48).reshape(4, 6, 2), "label": np.arange(4) % 2})
+    for name, (at, new) in DAMAGES.items():
+        content = bytearray(file.getvalue())
+        content[at : at + len(new)] = new
+        Path(f"{name}.mat").write_bytes(content)
+    # In a process of its own: what crashes may not take the tests along.
+    code = "import sys; from dse.cli import main; print([main(['init', x]) for x in sys.argv[1:]])"
+    command = [sys.executable, "-c", code, *(f"{name}.mat" for name in DAMAGES)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == str([2] * len(DAMAGES)), done.stderr
+    lines = done.stderr.splitlines()
+    assert len(lines) == len(DAMAGES)
+    for name, line in zip(DAMAGES, lines, strict=True):
+        assert line.startswith(f"{name}.mat: the file cannot be read: it is not a MATLAB file")
+
+
+def test_a_table_of_a_million_columns_is_refused_at_once(capsys: Captured) -> None:
+    names = ",".join(f"v{k}" for k in range(1_000_000))
+    Path("wide.csv").write_text(f"{names}\n{names.replace('v', '')}\n")
+    assert "at most 100000 columns, got 1000000" in refused(capsys, "init", "wide.csv", "--step-ms", "4")
+
+
+def waves(n: int = 40, n_steps: int = 50) -> tuple[np.ndarray, np.ndarray]:
+    """Return recordings (n, step, 2) of two classes, and their labels."""
+    rng = np.random.default_rng(1)
+    hz = np.where(np.arange(n) % 2, 4.0, 22.0)[:, None, None]
+    t_s = 0.004 * np.arange(n_steps)[None, :, None]
+    noise = rng.normal(0, 0.05, (n, n_steps, 2))
+    signal = np.sin(2 * np.pi * hz * t_s + rng.uniform(0, 6, (n, 1, 2))) + noise
+    return signal, np.where(np.arange(n) % 2, "denim", "silk")
+
+
+def tidy(signal: np.ndarray | list[np.ndarray], **labels: Any) -> pd.DataFrame:
+    """Return a table with a row per sample of 4 ms."""
+    parts = [
+        pd.DataFrame({"trial": i, "time_s": 0.004 * np.arange(len(x)), "left": x[:, 0], "right": x[:, 1]})
+        for i, x in enumerate(signal)
+    ]
+    return pd.concat([p.assign(**{k: v[i] for k, v in labels.items()}) for i, p in enumerate(parts)])
+
+
+def test_a_published_test_set_stays_one(capsys: Captured) -> None:
+    signal, label = waves()
+    usage = np.where(np.arange(40) < 30, "TRAIN", "TEST")
+    np.savez("touch.npz", signal=signal, fabric=label, usage=usage, session=np.arange(40) // 5)
+    assert main(["init", "touch.npz", "--step-ms", "4", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    assert row["test"] == 10 and row["train"] + row["validation"] == 30 and row["validation"] >= 5
+    (checked,) = answered(capsys, "check", "touch.yaml")
+    assert (checked["train"], checked["test"]) == (row["train"], 10)
+    # What no key could say before: validation from training recordings, by class or by whole groups.
+    for group in ("", ", group: session"):
+        rule = f"{{stratified: {{validation: 0.2, test: {{usage: TEST}}, seed: 2{group}}}}}"
+        (checked,) = answered(capsys, "check", "touch.yaml", "--set", f"split={rule}")
+        assert (checked["train"], checked["validation"], checked["test"]) == (
+            24 + bool(group),
+            6 - bool(group),
+            10,
+        )
+    error = refused(
+        capsys, "check", "touch.yaml", "--set", "split={train: {usage: TRAIN}, test: {usage: TEST}}"
+    )
+    assert "stratified: {validation: 0.2, test: {COLUMN: test}}" in error
+
+
+def answered(capsys: Captured, *arguments: str) -> list[dict[str, Any]]:
+    """Return the rows of a command that is right."""
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+    return list(json.loads(capsys.readouterr().out)["rows"])
+
+
+@pytest.mark.parametrize("axis", [1, 3])
+def test_packed_bits_are_read(capsys: Captured, axis: int) -> None:
+    rng = np.random.default_rng(2)
+    spikes = rng.integers(0, 2, (12, 20, 5, 2)) * (np.arange(12) % 2 + 1)[:, None, None, None].clip(0, 1)
+    spikes = np.moveaxis(spikes, 1, axis)
+    packed = np.packbits(spikes.astype(np.uint8), axis=axis)
+    np.savez("spikes.npz", spikes_packed=packed, shape=spikes.shape, label=np.arange(12) % 2)
+    assert main(["init", "spikes.npz", "--step-ms", "5"]) == 0
+    capsys.readouterr()
+    space = load_space("spikes.yaml")
+    found = space.data.read(Path())
+    assert (found.spikes.n_steps, found.spikes.n_channels) == (20, 10)
+    assert len(found.spikes.channel) == spikes.sum()
+    assert answered(capsys, "check", "spikes.yaml")[0]["classes"] == ["0", "1"]
