@@ -22,6 +22,7 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
 Bools = NDArray[np.bool_]
 
+
 def sum_of_products(x: Array, y: Array) -> Floats:
     """Return the sum over the last axis of x times y, broadcast together, one term after the other.
 
