@@ -66,7 +66,8 @@ def front_answer(
             "least latency, then energy, then weights",
         ]
     shown += [name for name in beside if name in rows and name not in shown]
-    essential = [name for name in ("trial", *(name for name, _ in objectives)) if name in shown]
+    names = [x for name, _ in objectives for x in (f"{name}_corrected", name)]
+    essential = [name for name in ("trial", *names) if name in shown]
     return Answer(records(rows), notes, shown, essential=essential, telling=TELLING, table=records(table))
 
 
@@ -89,15 +90,22 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
+def measured(rows: pandas.DataFrame, names: Sequence[str]) -> list[str]:
+    """Return the columns of measured numbers to show: what an accuracy is worth comes before it.
+
+    An energy flat out has the one at the sensor's period beside it: they may differ by a factor of 10^5.
+    """
+    shown: list[str] = []
+    for name in names:
+        beside = [f"{name}_test", *(["energy_throttled_uj"] if name == "energy_uj" else [])]
+        beside = [x for x in beside if x in rows and rows[x].notna().any()]
+        shown += [*(x for x in [f"{name}_corrected"] if x in rows), name, *beside]
+    return list(dict.fromkeys(shown))
+
+
 def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
-    """Return the columns in which designs differ, and the objectives (accuracy with error and test value)."""
-    names = [name for name, _ in objectives]
-    if "accuracy" in names:
-        extra = [
-            name for name in ("accuracy_se", "accuracy_test") if name in rows and rows[name].notna().any()
-        ]
-        place = names.index("accuracy") + 1
-        names[place:place] = [name for name in extra if name not in names]
+    """Return the columns in which designs differ, and the objectives with what stands beside them."""
+    names = measured(rows, [name for name, _ in objectives])
     # An axis that only one family has is left out of a table of several; the other formats have every column.
     # Axes have a point in their names; names of missed budgets may have one too, but also a space.
     dotted = [name for name in map(str, rows.columns) if "." in name and " " not in name]

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dse.skyline.constraints import ExpressionError, named_columns
 from dse.skyline.goals import Goal
-from dse.skyline.pick import budgeted, contestants, pick, sure_pick
+from dse.skyline.pick import budgeted, pick, sure_pick
 from dse.store import StoreError
-from dse.study import pricing, resampling
+from dse.study import corrected, pricing, resampling
 from dse.study.repeats import over_repeats
 from dse.study.results import open as open_study
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Choice(NamedTuple):
     """The best design point within the budgets, or the nearest ones.
 
-    row: its columns, None if no point meets every budget; `accuracy_corrected` is corrected for the choice.
+    row: its columns, None if no point meets every budget.
     nearest: in that case, the nearest points, as of `dse.skyline.pick.Pick`.
     notes: what was left out, what decided, and what to look at.
     goals: what was maximised, then what decided between equals.
@@ -56,7 +56,7 @@ def choose(
         maximise: column to maximise.
         hardware: profiles, by name or file, to compute costs on; empty: those of the study.
         confidence: fraction of the samples in which the point must be within all budgets and on the front.
-        draws: number of samples, for this and for the corrected accuracy.
+        draws: number of these samples.
         contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
         battery_mwh: capacity of the battery.
         targets: names of targets whose memory and cycles budgets may name; empty: those of the study.
@@ -97,53 +97,19 @@ def choose(
         sure = "" if confidence is None else f" in {confidence:.0%} of the samples"
         notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes, *remarks]
         return Choice(None, picked.nearest, notes, goals, list(targets))
-    row = picked.row.copy()
-    corrected = []
-    if is_study and repeats == "mean":  # one run is no sample of seeds
-        corrected = _corrected(row, Path(results), points, budgets, maximise, ties, draws)
+    found, lacking = corrected.known(picked.row.to_frame().T, [maximise, *(name for name, _ in ties)])
+    row = found.iloc[0].infer_objects()
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
         *picked.notes,
         *remarks,
-        *corrected,
+        *lacking,
         *_misfit(row),
         *_others(points, budgets, "task", "tasks"),
         *_others(points, budgets, "hardware", "hardware profiles"),
         *_others(points, budgets, "target", "targets"),
     ]
     return Choice(row, picked.nearest, notes, goals, list(targets))
-
-
-def _corrected(
-    row: pandas.Series[Any],
-    folder: Path,
-    points: pandas.DataFrame,
-    budgets: Sequence[str],
-    name: str,
-    ties: list[Goal],
-    draws: int,
-) -> list[str]:
-    """Add to a row its accuracy corrected for having been chosen as the best, and return a note on it."""
-    if name not in resampling.ACCURACIES:
-        return []
-    among, stopped = contestants(points, budgets, name, ties), points.iloc[:0]
-    try:
-        if name == "accuracy":
-            chips = [str(x) for x in points["hardware"].dropna().unique()] if "hardware" in points else []
-            rows = resampling.stopped_rows(folder, open_study(folder).trials, chips)
-            if len(rows):
-                stopped = contestants(rows.reindex(columns=points.columns), budgets, name, ties)
-        gained = resampling.optimism_of(folder, among, name, draws, stopped)
-    except StoreError as error:
-        return [f"no corrected {name}: {error}"]
-    row[f"{name}_corrected"] = row[name] - gained
-    n_designs, n_stopped = among["trial"].nunique(), stopped["trial"].nunique()
-    designs = "1 design" if n_designs == 1 else f"{n_designs} designs"
-    beside = f" and {n_stopped} that racing stopped" if n_stopped else ""
-    return [
-        f"{name} {row[name]:.3f} is the best of {len(among)} points of {designs}{beside}; "
-        f"corrected for that choice it is {row[f'{name}_corrected']:.3f}"
-    ]
 
 
 def _misfit(row: pandas.Series[Any]) -> list[str]:

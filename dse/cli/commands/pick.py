@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer, add_format
-from dse.cli.fronts import TELLING, columns, records
+from dse.cli.fronts import TELLING, columns, measured, records
 from dse.cli.numbers import draws, fraction
 from dse.cli.options import add_duty, add_hardware, add_repeats, add_targets
 
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=draws,
         default=200,
         metavar="N",
-        help="number of samples for --confidence and the corrected accuracy (default: 200)",
+        help="number of samples for --confidence (default: 200)",
     )
     parser.add_argument(
         "--export",
@@ -120,5 +120,5 @@ def _shown(row: dict[str, Any], goals: list[Goal]) -> list[str]:
     design = [name for name in row if name in identity or name in axes]
     on_target = ("target", "ram_bytes", "table_bytes", "flash_bytes", "cycles")
     optional = ("power_mw", "battery_h", "front_share", "confidence", *on_target)
-    measured = [name for goal, _ in goals for name in (goal, f"{goal}_corrected")]
-    return [name for name in dict.fromkeys([*design, *measured, *optional]) if name in row]
+    numbers = measured(pandas.DataFrame([row]), [name for name, _ in goals])
+    return [name for name in dict.fromkeys([*numbers, *design, *optional]) if name in row]

@@ -78,6 +78,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
     from dse.door.front import front_of
     from dse.skyline import blocks
+    from dse.study import corrected
 
     conditions = arguments.where
     where = conditions[0] if len(conditions) == 1 else " and ".join(f"({one})" for one in conditions) or None
@@ -85,7 +86,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if (large := _large(arguments)) is not None:
         objectives = objectives_of(arguments.objectives, arguments.results[0])
         skyline = blocks.parquet_skyline(large, objectives, where, by)
-        return front_answer(skyline.rows, objectives, skyline.notes)
+        rows, lacking = corrected.known(skyline.rows, (name for name, _ in objectives))
+        return front_answer(rows, objectives, [*skyline.notes, *lacking])
     objectives = objectives_of(arguments.objectives, arguments.results[0])
     skyline, beside = front_of(
         arguments.results,
