@@ -8,7 +8,7 @@ validation and for the corrected one: the mean, the largest, and how often the t
 shown 90 % interval, widened by the test's own error.
 
 Rows `halves` choose on one half of the validation and test recordings together and test on the other, for
-many random halves, at the trained precision: easy recordings cancel there, and the mean is what the choice adds.
+many random halves, at the trained precision: easy recordings cancel there, and what the choice adds is left.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def halves(rng: np.random.Generator, n: int, number: int) -> Iterator[Array]:
 
 
 def picked(points: pd.DataFrame, rng: np.random.Generator, n_budgets: int, n: int) -> pd.DataFrame:
-    """Return the most accurate point within random limits, for many limits, with intervals of what is shown."""
+    """Return the most accurate point within random limits, for many of them, with intervals."""
     chips = [rows for _, rows in points.groupby("hardware")]
     best = []
     for _ in range(n_budgets):
@@ -116,10 +116,10 @@ def divided_anew(points: pd.DataFrame, accuracy: Array, test: Array, n: int) -> 
     parts = [
         {name: rows[name].to_numpy() for name in read} for _, rows in points.groupby("trial", sort=False)
     ]
-    recordings = dict.fromkeys(points["trial"], n)
-    counted = sum((corrected.tally(part, ["accuracy"], recordings) for part in parts), Counter())
+    asked = dict.fromkeys(points["trial"], corrected.Asked(n, n))
+    counted = sum((corrected.tally(part, ["accuracy"], asked) for part in parts), Counter())
     known = corrected.values(counted)
-    columns = [corrected.with_corrected(part, ["accuracy"], recordings, known) for part in parts]
+    columns = [corrected.with_corrected(part, ["accuracy"], asked, known) for part in parts]
     names = corrected.corrected_of("accuracy")
     return points.assign(**{name: np.concatenate([x[name] for x in columns]) for name in names})
 
@@ -129,7 +129,9 @@ def answers(folder: Path, points: pd.DataFrame) -> Array:
     right = []
     for trial, rows in points.groupby("trial", sort=False):
         record = load_records(folder, int(str(trial)))[0]
-        right.append(np.concatenate([resampling.right(folder, record, rows, name)[1] for name in _FILES]))
+        right.append(
+            np.concatenate([resampling.right_answers(folder, record, rows, name)[1] for name in _FILES])
+        )
     return np.concatenate(right, axis=1)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from dse.audit.readers import LOGISTIC, NEAREST, NEIGHBOURS, classes_of, distances, logistic, nearest
 from dse.audit.rows import AuditRow, Score, largest_class
 from dse.dataset.shifts import shifted
-from dse.recordings.leakage import nearest_neighbours
 from dse.models.counts.rate_windows import as_features, window_counts
+from dse.recordings.leakage import nearest_neighbours
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
 
 LOGISTIC_BINS, NEAREST_BINS = 16, 8

@@ -146,6 +146,9 @@ def _print_table(answer: Answer) -> None:
     """Print a table that fits the terminal: no header and no number is broken."""
     columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
     rows = list(answer.rows if answer.table is None else answer.table)
+    for name in columns:
+        ends = [(row.get(f"{name}_low"), row.get(f"{name}_high")) for row in rows]
+        rows = [with_interval(row, name, *of) for row, of in zip(rows, ends, strict=True)]
     width = _width() or _PIPED
     if len(rows) > 1:
         columns = [name for name in columns if any(_text(row, name) not in ("", "-") for row in rows)]
@@ -175,6 +178,19 @@ def _print_table(answer: Answer) -> None:
     if left_out:
         text = f"too narrow for {', '.join(left_out)}: widen the terminal, or --format csv prints all columns"
         print("\n".join(_wrap(text, width)))
+
+
+def with_interval(row: Row, name: str, low: object, high: object) -> Row:
+    """Return a row for a terminal: a number whose range is open is a text, and so is a corrected accuracy."""
+    from dse.hardware.interval import is_open
+    from dse.store import plain_cell
+
+    value, low, high = plain_cell(row.get(name)), plain_cell(low), plain_cell(high)
+    if not (isinstance(low, int | float) and isinstance(high, int | float)):
+        return row
+    if is_open(low, high):
+        return {**row, name: f"at least {cell(low)}"}
+    return {**row, name: f"{value:.3f} ({low:.3f}-{high:.3f})"} if name.endswith("corrected") else row
 
 
 def _same(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:

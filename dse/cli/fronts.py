@@ -73,7 +73,8 @@ def front_answer(
             "least latency, then energy, then weights",
         ]
     shown += [name for name in beside if name in rows and name not in shown]
-    essential = [name for name in ("trial", *(name for name, _ in objectives)) if name in shown]
+    names = [x for name, _ in objectives for x in (f"{name}_corrected", name)]
+    essential = [name for name in ("trial", *names) if name in shown]
     best: Sequence[int] = ()
     if len(table) > MOST_ROWS:
         group = group_numbers(table, front_columns(table, None))
@@ -107,14 +108,10 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
 
 
 def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
-    """Return the columns in which designs differ, and the objectives (accuracy with error and test value)."""
-    names = [name for name, _ in objectives]
-    if "accuracy" in names:
-        extra = [
-            name for name in ("accuracy_se", "accuracy_test") if name in rows and rows[name].notna().any()
-        ]
-        place = names.index("accuracy") + 1
-        names[place:place] = [name for name in extra if name not in names]
+    """Return the columns in which designs differ, and the objectives with what stands beside them."""
+    from dse.door.front import measured
+
+    names = measured(rows, [name for name, _ in objectives])
     # An axis that only one family has is left out of a table of several; the other formats have every column.
     # Axes have a point in their names; names of missed budgets may have one too, but also a space.
     dotted = [name for name in map(str, rows.columns) if "." in name and " " not in name]

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse.door.front import DRAWS
+from dse.door.front import DRAWS, measured
 from dse.door.question import Question
 from dse.skyline.constraints import named_columns
 from dse.skyline.goals import Goal
-from dse.skyline.pick import budgeted, contestants, pick, sure_pick
+from dse.skyline.pick import budgeted, pick, sure_pick
 from dse.store import StoreError
-from dse.study import pricing, resampling
+from dse.study import corrected, pricing, resampling
 from dse.study.record import TOLD
 from dse.study.results import open as open_study
 
@@ -44,7 +44,7 @@ class NothingFeasible(ValueError):
 class Choice(Mapping[str, Any]):
     """The best design point within the budgets, or the nearest ones; a mapping from column to value.
 
-    row: its columns, None if no point meets every budget; `accuracy_corrected` is corrected for the choice.
+    row: its columns, None if no point meets every budget.
     nearest: in that case, the nearest points, as of `dse.skyline.pick.Pick`.
     notes: what was left out, what decided, and what to look at.
     goals: what was maximised, then the other objectives.
@@ -98,8 +98,8 @@ class Choice(Mapping[str, Any]):
         row = self.found
         axes = [x for x in map(str, row.index) if "." in x and x != "model.kind" and pandas.notna(row[x])]
         design = [name for name in map(str, row.index) if name in _IDENTITY or name in axes]
-        measured = [name for goal, _ in self.goals for name in (goal, f"{goal}_corrected")]
-        return {name: row[name] for name in dict.fromkeys([*design, *measured, *_OPTIONAL]) if name in row}
+        numbers = measured(row.to_frame().T, [name for name, _ in self.goals])
+        return {name: row[name] for name in dict.fromkeys([*numbers, *design, *_OPTIONAL]) if name in row}
 
     def __repr__(self) -> str:
         if self.row is None:
@@ -181,53 +181,18 @@ def choose(
         meets = f"no design point meets {' and '.join(budgets) or 'every condition'}{sure}"
         notes = [meets, *picked.notes, *remarks, *_misfit(study, picked.nearest, question.hardware)]
         return Choice(None, picked.nearest, notes, goals, targets, folder)
-    row = picked.row.copy()
-    corrected = []
-    if study and question.repeats == "mean":  # one run is no sample of seeds
-        corrected = _corrected(row, folder, points, budgets, maximise, ties, draws, oversize)
+    found, lacking = corrected.known(picked.row.to_frame().T, [maximise, *(name for name, _ in ties)])
+    row = found.iloc[0].infer_objects()
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
         *picked.notes,
         *remarks,
-        *corrected,
+        *lacking,
         *_others(points, budgets, "task", "tasks"),
         *_others(points, budgets, "hardware", "hardware profiles"),
         *_others(points, budgets, "target", "targets"),
     ]
     return Choice(row, picked.nearest, notes, goals, targets, folder)
-
-
-def _corrected(
-    row: pandas.Series[Any],
-    folder: Path,
-    points: pandas.DataFrame,
-    budgets: Sequence[str],
-    name: str,
-    ties: list[Goal],
-    draws: int,
-    oversize: bool,
-) -> list[str]:
-    """Add to a row its accuracy corrected for having been chosen as the best, and return a note on it."""
-    if name not in resampling.ACCURACIES:
-        return []
-    among, stopped = contestants(points, budgets, name, ties, oversize), points.iloc[:0]
-    try:
-        if name == "accuracy":
-            chips = [str(x) for x in points["hardware"].dropna().unique()] if "hardware" in points else []
-            rows = resampling.stopped_rows(folder, open_study(folder).trials, chips)
-            if len(rows):
-                stopped = contestants(rows.reindex(columns=points.columns), budgets, name, ties, oversize)
-        gained = resampling.optimism_of(folder, among, name, draws, stopped)
-    except StoreError as error:
-        return [f"no corrected {name}: {error}"]
-    row[f"{name}_corrected"] = row[name] - gained
-    n_designs, n_stopped = among["trial"].nunique(), stopped["trial"].nunique()
-    designs = "1 design" if n_designs == 1 else f"{n_designs} designs"
-    beside = f" and {n_stopped} that racing stopped" if n_stopped else ""
-    return [
-        f"{name} {row[name]:.3f} is the best of {len(among)} points of {designs}{beside}; "
-        f"corrected for that choice it is {row[f'{name}_corrected']:.3f}"
-    ]
 
 
 def _misfit(study: Study | None, nearest: pandas.DataFrame, hardware: Sequence[str]) -> list[str]:

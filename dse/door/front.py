@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dse.door.question import Question
 from dse.skyline import front
@@ -11,14 +12,30 @@ from dse.skyline.admissible import meeting
 from dse.skyline.constraints import ExpressionError, conditions_of, named_columns
 from dse.skyline.front import Skyline
 from dse.skyline.goals import Goal
-from dse.study import resampling
+from dse.study import corrected, resampling
 from dse.study.results import open as open_study
+
+if TYPE_CHECKING:
+    import pandas
 
 DRAWS = 200
 """Number of samples of recordings, seeds and uncertain numbers where it is not stated."""
 
 ADDED = ("target", "ram_bytes", "cycles", "power_mw", "battery_h", *resampling.CERTAINTY)
 """Columns of a front that are there because they were asked for."""
+
+
+def measured(rows: pandas.DataFrame, names: Sequence[str]) -> list[str]:
+    """Return the columns of measured numbers to show: what an accuracy is worth comes before it.
+
+    An energy flat out has the one at the sensor's period beside it: they may differ by a factor of 10^5.
+    """
+    shown: list[str] = []
+    for name in names:
+        beside = [f"{name}_test", *(["energy_throttled_uj"] if name == "energy_uj" else [])]
+        beside = [x for x in beside if x in rows and rows[x].notna().any()]
+        shown += [*(x for x in [f"{name}_corrected"] if x in rows), name, *beside]
+    return list(dict.fromkeys(shown))
 
 
 def front_of(
@@ -51,7 +68,8 @@ def front_of(
     if question.confidence is not None:
         certain.append(f"front_probability >= {question.confidence}")
     rows, notes = front.skyline(frame, objectives, early, by, question.oversize)
-    notes = list(notes)
+    rows, lacking = corrected.known(rows, (name for name, _ in objectives))
+    notes = [*notes, *lacking]
     if question.draws or certain:
         among = front.comparable(frame, objectives, early, by, oversize=question.oversize).rows
         shares, remarks = resampling.certainty(

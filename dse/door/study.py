@@ -11,7 +11,6 @@ import numpy as np
 
 from dse.door import arguments
 from dse.door.choice import Choice, choose
-from dse.door.choice import NothingFeasible as NothingFeasible
 from dse.door.front import front_of
 from dse.door.plots import Plots
 from dse.door.question import Question

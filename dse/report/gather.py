@@ -22,6 +22,8 @@ from dse.study.results import Study
 _HOW = (
     "designs are selected on validation: the most accurate one, or one with more runs that is as accurate "
     "within the standard errors; `test` is the same design on the test set",
+    "`corrected` is the accuracy expected on other recordings, with its 90 % interval; designs are compared "
+    "by `ours`, which was measured",
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
     "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced",

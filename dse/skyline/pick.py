@@ -105,19 +105,6 @@ def economy(frame: pd.DataFrame) -> list[Goal]:
     return goals
 
 
-def contestants(
-    frame: pd.DataFrame,
-    budgets: Sequence[str],
-    maximise: str = "accuracy",
-    tie_breaks: Sequence[tuple[str, str]] = (),
-    oversize: bool = False,
-) -> pd.DataFrame:
-    """Return the rows within the budgets that `pick` chooses from, best first; arguments as of `pick`."""
-    rows, ranking, _ = _candidates(frame, budgets, maximise, tie_breaks, oversize)
-    order = np.lexsort(tuple(ranking[::-1])) if len(rows) else np.zeros(0, np.int64)
-    return rows.iloc[order[_feasible(rows, split_budgets(budgets)[0])[order]]]
-
-
 def _candidates(
     frame: pd.DataFrame,
     budgets: Sequence[str],
@@ -277,22 +264,6 @@ def _bounds(drawn: Drawn, among: Bools, limits: Sequence[Budget], confidence: fl
             better = np.sort(values, axis=0)[:: 1 if limit.direction == "min" else -1]
             bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
     return bounds
-
-
-def optimism(values: Floats, errors: Floats) -> float:
-    """Return by how much the best of many rows is overestimated, for having been chosen as the best.
-
-    The whole choice is repeated in every resample: the chosen row's value there, less its value here, which
-    plays the truth. The mean over resamples is what the choice adds.
-
-    Source: Efron, J. Am. Stat. Assoc. 78, 1983 (optimism of an apparent value by the bootstrap).
-
-    Args:
-        values: (row,) to maximise, in the order in which ties are decided.
-        errors: (draw, row) values of resamples less those of the table.
-    """
-    chosen = (values + errors).argmax(axis=1)
-    return float(errors[np.arange(len(errors)), chosen].mean())
 
 
 def budgeted(budgets: Sequence[str]) -> list[str]:

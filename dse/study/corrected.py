@@ -10,7 +10,8 @@ the interval includes that.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from dse.measure.objectives.accuracy import wilson_interval
 from dse.records import Array, Floats
 from dse.skyline.posterior import expected
 from dse.study.record import RunRecord
+
+if TYPE_CHECKING:
+    import pandas
 
 ACCURACIES = ("accuracy", "accuracy_strict", "accuracy_shifted", "accuracy_shifted_min")
 """Accuracies on the validation recordings."""
@@ -31,12 +35,45 @@ _DECIMALS = 6  # the last bits of an exponential differ between processors
 
 Part = Mapping[str, Array]
 Key = tuple[str, str, int, int]
-"""Column, group, number of recordings, and accuracy in parts of `_PARTS`."""
+"""Column, group, number of answers, and accuracy in parts of `_PARTS`."""
+
+
+class Asked(NamedTuple):
+    """How many recordings the accuracies of a trial are of; 0 where it is not known.
+
+    Repeats answer the same recordings again, and every fold of a cross-validation has its own. Luck between
+    designs is that of all answers; whether the recordings are easy is that of the recordings.
+    """
+
+    recordings: int
+    answers: int
 
 
 def corrected_of(name: str) -> tuple[str, str, str]:
     """Return the columns of a corrected accuracy: its value, and the ends of its interval."""
     return f"{name}_corrected", f"{name}_corrected_low", f"{name}_corrected_high"
+
+
+def known(rows: pandas.DataFrame, names: Iterable[str]) -> tuple[pandas.DataFrame, list[str]]:
+    """Return points with the columns of every corrected accuracy, and a note on each that points lack.
+
+    Args:
+        rows: points, of a study or of any table.
+        names: columns, of which accuracies are corrected.
+    """
+    notes = []
+    for name in [name for name in ACCURACIES if name in set(names) and name in rows]:
+        column = corrected_of(name)[0]
+        if column not in rows:
+            rows = rows.assign(**dict.fromkeys(corrected_of(name), np.nan))
+            notes.append(
+                f"no {column}: a table does not say how many recordings its {name} is of; a study does "
+                "(one of an earlier version has the column after `dse run`)"
+            )
+        elif n := int((rows[name].notna() & rows[column].isna()).sum()):
+            which = f"{n} of {len(rows)} rows" if len(rows) > 1 else "it"
+            notes.append(f"no {column}: {which} was measured elsewhere, or is one run of several")
+    return rows, notes
 
 
 def names(space: SearchSpace) -> list[str]:
@@ -45,22 +82,17 @@ def names(space: SearchSpace) -> list[str]:
     return [name for name in ACCURACIES if name == "accuracy" or name in objectives]
 
 
-def recordings(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) -> dict[int, int]:
-    """Return how many recordings the accuracies of each trial are of; 0 where it is not known.
-
-    Repeats answer the same recordings; every fold of a cross-validation has its own.
-    """
+def asked(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) -> dict[int, Asked]:
+    """Return what the accuracies of each trial are of."""
     k = 1 if space.split.k_fold is None else space.split.k_fold.k
-    return {
-        trial: 0 if runs[0].told else sum(run.samples.get("validation", 0) for run in runs[:k])
-        for trial, runs in trials.items()
-    }
+    sizes = {t: [0 if x.told else x.samples.get("validation", 0) for x in runs] for t, runs in trials.items()}
+    return {trial: Asked(sum(n[:k]), sum(n)) for trial, n in sizes.items()}
 
 
-def tally(part: Part, names: Sequence[str], recordings: Mapping[int, int]) -> Counter[Key]:
+def tally(part: Part, names: Sequence[str], of: Mapping[int, Asked]) -> Counter[Key]:
     """Return how often some points of a trial have each accuracy."""
     counted: Counter[Key] = Counter()
-    n = recordings[int(part["trial"][0])]
+    n = of[int(part["trial"][0])].answers
     for name, group, rows in _groups(part, names, n):
         values, times = np.unique(_rounded(part[name][rows]), return_counts=True)
         counted.update({(name, group, n, int(x)): int(k) for x, k in zip(values, times, strict=True)})
@@ -78,17 +110,17 @@ def values(counted: Mapping[Key, int]) -> dict[Key, float]:
 
 
 def with_corrected(
-    part: Part, names: Sequence[str], recordings: Mapping[int, int], known: Mapping[Key, float]
+    part: Part, names: Sequence[str], of: Mapping[int, Asked], known: Mapping[Key, float]
 ) -> dict[str, Array]:
     """Return columns of points with those of corrected accuracies; NaN where recordings are not known.
 
     Args:
         part: columns of points of one trial.
         names: accuracies that are corrected.
-        recordings: trial -> number of recordings.
+        of: trial -> what its accuracies are of.
         known: `values` of the tally of all points.
     """
-    n = recordings[int(part["trial"][0])]
+    n_recordings, n = of[int(part["trial"][0])]
     nothing = np.full((3, len(part["trial"])), np.nan)
     columns = {name: nothing.copy() for name in names if name in part}
     for name, group, rows in _groups(part, names, n):
@@ -97,13 +129,15 @@ def with_corrected(
         luck = {x: x / _PARTS - known[name, group, n, x] for x in np.unique(places).tolist()}
         # Bad luck is not credited: what a tight budget leaves may be no better than it looks.
         value = (measured - [max(luck[x], 0.0) for x in places.tolist()]).clip(0.0).round(_DECIMALS)
-        low, high = wilson_interval(value, n, Z)
+        low, high = wilson_interval(value, n_recordings, Z)
         if part["repeats"][0] > 1 and f"{name}_se" in part:  # seeds may matter more than recordings
             error = Z * np.nan_to_num(part[f"{name}_se"][rows].astype(np.float64))
             low, high = np.minimum(low, value - error), np.maximum(high, value + error)
         columns[name][:, rows] = value, np.maximum(low, 0.0), np.minimum(high, 1.0)
     added = {
-        column: x for name, of in columns.items() for column, x in zip(corrected_of(name), of, strict=True)
+        column: x
+        for name, ends in columns.items()
+        for column, x in zip(corrected_of(name), ends, strict=True)
     }
     return {**part, **added}
 

@@ -70,10 +70,10 @@ def points_table(
         StoreError: an artefact is damaged.
     """
     parts = [*_parts(space, folder, trials, profiles, None, {})]
-    names, recordings = corrected.names(space), corrected.recordings(space, trials)
-    counted = sum((corrected.tally(part, names, recordings) for part in parts), Counter())
+    names, asked = corrected.names(space), corrected.asked(space, trials)
+    counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
     known = corrected.values(counted)
-    return _table([corrected.with_corrected(part, names, recordings, known) for part in parts], space)
+    return _table([corrected.with_corrected(part, names, asked, known) for part in parts], space)
 
 
 def write_points(
@@ -181,10 +181,10 @@ def _write(
     noted: list[tuple[int, int, int]] = []
     kinds: dict[tuple[tuple[str, str], ...], Part] = {}  # a part without rows for every kind
     n_rows = 0
-    names, recordings = corrected.names(space), corrected.recordings(space, trials)
+    names, asked = corrected.names(space), corrected.asked(space, trials)
     counted: Counter[corrected.Key] = Counter()
     for part in _parts(space, folder, trials, profiles, BLOCK, kept):
-        counted += corrected.tally(part, names, recordings)
+        counted += corrected.tally(part, names, asked)
         kind = tuple((k, x.dtype.str) for k, x in part.items())
         kinds.setdefault(kind, {k: x[:0] for k, x in part.items()})
         noted.append((int(part["trial"][0]), list(kinds).index(kind), len(part["trial"])))
@@ -194,7 +194,7 @@ def _write(
     known = corrected.values(counted)
     if n_rows <= IN_MEMORY:
         made_from |= {"parts": noted, "kinds": list(kinds)}
-        whole = [corrected.with_corrected(part, names, recordings, known) for part in parts]
+        whole = [corrected.with_corrected(part, names, asked, known) for part in parts]
         store.write_table(path, _table(whole, space), json.dumps(made_from))
         return
     import pyarrow
@@ -202,7 +202,7 @@ def _write(
     with contextlib.ExitStack() as opened:
         writer = None
         for part in _parts(space, folder, trials, profiles, BLOCK, kept):
-            whole = [*kinds.values(), corrected.with_corrected(part, names, recordings, known)]
+            whole = [*kinds.values(), corrected.with_corrected(part, names, asked, known)]
             frame = _table(whole, space)
             if writer is None:
                 schema = pyarrow.Table.from_pandas(frame, preserve_index=False).schema

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.front import Draws
-from dse.skyline.pick import Pick, contestants, optimism, pick, sure_pick, ties
+from dse.skyline.pick import Pick, pick, sure_pick, ties
 from tests.skyline.tables import (
     DRAWN,
     GOALS,
@@ -56,7 +56,6 @@ def test_ties_in_every_goal_go_to_less_latency_then_energy_then_weights():
     assert pick(frame, [], tie_breaks=[("energy_uj", "min")]).row.name == 0  # objectives come first
     decided = frame.rename(columns={"latency_ms": "decision_latency_ms"}).assign(latency_ms=np.nan)
     assert pick(decided, []).row.name == 2  # a chip that cannot say how long it takes
-    assert contestants(frame, []).index.tolist() == [2, 1, 0, 3]
 
 
 def test_ties_of_objectives_go_to_what_is_maximised_then_to_the_least_costly() -> None:
@@ -205,19 +204,6 @@ def test_a_sure_pick_meets_all_budgets_at_once() -> None:
     neither = picked(0.75, [])
     assert neither.row is None and neither.nearest["trial"].tolist() == [0]
     assert neither.notes == ["no design meets all budgets at once in more than 50% of the samples"]
-
-
-def test_optimism_is_what_the_choice_adds() -> None:
-    errors = np.array([[0.1, -0.1], [-0.1, 0.1], [0.0, 0.0]])
-    assert optimism(np.array([0.5, 0.5]), errors) == pytest.approx(0.2 / 3)
-    assert optimism(np.array([0.9, 0.5]), errors) == pytest.approx(0.0)
-    assert optimism(np.array([0.5]), errors[:, :1]) == pytest.approx(0.0)
-
-
-def test_contestants_are_the_rows_within_the_budgets_best_first() -> None:
-    frame = pd.DataFrame({"trial": [0, 1, 2], "accuracy": [0.5, 0.9, 0.7], "energy_uj": [1.0, 9.0, 2.0]})
-    assert contestants(frame, ["energy_uj <= 5"])["trial"].tolist() == [2, 0]
-    assert contestants(frame, ["energy_uj <= 0"]).empty
 
 
 def test_when_no_design_is_sure_it_is_said() -> None:

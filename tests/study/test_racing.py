@@ -13,8 +13,7 @@ from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.cli.command_line import main
-from dse.door.choice import choose
-from dse.study import explore, resampling
+from dse.study import explore
 from dse.study.journal import read_journal
 from dse.study.racing import sentences
 from dse.study.results import Study
@@ -112,36 +111,6 @@ def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study)
     saved, lost = sentences(raced.folder)
     assert f"racing: {len(stopped)} of 24 designs stopped early (and 2 of these were trained on)" in saved
     assert lost == "racing: of 2 stopped designs, drawn at random and trained on, none is on the front"
-
-
-def test_a_pick_is_corrected_for_stopped_designs_too(raced: Study) -> None:
-    table = raced.trials
-    rows = resampling.stopped_rows(raced.folder, table, ["loihi1_silicon"]).set_index("trial")
-    stopped = table[table["status"] == "stopped"].set_index("trial")
-    assert list(rows.index) == list(stopped.index) and set(rows["hardware"]) == {"loihi1_silicon"}
-    for trial, row in stopped.iterrows():
-        epochs = int(row["stopped_at_epoch"])
-        gains = [
-            run["columns"]["accuracy"] - run["rungs"][str(epochs)]["columns"]["accuracy"]
-            for ended in table["trial"][table["status"] == "finished"]
-            for run in raced.runs(int(ended))
-            if str(epochs) in run["rungs"]
-        ]
-        expected = min(1.0, row["accuracy_when_stopped"] + np.mean(gains))
-        assert rows["accuracy"][trial] == pytest.approx(expected)
-    choice = choose(raced.folder)
-    assert choice.row is not None and choice.row["accuracy_corrected"] < choice.row["accuracy"]
-    n = (table["status"] == "finished").sum()
-    assert any(f"points of {n} designs and {len(stopped)} that racing stopped; " in x for x in choice.notes)
-    [tight] = [x for x in choose(raced.folder, ["n_weights <= 56"]).notes if "corrected" in x]
-    within = (stopped["model.hidden"].astype(int) == 8).sum()  # neurons of 7 weights
-    assert f"and {within} that racing stopped" in tight
-    points = raced.points().sort_values("accuracy", ascending=False)
-    as_good = rows.reset_index().assign(accuracy=points["accuracy"].max())
-    plain, beside = (
-        resampling.optimism_of(raced.folder, points, "accuracy", 100, more) for more in (None, as_good)
-    )
-    assert beside > plain
 
 
 def test_the_journal_is_optunas_with_intermediate_values(raced: Study) -> None:

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--draws",
         type=draws,
         metavar="N",
-        help="number of samples for --confidence and the corrected accuracy (default: 200)",
+        help="number of samples for --confidence (default: 200)",
     )
     parser.add_argument(
         "--export",

@@ -76,18 +76,21 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
     from dse.door.front import ADDED, front_of
     from dse.skyline import blocks
+    from dse.study import corrected
 
     objectives = objectives_of(arguments.objectives, arguments.results[0])
     question = question_of(arguments)
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     if (large := _large(arguments, question)) is not None:
-        skyline = blocks.parquet_skyline(large, objectives, arguments.where, by)
+        rows, notes = blocks.parquet_skyline(large, objectives, arguments.where, by)
+        rows, lacking = corrected.known(rows, (name for name, _ in objectives))
+        notes = [*notes, *lacking]
     else:
-        skyline = front_of(arguments.results, objectives, arguments.where, by, question)
-    rows, beside = skyline.rows, list(ADDED)
+        rows, notes = front_of(arguments.results, objectives, arguments.where, by, question)
+    beside = list(ADDED)
     if arguments.notes:
         rows, beside = _with_notes(rows, arguments.results), [*beside, "pinned", "note"]
-    return front_answer(rows, objectives, skyline.notes, beside)
+    return front_answer(rows, objectives, notes, beside)
 
 
 def _with_notes(rows: pandas.DataFrame, results: Sequence[str]) -> pandas.DataFrame:
