@@ -61,6 +61,9 @@ _MEMBERS: Mapping[str, tuple[str, ...]] = {
 }
 """Section -> what a component of it must have, beside what its contract defines for it."""
 
+_SHIPPED = (Path(__file__).resolve().parent, Path(__file__).resolve().parent.parent / "search_spaces")
+"""Folders of an installation and of a clone; search spaces in them may name plugins beside them."""
+
 _ENDING = "a file is named with its ending, {}.py"
 _MOST_BYTES = 2**24
 """Size of the largest file that is read as a plugin."""
@@ -298,7 +301,7 @@ def load_plugin(
     code = _code(name, path)
     stem, digest = re.sub(r"\W", "_", path.stem), hashlib.sha256(code).hexdigest()
     module = f"dse_plugin_{stem}_{digest[:16]}"
-    if named_by is not None and module not in _plugins:
+    if not (named_by is None or module in _plugins or any(map(path.is_relative_to, _SHIPPED))):
         _ask(name, str(path), digest, named_by, asks)
     return _load(Plugin(name, str(path)), module, lambda: _run_file(path, code, module))
 

@@ -9,12 +9,15 @@ It runs if its digest is in the user's list, or if the user says yes: to the que
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import hmac
 import os
+import secrets
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
 
-LIST = "trusted"
+LIST, _KEY = "trusted", "key"
 
 Question = Callable[[str, str], bool]
 """What the code is and its digest -> whether the user says yes."""
@@ -47,29 +50,46 @@ def consents(what: str, digest: str, *, asks: bool) -> bool:
     if not (answer if isinstance(answer, bool) else asks and answer(what, digest)):
         return False
     with contextlib.suppress(OSError, RuntimeError):
-        place = _place()
-        place.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with place.open("a", encoding="utf-8", errors="replace") as file:
+        with _made(LIST).open("a", encoding="utf-8", errors="replace") as file:
             file.write(f"{digest} {what!r}\n")
     return True
 
 
 def _listed() -> set[str]:
     try:
-        text = _place().read_text("utf-8", "replace")
+        text = (_folder() / LIST).read_text("utf-8", "replace")
     except (OSError, RuntimeError):
         return set()
     return {line.partition(" ")[0] for line in text.splitlines()}
 
 
-def _place() -> Path:
-    """Return the file of the list.
+def token(name: str) -> str:
+    """Return a text that only this user can know, the same one for a name as long as the key is kept."""
+    key = secrets.token_bytes(32)
+    with contextlib.suppress(OSError, RuntimeError):
+        with contextlib.suppress(FileExistsError):
+            file = os.open(_made(_KEY), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(file, "wb") as new:
+                new.write(key)
+        kept = (_folder() / _KEY).read_bytes()
+        key = kept if len(kept) == len(key) else key
+    return hmac.digest(key, name.encode(errors="surrogateescape"), hashlib.sha256).hex()
+
+
+def _made(name: str) -> Path:
+    folder = _folder()
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder / name
+
+
+def _folder() -> Path:
+    """Return the folder of the user's own files.
 
     Raises:
         RuntimeError: the user has no home folder.
     """
     if folder := os.environ.get("DSE_CONFIG"):
-        return Path(folder).expanduser().absolute() / LIST
+        return Path(folder).expanduser().absolute()
     base = Path(os.environ.get("XDG_CONFIG_HOME", ""))
     # The specification of XDG_CONFIG_HOME says that a relative path is invalid.
-    return (base if base.is_absolute() else Path.home() / ".config") / "dse" / LIST
+    return (base if base.is_absolute() else Path.home() / ".config") / "dse"

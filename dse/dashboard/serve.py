@@ -306,6 +306,7 @@ class Server(ThreadingHTTPServer):
         design: Callable[[int], Page] = _no_design,
         bundle: Callable[[int, int, str], Download] = _no_bundle,
         writing: Writing | None = None,
+        token: str = "",
     ) -> None:
         """Bind the port.
 
@@ -317,6 +318,7 @@ class Server(ThreadingHTTPServer):
                 page's points.
             bundle: trial, point and hardware -> a file; may raise Refused. Never called concurrently.
             writing: how notes and views are written; None: they are not.
+            token: of every request; '': a new one. With the same one, open pages find a server that returns.
 
         Raises:
             OSError: the host is not an address of this machine, or the port is in use; the text is for users.
@@ -337,7 +339,7 @@ class Server(ThreadingHTTPServer):
             why = f"{error.strerror}{busy if error.errno == errno.EADDRINUSE else ''}"
             raise OSError(error.errno, why, f"{host}:{port}") from error
         bound = ipaddress.ip_address(str(self.server_address[0]))
-        self.token, self.is_local = secrets.token_urlsafe(24), bound.is_loopback
+        self.token, self.is_local = token or secrets.token_urlsafe(24), bound.is_loopback
         # If the server listens on every address, readers use the name of the machine.
         name = socket.gethostname() if bound.is_unspecified else str(bound)
         self._name = f"[{name}]" if ":" in name else name

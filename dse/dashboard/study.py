@@ -145,7 +145,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     """
     import pandas
 
-    from dse import store
+    from dse import store, trust
     from dse.dashboard.serve import Live, Server, Writing, stamp
     from dse.study import notes, results, saved_views
     from dse.study.results import Study
@@ -197,6 +197,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
             lambda *note: _write(folder, notes.write, *note),
             lambda *view: _write(folder, saved_views.write, *view),
         ),
+        trust.token(str(folder.resolve())),
     )
 
 

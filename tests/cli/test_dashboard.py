@@ -138,15 +138,16 @@ def test_a_page_from_before_the_first_trial_to_the_last(
 
 def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:
     with shown(str(study_folder(tmp_path)), "--port", "0") as (_, url):
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{32}", url)
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[0-9a-f]{64}", url)
         status, answer = ask(url, "/data.json")
     assert (status, answer["name"]) == (200, "tiny")
     assert answer["state"]["title"] == "No design yet"
 
 
 def test_without_the_token_nobody_is_answered(fake_model: None, tmp_path: Path) -> None:
+    folder = str(study_folder(tmp_path))
     for host in ("127.0.0.1", "0.0.0.0"):
-        with shown(str(study_folder(tmp_path / host)), "--port", "0", "--host", host) as (_, url):
+        with shown(folder, "--port", "0", "--host", host) as (_, url):
             assert ask(url.partition("?")[0], "/data.json") == (403, None)
             assert ask(url, "/data.json")[0] == 200
 

@@ -780,13 +780,13 @@ def test_a_study_grows_from_nothing_and_a_link_waits_for_it(tab, folder):
 def test_a_lost_connection_is_said_and_comes_back(tab, folder):
     folder.write(points())
     with running(folder.live()) as server:
-        port = server.server_port
+        same = {"port": server.server_port, "token": server.token}
         tab.goto(server.url)
         tab.click("#front tbody tr:nth-child(2)")
     hears(tab, "document.querySelector('#live').textContent.startsWith('Connection lost.')")
     assert trials(tab) == ["0", "1", "2", "3"]
     folder.write(points(n_weights=7))
-    with running(folder.live(), port=port):
+    with running(folder.live(), **same):
         hears(tab, "document.querySelector('#live').textContent === 'live'")
         assert trials(tab) == ["0", "1", "3"]
         assert tab.inner_text("#design h2") == "Trial 1"

@@ -7,7 +7,9 @@ import io
 import json
 import os
 import shutil
+import stat
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -22,7 +24,7 @@ from dse.cli.commands import commands_by_name
 from dse.config import ConfigError, load_space
 from dse.dashboard.study import page_server
 from dse.deploy import bundle
-from dse.deploy.verify import export_targets
+from dse.deploy.verify import export_targets, target_named
 from dse.testing.targets import small_bundle, small_recordings
 from tests.serving import ask, served
 from tests.trust.others import Others, forgotten, made, poisoned
@@ -194,6 +196,18 @@ def test_a_server_runs_nothing(others: Others) -> None:
     assert not others.trace.exists()
 
 
+def test_the_token_of_a_page_is_the_users_own(others: Others, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Open pages find their server again; nobody else knows where, and no other study has the same."""
+    tokens = [trust.token(name) for name in ("a", "a", "b")]
+    assert tokens[0] == tokens[1] != tokens[2]
+    key = Path(os.environ["DSE_CONFIG"], "key")
+    assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    key.unlink()
+    assert trust.token("a") != tokens[0]
+    monkeypatch.setenv("DSE_CONFIG", "/dev/null")
+    assert trust.token("a") != trust.token("a")
+
+
 def test_consent_is_for_a_content_and_is_asked_once(others: Others, capsys: Captured) -> None:
     check = ["check", str(others.space), "--json"]
     assert main(check) == 2
@@ -262,23 +276,36 @@ def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path: Path, capsys:
     bundle.write(small_bundle(), tmp_path / "b")
     data = small_recordings(tmp_path / "touch.npz")
     verify = ["verify", str(tmp_path / "b"), "--data", str(data), "--json"]
-    export_targets(tmp_path / "b", ["c99", "loihi", "nir", "torch"])
-    assert main(verify) == 0, "what was written is written again, byte for byte"
+    export_targets(tmp_path / "b", ["c99"])
+    assert main(verify) == 0
+    capsys.readouterr()
     trace = tmp_path / "PWNED"
     run = f'\n__attribute__((constructor)) static void run(void) {{ system("touch {trace}"); }}\n'
     poisoned(tmp_path / "b", "targets/c99/src/dse.c", f"#include <stdlib.h>\n{run}")
     capsys.readouterr()
     assert main(verify) == 2
-    verdicts = {row["target"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
-    assert verdicts["c99"]["verdict"] == "not verified"
-    assert verdicts["c99"]["reason"].startswith("src/dse.c is not what dse ")
-    assert {row["verdict"] for name, row in verdicts.items() if name != "c99"} != {"not verified"}
+    [row] = json.loads(capsys.readouterr().out)["rows"]
+    assert row["verdict"] == "not verified" and row["reason"].startswith("src/dse.c is not what dse ")
     for command in ("measure", "evaluate", "stream"):
         assert main([command, str(tmp_path / "b"), "--data", str(data)]) == 0
-    assert main(["export", str(tmp_path / "b"), "--target", "torch"]) == 0
     assert not trace.exists()
     assert main(["export", str(tmp_path / "b"), "--target", "c99"]) == 0
     assert main(verify) == 0
+
+
+@pytest.mark.parametrize("name", sorted(set(registry.known("targets")) - {"xylo"}))
+def test_a_target_is_written_the_same_again(tmp_path: Path, name: str) -> None:
+    target, net = target_named(name), small_bundle()
+    if name == "torch":
+        pytest.importorskip("torch")
+    contents = []
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        folder.mkdir()
+        assert target.refusal(net) == ""
+        target.write(net, folder)
+        contents.append({x.relative_to(folder): x.read_bytes() for x in folder.rglob("*") if x.is_file()})
+        time.sleep(1.1)  # a second of a clock in a file would differ
+    assert contents[0] and contents[0] == contents[1]
 
 
 def test_code_is_run_in_one_place() -> None:
