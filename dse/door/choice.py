@@ -10,7 +10,7 @@ from dse.skyline.constraints import ExpressionError, named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, contestants, pick, sure_pick
 from dse.store import StoreError
-from dse.study import pricing, resampling
+from dse.study import held, pricing, resampling
 from dse.study.repeats import over_repeats
 from dse.study.results import open as open_study
 
@@ -77,13 +77,14 @@ def choose(
         pricing.check_studies([results], "repeats needs")
         points = over_repeats(Path(results), points, repeats)
     points = pricing.on_duty(points, contacts_per_hour, battery_mwh)
-    remarks: list[str] = []
+    remarks = held.remarks(Path(results))
     if is_study and not targets:
         targets = list(open_study(results).space.get("targets", ()))
     if targets:
         from dse.deploy.footprints import on_targets
 
-        points, remarks = on_targets(open_study(results), points, targets)
+        points, on_target = on_targets(open_study(results), points, targets)
+        remarks += on_target
     objectives: list[Goal] = open_study(results).objectives if is_study else []
     ties = [goal for goal in objectives if goal.column != maximise and goal.column in points]
     goals = [Goal(maximise, "max"), *ties]

@@ -11,7 +11,7 @@ from dse.skyline.constraints import ExpressionError
 from dse.skyline.front import Skyline
 from dse.skyline.goals import Goal
 from dse.store import StoreError
-from dse.study import pricing, resampling
+from dse.study import held, pricing, resampling
 from dse.study.repeats import over_repeats
 
 if TYPE_CHECKING:
@@ -61,7 +61,8 @@ def front_of(
     frame = pandas.concat(frames, ignore_index=True)
     frame = pricing.on_duty(frame, contacts_per_hour, battery_mwh)
     skyline = front.skyline(frame, objectives, where, by)
-    rows, beside, notes = skyline.rows, ["power_mw", "battery_h"], list(skyline.notes)
+    rows, beside = skyline.rows, ["power_mw", "battery_h"]
+    notes = [*skyline.notes, *(text for path in results for text in held.remarks(Path(path)))]
     if draws:
         names = [name for name, _ in objectives]
         drawing = pricing.draws(results, frames, list(hardware), names, draws)

@@ -20,6 +20,7 @@ from dse.records import Floats, Ints, Workload
 from dse.skyline.front import Draws
 from dse.skyline.table import read as read_table
 from dse.store import StoreError
+from dse.study import held
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
 from dse.study.record import TOLD, load_records
@@ -142,7 +143,7 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
     folder = Path(folder)
     chips = profiles(folder, hardware)
-    table = read_table(folder)
+    table = held.without_lost(folder, read_table(folder))
     if "origin" in table:  # costs that were told are those of one chip
         table = table[table["origin"].ne(TOLD)]
     if "hardware" in table and len(table):
@@ -191,7 +192,7 @@ def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.
         TableError: a file is no table.
     """
     if not hardware:
-        return [read_table(path) for path in paths]
+        return [held.without_lost(Path(path), read_table(path)) for path in paths]
     check_studies(paths, "--hardware needs")
     return [points(path, hardware) for path in paths]
 

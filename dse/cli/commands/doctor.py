@@ -33,8 +33,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if not damages:
         return Answer([], text=f"{folder}: nothing is damaged")
     if not arguments.repair:
-        return Answer(rows, [f"`dse doctor {folder} --repair` repairs it"], all_rows=True, code=_DAMAGED)
-    left = repair(folder, damages)
-    notes = [f"{len(damages) - len(left)} of {len(damages)} repaired"]
-    notes += [f"not repaired: {file}" for file in left]
+        left, notes = damages, [f"`dse doctor {folder} --repair` repairs it"]
+    else:
+        left = repair(folder)
+        n_left = len({x.file for x in left} & {x.file for x in damages})
+        notes = [f"{len(damages) - n_left} of {len(damages)} repaired"]
+        notes += [f"not repaired: {x.file} {x.fault}; {x.remedy}" for x in left]
     return Answer(rows, notes, all_rows=True, code=_DAMAGED if left else 0)
