@@ -23,7 +23,7 @@ from typing import Any
 from dse import seeds, store
 from dse.audit import record as audit
 from dse.config import ConfigError, load_space
-from dse.hardware.profile import load
+from dse.hardware.profile import load, names
 from dse.store import StoreError
 from dse.study import (
     checkpoints,
@@ -463,13 +463,16 @@ def _queued(_: _Study, path: Path) -> None:
     dict(store.read_json(path, needs_seal=False)["design"])
 
 
-def _chip(_: _Study, path: Path) -> None:
-    """Check a copy of a hardware profile, also against that of this version."""
-    store.read_sealed_text(path)
-    if fault := pricing.outdated(path):
-        raise ValueError(fault)
-    if (found := pricing.profile(path.parents[1], path.stem)).name != path.stem:
+def _chip(study: _Study, path: Path) -> None:
+    """Check a copy of a hardware profile, also against that of this version, if it has one."""
+    try:
+        found = pricing.profile(study.folder, path.stem)
+    except ConfigError as error:
+        raise ValueError(error.faults[0].message.split(";")[0]) from None
+    if found.name != path.stem:
         raise ValueError(f"is the profile of {found.name}")
+    if path.stem in names() and pricing.differ(found, load(path.stem)):
+        raise ValueError("has other numbers than the profile has now")
 
 
 def _plugin(study: _Study, path: Path) -> None:
@@ -618,21 +621,6 @@ def _table(study: _Study, path: Path) -> None:
         raise ValueError(f"holds {held.named(found.lost)}, of which a run is missing")
 
 
-def _profiles(study: _Study) -> Iterator[Damage]:
-    """Profiles whose numbers are no longer those that the study began with."""
-    for name in study.space.get("hardware", ()):
-        with contextlib.suppress(StoreError):
-            try:
-                chips = [load(name)]
-            except ConfigError:  # of a file that is found from another folder
-                continue
-            try:
-                pricing.check(chips, study.folder)
-            except ConfigError as error:
-                cost = "the study cannot go on"
-                yield Damage(f"hardware/{name}.yaml", error.faults[0].message, cost, "by hand")
-
-
 def _recordings(study: _Study) -> Iterator[Damage]:
     """Recordings that are no longer those that the runs were trained on."""
     if study.space.get("plugins"):
@@ -677,5 +665,5 @@ _FILES = (
 )  # fmt: skip
 
 _CHECKS: tuple[Callable[[_Study], Iterator[Damage]], ...] = (
-    *(_access, _journal, _runs, _files, _missing, _checkpoints, _profiles, _recordings),
+    *(_access, _journal, _runs, _files, _missing, _checkpoints, _recordings),
 )

@@ -57,7 +57,7 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
                 f"{stored} lacks {lacking} numbers that {chip.name} has now: classifiers trained before may "
                 f"lack the counts that these price, and then cost otherwise than those of new trials"
             )
-        if _differ(before, chip):
+        if differ(before, chip):
             hint = "change it back, rename the profile, or use another --results folder"
             faults.append(Fault(chip.name, 0, f"the numbers differ from those in {stored}; {hint}"))
     if faults:
@@ -67,12 +67,12 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
 
 def differences(one: Path, other: Path, name: str) -> list[str]:
     """Return a sentence if two studies have other numbers of a chip."""
-    if not _differ(profile(one, name), profile(other, name)):
+    if not differ(profile(one, name), profile(other, name)):
         return []
     return [f"hardware {name}: the numbers differ from those in {one}"]
 
 
-def _differ(one: Profile, other: Profile) -> bool:
+def differ(one: Profile, other: Profile) -> bool:
     """Return whether two profiles price differently: any number that both have, without sources and notes."""
     if type(one) is not type(other) or one.interval_only != other.interval_only:
         return True
@@ -95,23 +95,13 @@ def profile(folder: Path, name: str) -> Profile:
     stored = folder / _FOLDER / f"{name}.yaml"
     if not stored.is_file():
         return load(name)
-    if fault := outdated(stored):
-        remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
-        raise ConfigError([Fault(str(stored), 0, f"{fault}; {remedy}")])
-    return read(store.read_sealed_text(stored), str(stored))
-
-
-def outdated(stored: Path) -> str:
-    """Return why a study's copy of a profile is none to this version of dse; '' if it is one.
-
-    Raises:
-        Damaged: it is not what was written.
-    """
+    text = store.read_sealed_text(stored)
     try:
-        read(store.read_sealed_text(stored), stored.name)
+        return read(text, str(stored))
     except ConfigError as error:
-        return f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
-    return ""
+        why = f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
+        remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
+        raise ConfigError([Fault(str(stored), 0, f"{why}; {remedy}")]) from None
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:

@@ -64,7 +64,9 @@ def space_of(folder: Path, **changes: Any) -> SearchSpace:
             "training": {"epochs": 20},
             "objectives": ["accuracy:max", "n_weights:min"],
             "search": search | undecided,
-            "precision": {"weight_bits": [3, 4], "within": 0.0},
+            "decision": {"phi": [0], "theta": [0.4]},
+            "hardware": ["op_4.6_0.9"],
+            "precision": {"weight_bits": [4], "within": 0.0},
             "execution": {"jobs": 1},
             **changes,
         },
@@ -194,7 +196,7 @@ INSIDE = {f.__name__: f for f in (flip, cut, longer, zero, empty)}
 NEEDED = {
     **dict.fromkeys((f"{RUN}/record.json", WEIGHTS, f"{RUN}/read_out.npz"), RUN),
     **{name: name for name in ("search_space.yaml", "journal.log", "environment.json", "trials.parquet")},
-    **{name: name for name in ("points.parquet", "hardware/loihi1_silicon.yaml", "plugins/0_mine.py")},
+    **{name: name for name in ("points.parquet", "hardware/op_4.6_0.9.yaml", "plugins/0_mine.py")},
     **{name: name for name in ("racing/00000.json", "racing/audit.json", "front_repeats.json")},
 }
 OPTIONAL = ("notes.json", "views.json", "warnings.json", "audit.json")
