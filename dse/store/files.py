@@ -73,11 +73,15 @@ def exclusive(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
+def atomic(path: Path, *, replaces: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside `path` to write a file or a folder at; rename it when the block succeeds.
 
     A crash at any moment leaves the old file or the new one. A file is replaced. A folder that exists already
     stays, and the new one is dropped.
+
+    Args:
+        path: where it will be.
+        replaces: whether a folder that exists gives way; a crash may then leave none.
 
     Raises:
         OSError: the disk is full, read-only, or fails otherwise; nothing is left behind.
@@ -88,6 +92,8 @@ def atomic(path: Path) -> Iterator[Path]:
         yield temporary
         for each in [*temporary.rglob("*"), temporary] if temporary.is_dir() else [temporary]:
             _sync(each)
+        if replaces:
+            remove(path)
         try:
             os.replace(temporary, path)
         except OSError as error:
@@ -99,13 +105,13 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def published(path: Path) -> Iterator[Path]:
+def published(path: Path, *, replaces: bool = False) -> Iterator[Path]:
     """Do as `atomic`, for a path of a study: a finished run is never replaced.
 
     Raises:
         StoreError: the disk is full, read-only, or fails otherwise.
     """
-    with explained(path), atomic(path) as temporary:
+    with explained(path), atomic(path, replaces=replaces) as temporary:
         yield temporary
 
 

@@ -41,16 +41,23 @@ def _numbered(folder: Path | str, prefix: str, n_digits: int) -> list[tuple[int,
     return [(n, f"{folder}/{x}") for x, n in numbers.items() if x == f"{prefix}{n:0{n_digits}d}"]
 
 
-def save_run(folder: Path, record: Mapping[str, Any], files: Mapping[str, Callable[[Path], None]]) -> None:
+def save_run(
+    folder: Path,
+    record: Mapping[str, Any],
+    files: Mapping[str, Callable[[Path], None]],
+    *,
+    replaces: bool = False,
+) -> None:
     """Publish one training run: its files, and record.json with a checksum of each.
 
     Args:
         folder: from `run_folder`.
         record: what record.json holds beside the schema and the checksums.
         files: name -> function that writes the file at the path it is given.
+        replaces: whether a run that is there gives way, once this one is written.
     """
     identity = {"schema": SCHEMA, "version": dse.__version__, "study": folder.parents[2].name}
-    with published(folder) as temporary:
+    with published(folder, replaces=replaces) as temporary:
         temporary.mkdir()
         checksums = {}
         for name, write in files.items():

@@ -112,9 +112,8 @@ def save(
     trial, repeat = int(record["trial"]), int(record["repeat"])
     path = store.run_folder(rung_folder(study, epochs), trial, repeat)
     older = [folder for folder in folders(study, trial, repeat).values() if folder != path]
-    store.remove(path)
     about = {"states": SCHEMA, "training": training, "epochs": epochs}
-    store.save_run(path, {**record, **about}, {**(files or {}), _STATE: _writer(state)})
+    store.save_run(path, {**record, **about}, {**(files or {}), _STATE: _writer(state)}, replaces=True)
     for folder in older:
         store.remove(folder)
 
