@@ -89,8 +89,8 @@ def remarks(folder: Path) -> list[str]:
     lost = sorted({*found.lost, *rows["trial"][~_is_whole(rows, runs)].tolist()})
     if older := sorted({*found.lacking, *found.changed} - {*lost}):
         texts.append(
-            f"{folder}: the tables hold {len(runs) - len(older)} of the {len(runs)} trials that have ended, not "
-            f"{named(older)}; `dse run`, or `dse doctor {folder} --repair`, writes them again"
+            f"{folder}: the tables hold {len(runs) - len(older)} of the {len(runs)} trials that have ended, "
+            f"not {named(older)}; `dse run`, or `dse doctor {folder} --repair`, writes them again"
         )
     if lost and not runs:
         texts.append(f"{folder}: holds no run, only tables: what needs the runs is left out")
@@ -138,10 +138,9 @@ def read(table: Path) -> pandas.DataFrame:
         raise store.damaged(table, f"cannot be read: {str(error).splitlines()[0]}") from error
 
 
-def counted(table: Path) -> Counter[int]:
+def counted(table: pandas.DataFrame) -> Counter[int]:
     """Return trial -> number of its rows in a table, of trials that have runs."""
-    rows = _repeats(table)
-    return Counter(rows["trial"][rows["repeats"] > 0].tolist())
+    return Counter(table["trial"][table["repeats"] > 0].tolist())
 
 
 def _repeats(table: Path) -> pandas.DataFrame:
@@ -152,3 +151,10 @@ def _repeats(table: Path) -> pandas.DataFrame:
     columns = ["trial", "repeats"]
     is_said = set(columns) <= set(pyarrow.parquet.read_schema(table).names)
     return pandas.read_parquet(table, columns=columns) if is_said else pandas.DataFrame(columns=columns)
+
+
+def n_rows(table: Path) -> int:
+    """Return the number of rows of a table."""
+    import pyarrow.parquet
+
+    return int(pyarrow.parquet.read_metadata(table).num_rows)

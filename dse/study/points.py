@@ -98,6 +98,8 @@ def write_points(
     before = json.loads(store.made_from(path) or "{}")
     if before.get("common") != common:
         before = {}
+    elif "parts" in before and sum(n for *_, n in before["parts"]) != held.n_rows(path):
+        before = {}  # it is not what was written
     elif before["digests"] == digests:
         return
     kept = _kept(path, before, digests) if before.get("kinds") else {}

@@ -47,6 +47,17 @@ def write(
     return table
 
 
+def n_held(space: SearchSpace, folder: Path) -> str:
+    """Return how many trials of a search the tables of its study hold, in a sentence."""
+    n_designs = sum(not entry.excluded for entry in read_journal(folder / store.JOURNAL))
+    n_trials = max(n_designs, space.search.n_trials or space.n_designs or 0)
+    try:
+        n = sum(trial < IMPORTED for trial in held.counted(held.read(folder / held.TRIALS)))
+    except (store.StoreError, KeyError):  # there is none yet, or it is damaged
+        n = 0
+    return f"the tables hold {n} of {n_trials} trials"
+
+
 def write_again(folder: Path) -> dict[int, dict[str, Any]]:
     """Write the tables of a study from the files in its folder; return trial -> its row.
 

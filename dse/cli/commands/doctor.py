@@ -8,7 +8,7 @@ from pathlib import Path
 from dse.cli.answer import Answer, add_format
 
 GROUP = "search"
-HELP = "say what is damaged in a study's folder and what it costs; repair what can be repaired"
+HELP = "say what is damaged or missing in a study's folder and what it costs; repair what can be repaired"
 _DAMAGED = 1
 
 
@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair",
         action="store_true",
-        help="drop damaged journal lines, runs and copies, and write tables again",
+        help="remove damaged runs, checkpoints and copies, or move them aside; write the journal and the tables "
+        "again. `dse run` trains what is missing then",
     )
     add_format(parser)
 
