@@ -13,8 +13,9 @@ from dse.cli.commands import commands_by_name
 from dse.config import ConfigError
 
 EXIT_CODES = (
-    "exit codes: 0 success; 1 nothing could be trained, or a study is damaged; 2 bad input, every fault on stderr; 3 no design "
-    "point meets the budgets; 4 a target that was faithful is so no longer; 130 stopped by Ctrl-C"
+    "exit codes: 0 success; 1 nothing could be trained, or a study is damaged; 2 bad input, every fault on "
+    "stderr; 3 no design point meets the budgets; 4 a target that was faithful is so no longer; "
+    "130 stopped by Ctrl-C"
 )
 _BAD_INPUT = 2
 _STOPPED = 130

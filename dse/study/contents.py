@@ -111,9 +111,12 @@ class Contents:
         return stopped
 
     @cached_property
-    def is_sound(self) -> bool:
-        """Whether the journal names every design, as far as it knows."""
-        return not self.lines.faults and not ledger.lost(self.folder, self.lines.logs)
+    def faults(self) -> list[str]:
+        """What is wrong with the journal, beside its last line; without them it names every design."""
+        if fault := ledger.of_another(self.folder, self.lines.logs):
+            return [fault]
+        faults = self.lines.faults or ledger.drop_refused([*self.lines.logs])
+        return faults or ledger.lost(self.folder, self.lines.logs)
 
     @property
     def rungs(self) -> Sequence[int]:
@@ -136,7 +139,7 @@ class Contents:
 
     def knows(self, trial: int) -> bool:
         """Return whether the journal names a trial, or it was imported; True where the journal is damaged."""
-        return not self.is_sound or 0 <= trial < len(self.entries) or trial >= IMPORTED
+        return bool(self.faults) or 0 <= trial < len(self.entries) or trial >= IMPORTED
 
     def name(self, path: Path) -> str:
         return str(path.relative_to(self.folder))
@@ -153,7 +156,7 @@ def rounds_in(study: Contents, path: Path) -> list[dict[str, Any]]:
     known = set(study.batches.get(int(path.stem), ()))
     for one in rounds:
         stopped = [x["trial"] for x in one["stopped"] if int(x["epochs"]) and str(x["reason"])]
-        if study.is_sound and (unknown := {*one["trials"], *stopped} - known):
+        if not study.faults and (unknown := {*one["trials"], *stopped} - known):
             raise ValueError(f"names trial {min(unknown)}, which is not in batch {int(path.stem)}")
         if one["epochs"] is not None and int(one["epochs"]) < 1:
             raise ValueError(f"has a rung of {one['epochs']} epochs")

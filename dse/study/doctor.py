@@ -111,7 +111,7 @@ def _access(study: Contents) -> Iterator[Damage]:
                 fault = "" if is_right else f"is not {what}"
             except OSError as error:
                 mode, fault = needed, "" if path.exists() else f"leads nowhere ({error.strerror})"
-            if fault and pattern not in _OF_RUNS:  # a run is looked at as a whole
+            if fault and pattern not in (store.JOURNAL, *_OF_RUNS):  # which other checks look at as a whole
                 aside = partial(set_aside, study.folder, path)
                 yield Damage(study.name(path), fault, "what it should hold", ASIDE, aside)
             elif not fault and mode & needed != needed:
@@ -123,13 +123,10 @@ def _access(study: Contents) -> Iterator[Damage]:
 
 def _journal(study: Contents) -> Iterator[Damage]:
     path, content = study.folder / store.JOURNAL, study.lines
-    faults = content.faults or ledger.drop_refused([*content.logs])
-    if fault := ledger.of_another(study.folder, content.logs):
-        faults = [fault]
-    if faults := faults or ledger.lost(study.folder, content.logs):
+    if study.faults:
         yield Damage(
             store.JOURNAL,
-            "; ".join(faults),
+            "; ".join(study.faults),
             "when these designs were proposed",
             f"it is written anew from its other lines and the records; {store.JOURNAL}.damaged is a copy",
             lambda: ledger.Ledger(path, load_space(study.folder / store.SPACE)),
@@ -157,7 +154,7 @@ def _runs(study: Contents) -> Iterator[Damage]:
         if not study.knows(found.trial):
             remedy = f"{AGAIN} takes it up when it proposes the design again"
             yield Damage(name, "is in no line of the journal", "one run, until then", remedy)
-        elif study.is_sound and not _is_of(study, found):
+        elif not study.faults and not _is_of(study, found):
             yield Damage(name, "holds a run of another design or seed", "one run", again, _removal(run))
         for path in sorted(run.iterdir()):
             if path.match("precision_*.npz"):
@@ -263,7 +260,8 @@ def _files(study: Contents) -> Iterator[Damage]:
                     raise store.damaged(path, "is missing")
                 kind.read(study, path)
             except (StoreError, *MALFORMED) as error:
-                mend = None if kind.mend is None else partial(kind.mend, study, path)
+                is_due = kind.mend is not None and not (kind.needs_journal and study.faults)
+                mend = partial(kind.mend, study, path) if is_due and kind.mend else None
                 yield Damage(study.name(path), said(error, path), kind.cost, kind.remedy, mend)
 
 

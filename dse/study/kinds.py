@@ -29,6 +29,7 @@ class File:
 
     place: its name, or a pattern. read: raises what is wrong with one; `ValueError` if it holds other things.
     cost, remedy: as of `Damage`. mend: repairs one. needed: names of those that must be there.
+    needs_journal: whether `mend` waits until the journal is mended.
     """
 
     place: str
@@ -37,6 +38,7 @@ class File:
     remedy: str
     mend: Callable[[Contents, Path], object] | None
     needed: Callable[[Contents], Iterable[str]] = lambda _: ()
+    needs_journal: bool = False
 
 
 def _remove(_: Contents, path: Path) -> None:
@@ -104,10 +106,11 @@ def _rounds_again(study: Contents, path: Path) -> None:
     """Write the rounds of a batch that has ended from its records; let one that has not ended begin anew."""
     trials = study.batches.get(int(path.stem), [])
     store.remove(path)
-    if not all(study.entries[trial].is_reported for trial in trials):
+    if any(len(study.records.get(trial, ())) < study.repeats for trial in trials):
         for trial in trials:
             for place in (study.folder, *study.folder.glob("checkpoints/*")):
-                store.remove(store.run_folder(place, trial, 0).parent)
+                if (runs := store.run_folder(place, trial, 0).parent).is_dir():
+                    set_aside(study.folder, runs)
     elif trials:
         stopped = [study.stopped[trial] for trial in trials if trial in study.stopped]
         going = [trial for trial in trials if trial not in study.stopped]
@@ -213,17 +216,19 @@ FILES = (
     File("plugins/*.py", _plugin, "the copy, not the original", _REMOVED, _remove, _plugins),
     File("racing/[0-9]*.json", rounds_in,
          "when designs of a batch stopped; of one that has not ended its runs",
-         "it is written anew from the records, or the batch begins anew", _rounds_again, _raced),
+         "it is written anew from the records, or the batch begins anew and its runs are moved aside",
+         _rounds_again, _raced, True),
     File(AUDIT, _audited, "what the audit of racing has said",
          f"it is written anew from the records; {AGAIN} ends the audit", _audit_again,
-         lambda study: [AUDIT] if _trained_on(study) else []),
+         lambda study: [AUDIT] if _trained_on(study) else [], True),
     File(_REPEATS, _repeated, "why designs were repeated",
          "it is written anew from the records", _repeats_again,
-         lambda study: [_REPEATS] if _more_repeats(study) else []),
+         lambda study: [_REPEATS] if _more_repeats(study) else [], True),
     File("hardware/*.yaml", _chip,
          "no run: points are priced anew, trials keep the costs that the sampler received",
          "it is replaced with the profile as it is now, and all points are priced with that", _tables_again,
          _chips),
     *(File(name, _table, "nothing: it follows from the runs", "it is written again", _tables_again,
-           lambda study, name=name: [name] if study.records else []) for name in (held.TRIALS, held.POINTS)),
+           lambda study, name=name: [name] if study.records else [],
+           True) for name in (held.TRIALS, held.POINTS)),
 )  # fmt: skip

@@ -225,6 +225,7 @@ class JournalLines:
         self._n = self._n_trials = 0
         lines = [self._line(log) for log in logs]
         aside = self._path.with_name(f"{self._path.name}.damaged")
+        store.remove(aside)
         if self._path.is_file():
             shutil.copy2(self._path, aside)
         else:

@@ -18,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair",
         action="store_true",
-        help="remove damaged runs, checkpoints and copies, or move them aside; write the journal and the tables "
-        "again. `dse run` trains what is missing then",
+        help="remove damaged runs, checkpoints and copies, or move them aside; write the journal and the "
+        "tables again. `dse run` trains what is missing then",
     )
     add_format(parser)
 
