@@ -172,7 +172,7 @@ def _repeats_again(study: Contents, path: Path) -> None:
 
 
 def _table(study: Contents, path: Path) -> None:
-    """Check a table, and that it holds the runs of the study.
+    """Check a table, and that it holds the runs of the study, but for those that are damaged themselves.
 
     Raises:
         Damaged: it is not what was written.
@@ -181,22 +181,17 @@ def _table(study: Contents, path: Path) -> None:
     table = held.read(path)
     if ("status" in table) != (path.name == held.TRIALS):
         raise ValueError("is another table")
-    made_from = json.loads(store.made_from(path) or "{}")
-    rows, runs = held.counted(table), store.runs_in(study.folder)
+    made_from, rows = json.loads(store.made_from(path) or "{}"), held.counted(table)
     written: Counter[int] = Counter()
     for trial, _, n in made_from.get("parts", ((x, 0, 1) for x in made_from.get("digests", ()))):
         written[int(trial)] += n
-    if not made_from and path.name == held.TRIALS:
-        written = Counter(list(runs))
     if written and (wrong := sorted(t for t in rows | written if rows[t] != written[t])):
         raise ValueError(f"has {rows[wrong[0]]} rows of trial {wrong[0]}, not {written[wrong[0]]}")
     found = held.behind(path)
-    known = [trial for trial in found.lacking if study.knows(trial)]
-    for what, trials in (("lacks", known), ("is older than the runs of", found.changed)):
-        if trials:
-            raise ValueError(f"{what} {held.named(trials)}: {len(trials)} of {len(runs)} trials")
-    if found.lost and runs:
-        raise ValueError(f"holds {held.named(found.lost)}, of which a run is missing")
+    lacking = found.lacking if made_from else study.records.keys() - rows
+    for what, trials in (("lacks", lacking), ("is older than the runs of", found.changed)):
+        if known := sorted(trial for trial in trials if trial in study.records and study.knows(trial)):
+            raise ValueError(f"{what} {held.named(known)}: {len(known)} of {len(study.records)} trials")
 
 
 FILES = (

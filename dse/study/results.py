@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from dse.skyline.pick import Pick
 
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
+
+
 @dataclass(frozen=True)
 class Study:
     """The results in a study's folder."""
@@ -217,7 +220,7 @@ def plain_space(path: Path) -> dict[str, Any]:
         StoreError: it is missing or damaged.
     """
     try:
-        space = yaml.safe_load(store.read_sealed_text(path))
+        space = yaml.load(store.read_sealed_text(path), _LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise store.damaged(path, f"cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(space, dict) or not space:
