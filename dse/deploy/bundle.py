@@ -60,6 +60,7 @@ _DOCUMENT = "bundle.json"
 _TARGETS = "targets"
 _WEIGHTS = "weights.npz"
 _PLUGINS = "plugins"
+_README = "README.md"
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,9 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         temporary.mkdir()
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
         plugins = [_copied(source, temporary) for source in bundle.plugins]
-        files = [_WEIGHTS, *(name for name in plugins if name.endswith(".py"))]
+        text = _readme(dataclasses.replace(bundle, targets=verdicts))
+        (temporary / _README).write_text(text, encoding="utf-8")
+        files = [_WEIGHTS, _README, *(name for name in plugins if name.endswith(".py"))]
         for name, source in sources.items():
             files += _copied_target(source, name, temporary)
         document = {
@@ -162,8 +165,6 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         }
         content = json.dumps(sealed(document), indent=1, default=store.plain) + "\n"
         (temporary / _DOCUMENT).write_text(content, encoding="utf-8")
-        text = _readme(dataclasses.replace(bundle, targets=verdicts))
-        (temporary / "README.md").write_text(text, encoding="utf-8")
         _copy_others(folder, temporary)
         store.remove(folder)
 
@@ -453,7 +454,7 @@ def _copy_others(folder: Path, bundle: Path) -> None:
     is damaged, which does not say what is its own.
     """
     for path in folder.iterdir() if folder.is_dir() else ():
-        if path.name in (_DOCUMENT, "README.md", _WEIGHTS, _PLUGINS, _TARGETS):
+        if path.name in (_DOCUMENT, _README, _WEIGHTS, _PLUGINS, _TARGETS):
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.copytree(path, bundle / path.name, symlinks=True)

@@ -14,7 +14,7 @@ from dse.skyline.constraints import named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, pick, sure_pick
 from dse.store import StoreError
-from dse.study import corrected, pricing, resampling
+from dse.study import corrected, held, pricing, resampling
 from dse.study.record import TOLD
 from dse.study.results import open as open_study
 
@@ -161,11 +161,12 @@ def choose(
         raise StoreError(f"{results}: only designs of a study's folder have targets")
     [points] = question.points([results])
     targets = list(question.targets or (study.space.get("targets", ()) if study else ()))
-    remarks: list[str] = []
+    remarks = held.remarks(folder)
     if study and targets:
         from dse.deploy.footprints import on_targets
 
-        points, remarks = on_targets(study, points, targets)
+        points, on_target = on_targets(study, points, targets)
+        remarks += on_target
     objectives = study.objectives if study else []
     maximise = maximise or next((name for name, way in objectives if way == "max"), "accuracy")
     ties = [goal for goal in objectives if goal.column != maximise and goal.column in points]

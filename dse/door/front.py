@@ -12,7 +12,7 @@ from dse.skyline.admissible import meeting
 from dse.skyline.constraints import ExpressionError, conditions_of, named_columns
 from dse.skyline.front import Skyline
 from dse.skyline.goals import Goal
-from dse.study import corrected, resampling
+from dse.study import corrected, held, resampling
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def front_of(
         certain.append(f"front_probability >= {question.confidence}")
     rows, notes = front.skyline(frame, objectives, early, by, question.oversize)
     rows, lacking = corrected.known(rows, (name for name, _ in objectives))
-    notes = [*notes, *lacking]
+    notes = [*notes, *lacking, *(text for path in results for text in held.remarks(Path(path)))]
     if question.draws or certain:
         among = front.comparable(frame, objectives, early, by, oversize=question.oversize).rows
         shares, remarks = resampling.certainty(

@@ -54,10 +54,12 @@ from dse.store.files import (
     write_text,
 )
 from dse.store.plain import heads_document, heads_of, plain, plain_cell
-from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, save_run
+from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, runs_in, save_run
 from dse.store.sealed import (
     ENVIRONMENT,
+    JOURNAL,
     REMEDY,
+    SPACE,
     Damaged,
     StoreError,
     damaged,
@@ -75,9 +77,11 @@ from dse.store.tables import made_from, parquet, write_table
 __all__ = [
     "DAMAGED_ARCHIVE",
     "ENVIRONMENT",
+    "JOURNAL",
     "RECORD",
     "REMEDY",
     "SCHEMA",
+    "SPACE",
     "TEMPORARY",
     "WARNINGS",
     "Damaged",
@@ -112,6 +116,7 @@ __all__ = [
     "response_arrays",
     "response_of",
     "run_folder",
+    "runs_in",
     "save_arrays",
     "save_run",
     "seal_archive",

@@ -57,6 +57,8 @@ def exclusive(folder: Path) -> Iterator[None]:
         # The folder too: somebody may remove the file. Not every file system locks folders.
         for path, flags in ((folder, os.O_RDONLY), (folder / ".lock", os.O_RDWR | os.O_CREAT)):
             with explained(path):
+                if path != folder and os.path.lexists(path) and not path.is_file():
+                    remove(path)  # such as a link that leads nowhere
                 handle = os.open(path, flags, 0o644)
             held.callback(os.close, handle)
             try:

@@ -26,6 +26,7 @@ from dse.search.space import design_at
 from dse.search.stop import Spent, reached
 from dse.seeds import design_key
 from dse.study import decisions, imported, points, precision, pricing, queue, warm
+from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.claim import claim
 from dse.study.fronts import fronts
@@ -234,17 +235,8 @@ class _Tables:
 
     def write(self) -> None:
         """Write both tables, and the hardware profiles that costs are computed from."""
-        pricing.keep(self._profiles, self._folder)
         runs = self._runs.trials() | imported.records(self._folder)
-        with store.published(self._folder / "trials.parquet") as path:
-            entries = self._ledger.entries
-            excluded = [entry for entry in entries if entry.excluded]
-            if excluded:  # under other limits, some may have been trained since
-                trained = {design_key(entry.design) for entry in entries if not entry.excluded}
-                excluded = [entry for entry in excluded if design_key(entry.design) not in trained]
-            store.write_table(path, tables.trials_table(self._space, runs, excluded))
-        path = self._folder / "points.parquet"
-        points.write_points(path, self._space, self._folder, runs, self._profiles)
+        both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
 
 
 def _search(

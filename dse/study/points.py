@@ -29,7 +29,7 @@ from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.measure.on_chips import columns_on, drawn_on
 from dse.measure.run import unseen_name
 from dse.records import Array, Ints, Operations, Workload
-from dse.study import corrected, precision
+from dse.study import corrected, held, precision
 from dse.study import trials as tables
 from dse.study.record import Numbers, RunRecord
 
@@ -98,10 +98,13 @@ def write_points(
     Raises:
         StoreError: an artefact is damaged.
     """
-    common, digests = _digest(space, profiles), _digests(folder, trials)
+    common = _digest(space, profiles)
+    digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in trials.items()})
     before = json.loads(store.made_from(path) or "{}")
     if before.get("common") != common:
         before = {}
+    elif "parts" in before and sum(n for *_, n in before["parts"]) != held.n_rows(path):
+        before = {}  # it is not what was written
     elif before["digests"] == digests:
         return
     kept = _kept(path, before, digests) if before.get("kinds") else {}
@@ -114,23 +117,6 @@ def _digest(space: SearchSpace, profiles: Sequence[Profile]) -> str:
     settings = {k: x for k, x in space.to_plain().items() if k not in ("search", "execution")}
     plain = [settings, sorted(registry.loaded_plugins()), [chip.text for chip in profiles]]
     return hashlib.sha256(_code() + json.dumps(plain, default=store.plain).encode()).hexdigest()
-
-
-def _digests(folder: Path, trials: Mapping[int, Sequence[RunRecord]]) -> dict[str, str]:
-    """Return trial -> a digest of its runs.
-
-    A record holds the checksums of the files of its run, but of its evaluations at other precisions.
-    """
-    digests = {}
-    for trial, records in sorted(trials.items()):
-        digest = hashlib.sha256()
-        for record in records:
-            run = store.run_folder(folder, trial, record.repeat)
-            for path in (run / store.RECORD, *sorted(run.glob("precision_*.npz"))):
-                with contextlib.suppress(OSError):  # a record that is lost is in memory yet
-                    digest.update(f"{path.name} {store.checksum(path)}".encode())
-        digests[str(trial)] = digest.hexdigest()
-    return digests
 
 
 @functools.cache

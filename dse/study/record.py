@@ -16,6 +16,8 @@ from dse.store import StoreError
 
 STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""
+IMPORTED = 90_000
+"""Number of the first trial that was trained on elsewhere (`dse.study.imported`); no search reaches it."""
 TOLD = "told"
 """The status of a run that was measured elsewhere (`dse tell`): it has numbers, and no files."""
 

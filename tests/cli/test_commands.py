@@ -182,7 +182,10 @@ def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.Mon
     assert main(["run", str(write_space(tmp_path))]) == 130
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "stopped; finished trials are kept, and the same command resumes the study\n"
+    assert captured.err.splitlines() == [
+        "the tables hold 0 of 6 trials",
+        "stopped; finished trials are kept, and the same command resumes the study",
+    ]
 
 
 def test_a_bug_is_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
@@ -45,10 +47,15 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.study.health import faults
     from dse.study.racing import sentences
     from dse.study.runs import UNTRAINED
+    from dse.study.tables import n_held
 
-    with by_signals():
-        study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
-    notes = [*study.warnings, _page(study)]
+    try:
+        with by_signals():
+            study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
+    except KeyboardInterrupt:
+        print(n_held(space, Path(arguments.results) / space.study), file=sys.stderr)
+        raise
+    notes = [*study.warnings, n_held(space, Path(arguments.results) / space.study), _page(study)]
     failed = study.trials[study.trials["status"] == "failed"]
     trained = study.trials[study.trials["status"] != "excluded"]
     if len(excluded := study.trials[study.trials["status"] == "excluded"]):
