@@ -27,6 +27,7 @@ from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy import checks
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
+from dse.deploy.prefix import DEFAULT, checked, prefixed
 from dse.deploy.stream import Decision, Stream, Windows
 from dse.deploy.verdict import KINDS, Verdict
 from dse.engine.checks import check_network
@@ -152,6 +153,7 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
                 "head": bundle.head,
             },
             "heads": store.heads_document(bundle.heads),
+            "prefix": bundle.prefix,
             "input": None if bundle.input is None else dataclasses.asdict(bundle.input),
             "record": bundle.record,
             "evidence": bundle.evidence,
@@ -339,6 +341,7 @@ def _bundle(
         head=decision.text("head"),
         plugins=plugins,
         input=_input(document),
+        prefix=checked(document.text("prefix")) if "prefix" in document.keys() else DEFAULT,
         targets={name: _verdict(verdicts.part(name)) for name in verdicts.keys()},
     )
 
@@ -502,7 +505,7 @@ def _targets_described(bundle: Bundle) -> str:
     known: dict[str, Any] = registry.known("targets")
     rows = [
         f"| `{name}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
-        f" {'' if verdict.kind == 'unsupported' else getattr(known.get(name), 'use', '')} |"
+        f" {'' if verdict.kind == 'unsupported' else prefixed(getattr(known.get(name), 'use', ''), bundle.prefix)} |"
         for name, verdict in bundle.targets.items()
     ]
     return "\n".join(

@@ -35,6 +35,8 @@ class Target(Protocol):
     which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns. If it also has
     `profile`, the name of a hardware profile of kind processor, this predicts the column cycles.
 
+    A target whose names begin with the bundle's `prefix` (`dse export --prefix`) has `has_prefix`, True.
+
     A target that knows some of it before training declares these columns in `known_before`, a tuple of
     `registry.Column`; `limits` of a search space may name them. Its method `least_footprint(sections, shape)`
     returns column -> least and largest number, both NaN where it can never hold the design; a column that
