@@ -503,9 +503,13 @@ def _targets_described(bundle: Bundle) -> str:
     if not bundle.targets:
         return ""
     known: dict[str, Any] = registry.known("targets")
+    uses = {
+        name: "" if verdict.kind == "unsupported" else getattr(known.get(name), "use", "")
+        for name, verdict in bundle.targets.items()
+    }
     rows = [
         f"| `{name}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
-        f" {'' if verdict.kind == 'unsupported' else prefixed(getattr(known.get(name), 'use', ''), bundle.prefix)} |"
+        f" {prefixed(uses[name], bundle.prefix)} |"
         for name, verdict in bundle.targets.items()
     ]
     return "\n".join(

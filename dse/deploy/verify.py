@@ -85,7 +85,8 @@ def _with_prefix(bundle: Bundle, prefix: str, names: Sequence[str], others: Sequ
     Args:
         bundle: as read.
         prefix: the other one.
-        names: of targets to be written. others: of those that stay as they are.
+        names: of targets to be written.
+        others: of those that stay as they are.
 
     Raises:
         BundleError: nothing has a prefix, or something would keep the old one.

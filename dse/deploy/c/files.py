@@ -145,7 +145,7 @@ def sketch(plan: Frame) -> str:
 
 
 def _onset(plan: Frame) -> str:
-    """Return the number of events or spikes of a contact, or how far a sensor moves: in float32, as it is read."""
+    """Return the number of events or spikes of a contact, or how far a sensor moves, in float32."""
     threshold = plan.onset_threshold
     return real(float(np.float32(threshold)) if plan.front_end == "samples" else float(threshold))
 
@@ -222,8 +222,8 @@ _OF_64_BIT_DOUBLE = (
 )
 """Architectures of Arduino whose double has 64 bits."""
 _ROUNDING = """
-Products are rounded before they are added, as in training: `dse.c` tells gcc and clang so; other compilers need
-their option for it. It does not compile where it needs a `double` of 64 bits and finds one of 32.
+Products are rounded before they are added, as in training: `dse.c` tells gcc and clang so; other compilers
+need their option for it. Where it needs a `double` of 64 bits and finds one of 32, it does not compile.
 """
 _ROWS = {
     "samples": "a row per sample: one number per sensor, separated by commas",

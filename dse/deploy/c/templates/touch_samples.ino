@@ -4,6 +4,7 @@
 #include <dse.h>
 
 $constants
+
 static dse_sample_t samples[DSE_SENSORS];
 static unsigned long due_us;
 

@@ -4,6 +4,7 @@
 #include <dse.h>
 
 $constants
+
 static unsigned long due_us;
 
 // Yours: whether a channel spikes in this step.
