@@ -29,7 +29,7 @@ from dse.deploy import checks
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked, prefixed
 from dse.deploy.stream import Decision, Stream, Windows
-from dse.deploy.verdict import KINDS, Verdict
+from dse.deploy.verdict import KINDS, Verdict, in_words
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
@@ -369,6 +369,8 @@ def _verdict(document: checks.Document) -> Verdict:
         figures={name: figures.number(name, -math.inf) for name in figures.keys()},
         recordings=document.text("recordings"),
         compiler=document.text("compiler") if "compiler" in document.keys() else "",
+        output_f1=document.optional_number("output_f1", high=1) if "output_f1" in document.keys() else None,
+        run_by=document.texts("run_by") if "run_by" in document.keys() else (),
     )
 
 
@@ -526,7 +528,7 @@ def _targets_described(bundle: Bundle) -> str:
 
 
 def _in_words(verdict: Verdict) -> str:
-    words = [f"**{verdict.kind}**"]
+    words = [f"**{in_words(verdict.kind, verdict.run_by)}**"]
     if verdict.kind == "faithful":
         words.append(f"all decisions and spikes of {verdict.n_recordings} recordings ({verdict.recordings})")
     words += [verdict.reason] * bool(verdict.reason)

@@ -28,9 +28,11 @@ class Verified:
 
     @property
     def drifts(self) -> bool:
-        """Whether the target was faithful and has been shown to be so no longer."""
-        was_faithful = self.before is not None and self.before.kind == "faithful"
-        return was_faithful and self.verdict.kind in ("approximate", "unsupported")
+        """Whether the target was faithful or equivalent and has been shown to be less."""
+        before = self.before
+        if before is None or before.kind not in ("faithful", "equivalent"):
+            return False
+        return self.verdict.is_worse_than(before)
 
 
 def target_named(name: str) -> Target:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -91,21 +92,40 @@ def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
 _FOR_SIZE = "-Os"
 
 
+def compiler_version() -> str:
+    """Return the name and version of the compiler, such as gcc 12.2.0.
+
+    Raises:
+        NoCompiler: there is none.
+    """
+    command = compiler()
+    told = _answer(command, "--version")
+    line, *others = told.splitlines() or [Path(command[0]).name]
+    numbers = re.findall(r"\d+\.\d+(?:\.\d+)*", line)
+    if "clang" in line:
+        name = "zig clang" if "ziglang" in command else "clang"
+        return " ".join([name, *numbers[:1]])
+    is_gcc = any("Free Software Foundation" in other for other in others)
+    return " ".join(["gcc" if is_gcc else line.split()[0], *numbers[-1:]])
+
+
 def compiler_name() -> str:
     """Return what compiled the code whose memory `sizes` reports: compiler, version, target and flags.
 
     Raises:
         NoCompiler: there is none.
     """
-    command = compiler()
-    answers = []
-    for option in ("--version", "-dumpmachine"):
-        try:
-            done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
-        except OSError as error:
-            raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
-        answers.append(done.stdout.strip().split("\n")[0])
+    answers = [_answer(compiler(), option).split("\n")[0] for option in ("--version", "-dumpmachine")]
     return ", ".join([x for x in answers if x] + [_FOR_SIZE])
+
+
+def _answer(command: Sequence[str], option: str) -> str:
+    """Return what a compiler says of itself."""
+    try:
+        done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+    return done.stdout.strip()
 
 
 @dataclass(frozen=True)

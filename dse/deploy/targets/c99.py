@@ -78,10 +78,11 @@ class C99:
         try:
             played = host.played(folder, recorded or replay.of_spikes(reference), *real)
             sizes, compiler = host.sizes(folder, *real), host.compiler_name()
+            run_by = [host.compiler_version()]
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
         figures = {} if sizes is None else {name: float(x) for name, x in vars(sizes).items()}
-        return replay.verdict_of(played, plan, reference, figures, compiler)
+        return replay.verdict_of(played, plan, reference, figures, compiler, run_by)
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,9 @@ class CortexM(Target):
             _played(machine, replay.of_spikes(reference)[:_APART])
             beyond = with_front_end - machine.counts().instructions
             figures["front_end_instructions"] = beyond / max(1, min(_APART, n))
-        return replay.verdict_of(played, plan, reference, figures, emulator.compiler_name())
+        return replay.verdict_of(
+            played, plan, reference, figures, emulator.compiler_name(), emulator.versions()
+        )
 
     def program(self, folder: Path, *options: str) -> Program:
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""
