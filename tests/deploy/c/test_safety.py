@@ -187,6 +187,28 @@ def test_counts_are_those_that_the_answer_was_made_from(tmp_path: Path) -> None:
     assert n_undecided >= 3
 
 
+@pytest.mark.parametrize(
+    ("told", "version"),
+    [
+        (
+            "cc (Debian 12.2.0-14+deb12u1) 12.2.0\nCopyright (C) 2022 Free Software Foundation, Inc.",
+            "gcc 12.2.0",
+        ),
+        ("Debian clang version 14.0.6\nTarget: x86_64-pc-linux-gnu", "clang 14.0.6"),
+        ("Apple clang version 15.0.0 (clang-1500.3.9.4)\nTarget: arm64-apple-darwin23.4.0", "clang 15.0.0"),
+        ("tcc version 0.9.27 (x86_64 Linux)", "tcc 0.9.27"),
+    ],
+)
+def test_compilers_are_named(
+    told: str, version: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "told").write_text(told)
+    (tmp_path / "cc").write_text(f'#!/bin/sh\ncat "{tmp_path / "told"}"\n')
+    (tmp_path / "cc").chmod(0o755)
+    monkeypatch.setenv("CC", str(tmp_path / "cc"))
+    assert host.compiler_version() == version
+
+
 # Memory.
 
 
@@ -198,7 +220,7 @@ def test_ram_is_one_number_wherever_it_is_stated(encoder: Any, tmp_path: Path) -
     values = np.concatenate(touches("samples"))[:40].astype(np.float32)
     np.savez(tmp_path / "touch.npz", signal=values[None])
     verdict = C99().verify(made, tmp_path / "c99", of_recordings(made, tmp_path / "touch.npz"))
-    assert verdict.kind == "faithful"
+    assert verdict.kind == "faithful" and verdict.run_by == (host.compiler_version(),)
     stated, plan = C99().footprint(made)["ram_bytes"], plan_of(made)
     assert verdict.figures["ram_bytes"] == stated == memory.ram_bytes(plan)
     readme = (tmp_path / "c99" / "README.md").read_text()
