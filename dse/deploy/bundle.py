@@ -27,8 +27,9 @@ from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy import checks
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
+from dse.deploy.prefix import DEFAULT, checked, prefixed
 from dse.deploy.stream import Decision, Stream, Windows
-from dse.deploy.verdict import KINDS, Verdict
+from dse.deploy.verdict import KINDS, Verdict, in_words
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
@@ -156,6 +157,7 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
                 "head": bundle.head,
             },
             "heads": store.heads_document(bundle.heads),
+            "prefix": bundle.prefix,
             "input": None if bundle.input is None else dataclasses.asdict(bundle.input),
             "record": bundle.record,
             "evidence": bundle.evidence,
@@ -341,6 +343,7 @@ def _bundle(
         head=decision.text("head"),
         plugins=plugins,
         input=_input(document),
+        prefix=checked(document.text("prefix")) if "prefix" in document.keys() else DEFAULT,
         targets={name: _verdict(verdicts.part(name)) for name in verdicts.keys()},
     )
 
@@ -368,6 +371,8 @@ def _verdict(document: checks.Document) -> Verdict:
         figures={name: figures.number(name, -math.inf) for name in figures.keys()},
         recordings=document.text("recordings"),
         compiler=document.text("compiler") if "compiler" in document.keys() else "",
+        output_f1=document.optional_number("output_f1", high=1) if "output_f1" in document.keys() else None,
+        run_by=document.texts("run_by") if "run_by" in document.keys() else (),
     )
 
 
@@ -503,9 +508,13 @@ def _targets_described(bundle: Bundle) -> str:
     if not bundle.targets:
         return ""
     known: dict[str, Any] = registry.known("targets")
+    uses = {
+        name: "" if verdict.kind == "unsupported" else getattr(known.get(name), "use", "")
+        for name, verdict in bundle.targets.items()
+    }
     rows = [
         f"| `{markdown(name)}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
-        f" {'' if verdict.kind == 'unsupported' else getattr(known.get(name), 'use', '')} |"
+        f" {prefixed(uses[name], bundle.prefix)} |"
         for name, verdict in bundle.targets.items()
     ]
     return "\n".join(
@@ -522,7 +531,7 @@ def _targets_described(bundle: Bundle) -> str:
 
 
 def _in_words(verdict: Verdict) -> str:
-    words = [f"**{verdict.kind}**"]
+    words = [f"**{in_words(verdict.kind, verdict.run_by)}**"]
     if verdict.kind == "faithful":
         of = f"{verdict.n_recordings} recordings ({markdown(verdict.recordings)})"
         words.append(f"all decisions and spikes of {of}")
