@@ -12,6 +12,7 @@ from dse import trust
 from dse.cli.answer import Answer, show
 from dse.cli.asking import trusts
 from dse.cli.commands import commands_by_name
+from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
 from dse.registry import left_out
 from dse.text import lines
@@ -23,22 +24,21 @@ EXIT_CODES = (
 )
 _TRUST = "run the code of plugins that the folder or search space names, now and whenever it is the same"
 _BAD_INPUT = 2
-_STOPPED = 130
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
-    parsed = _parser().parse_args(arguments)
-    left_out()
     try:
+        parsed = _parser().parse_args(arguments)
+        left_out()
         with trust.answering(getattr(parsed, "trust", False) or trusts):
             answer: Answer = parsed.answer(parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
         print(*(stopped.args or (_RESUMABLE,)), file=sys.stderr)
-        return getattr(stopped, "code", _STOPPED)
+        return getattr(stopped, "code", INTERRUPTED)
     except BrokenPipeError:
         # The reader (`| head`) has closed the pipe; the interpreter must not flush into it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,7 +1,7 @@
 """Studies of real trainings for kills: a race with all that goes with one, and four families without one.
 
 As a program it runs a study for each line of stdin: in its own process, so that every kernel is loaded, or in
-a fork, which may send itself a signal at a moment. A moment is a change on the disk: a file or folder is to get
+a fork, which may send itself a signal at a moment. A moment is a change on the disk: a file or folder gets
 its name, or the journal is opened; in the coordinator, or in the fork that works for it.
 """
 
@@ -38,7 +38,6 @@ _RACE: dict[str, Any] = {
         "n_trials": 7,
         "batch": 5,
         "repeats": 2,
-        "repeats_on_front": 3,
         "racing": {"rungs": [1, 3], "audit": 2},
     },
 }
@@ -51,7 +50,7 @@ _MIXED: dict[str, Any] = {
             {**_SNN, "hidden": [6]},
         ]
     },
-    "search": {"sampler": "grid", "repeats": 2},
+    "search": {"sampler": "grid", "repeats_on_front": 2},
 }
 SPACES = {"race": _RACE, "mixed": _MIXED}
 
