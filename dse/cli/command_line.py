@@ -14,7 +14,7 @@ from dse.config import ConfigError
 
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained; 2 bad input, every fault on stderr; 3 no design "
-    "point meets the budgets; 4 a target that was faithful is so no longer; 130 stopped by Ctrl-C"
+    "point meets the budgets; 4 a target shows less than its verdict; 130 stopped by Ctrl-C"
 )
 _BAD_INPUT = 2
 _STOPPED = 130
