@@ -19,7 +19,7 @@ from dse.text import lines
 
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained, or a study is damaged; 2 bad input, every fault on "
-    "stderr; 3 no design point meets the budgets; 4 a target that was faithful is so no longer; "
+    "stderr; 3 no design point meets the budgets; 4 a target shows less than its verdict; "
     "130 stopped by Ctrl-C"
 )
 _TRUST = "run the code of plugins that the folder or search space names, now and whenever it is the same"

@@ -114,7 +114,7 @@ def add_targets(parser: argparse.ArgumentParser, required: bool = False) -> None
         "--verify",
         metavar="RECORDINGS",
         help="run each target on these recordings, in the format of the training data, and compare all "
-        "decisions and spikes; a target that was faithful and is so no longer gives exit code 4",
+        "decisions and spikes; a target that shows less than its verdict of before gives exit code 4",
     )
 
 

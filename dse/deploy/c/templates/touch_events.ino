@@ -1,8 +1,8 @@
 // $title
 // Takes events from your sensor's driver and prints the class once it is decided.
-// $windows
 #include <dse.h>
 
+// $windows
 $constants
 
 static unsigned long due_us;

@@ -1,8 +1,8 @@
 // $title
 // Reads a sensor array at its own pace and prints the class once it is decided.
-// $windows
 #include <dse.h>
 
+// $windows
 $constants
 
 static dse_sample_t samples[DSE_SENSORS];

@@ -1,8 +1,8 @@
 // $title
 // Takes spikes from your encoder and prints the class once it is decided.
-// $windows
 #include <dse.h>
 
+// $windows
 $constants
 
 static unsigned long due_us;
