@@ -150,7 +150,12 @@ def described(data: Mapping[str, Any], base: Path) -> Look:
     """
     recordings = read(Look(dict(data), {}), base)
     n_values = {name: len(np.unique(values)) for name, values in recordings.columns.items()}
-    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1})
+    assumed: tuple[str, ...] = ()
+    if isinstance(recordings, Signals):
+        ends = sorted({int(recordings.lengths.min()), int(recordings.lengths.max())})
+        steps, n = " to ".join(map(str, ends)), recordings.n_recordings
+        assumed = (f"{n} recordings of {steps} steps and {recordings.n_channels} channels",)
+    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1}, assumed)
 
 
 def read(look: Look, base: Path) -> Recordings:

@@ -83,7 +83,7 @@ def write(of: Seen, label: str, group: str | None) -> First:
     except (ConfigError, RecordingError):
         of.out.unlink()  # nothing is left that does not run
         raise
-    return First(row, first.assumed)
+    return First(row, (*first.assumed, *row.pop("doubts", ())))
 
 
 def init(

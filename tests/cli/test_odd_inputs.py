@@ -157,3 +157,79 @@ def test_packed_bits_are_read(capsys: Captured, axis: int) -> None:
     assert (found.spikes.n_steps, found.spikes.n_channels) == (20, 10)
     assert len(found.spikes.channel) == spikes.sum()
     assert answered(capsys, "check", "spikes.yaml")[0]["classes"] == ["0", "1"]
+
+
+@pytest.fixture
+def space() -> str:
+    """A search space, `x.yaml`, for the arrays of `x.npz`."""
+    Path("x.yaml").write_text(
+        "study: x\nseed: 1\n"
+        "data: {kind: time_series, file: x.npz, step_ms: 4, columns: {fabric: fabric}}\n"
+        "task: {target: fabric}\nsplit: {stratified: {validation: 0.3, seed: 1}}\n"
+        "encoder: {kind: send_on_delta, thresholds: [0.2]}\n"
+        "model: {kind: snn, hidden: 4}\ntraining: {epochs: 1, batch_size: 8}\nhardware: [mcu_m4]\n"
+    )
+    signal, label = waves(120)
+    np.savez("x.npz", signal=signal, fabric=label)
+    return "x.yaml"
+
+
+def test_recordings_as_they_should_be_are_left_in_peace(space: str, capsys: Captured) -> None:
+    assert notes(capsys, "check", space) == ""
+
+
+def doubtful(name: str) -> tuple[dict[str, Any], str]:
+    """Return arrays with a fault, and what is said of it."""
+    signal, label = waves(120)
+    if name == "axes":
+        return {"signal": signal.transpose(0, 2, 1), "fabric": label}, "2 steps of 50 channels"
+    if name == "case":
+        return {"signal": signal, "fabric": np.where(np.arange(120) % 7, label, "Silk")}, "'Silk' and 'silk'"
+    if name == "missing":
+        return {"signal": signal, "fabric": np.where(np.arange(120) % 7, label, "nan")}, "class 'nan'"
+    if name == "glitch":
+        signal[17, 9, 1] = 99999
+        return {"signal": signal, "fabric": label}, "channel 1 reads 99999 at step 9 of recording 17"
+    lengths = np.where(np.arange(120) == 31, 21, 50)
+    rows = np.concatenate([x[:n] for x, n in zip(signal, lengths, strict=True)])
+    offsets = np.cumsum([0, *lengths])
+    return {"signal": rows, "offsets": offsets, "fabric": label}, "recording 31 (class 'denim') has 21 steps"
+
+
+@pytest.mark.parametrize("name", ["axes", "case", "missing", "glitch", "short"])
+def test_what_is_doubtful_is_said_before_training(space: str, capsys: Captured, name: str) -> None:
+    arrays, sentence = doubtful(name)
+    np.savez("x.npz", **arrays)
+    more = ("--set", "data.offsets=offsets", "--set", "window.n_steps=21") if name == "short" else ()
+    assert sentence in notes(capsys, "check", space, *more)
+    # A run says it too, once its data are prepared.
+    assert sentence in notes(capsys, "run", space, *more, "--quiet")
+
+
+def test_a_step_in_seconds_is_doubtful(space: str, capsys: Captured) -> None:
+    assert "the longest recording lasts 0.2 ms" in notes(
+        capsys, "check", space, "--set", "data.step_ms=0.004"
+    )
+
+
+def test_few_validation_recordings_are_doubtful(space: str, capsys: Captured) -> None:
+    signal, label = waves(30)
+    np.savez("x.npz", signal=signal, fabric=label)
+    assert "8 validation recordings has a standard error of up to 0.18" in notes(capsys, "check", space)
+    folds = ("--set", "split={k_fold: {k: 5}}")
+    assert notes(capsys, "check", space, *folds) == ""
+    assert main(["init", "x.npz", "--step-ms", "4", "--force"]) == 0
+    assert "standard error" in capsys.readouterr().out
+
+
+def test_an_encoder_that_never_spikes_is_named(space: str, capsys: Captured) -> None:
+    silent = ("--set", "encoder.thresholds={choice: [[600], [0.2]]}")
+    assert "no input spikes" in notes(capsys, "check", space, *silent)
+    assert "(at encoder.thresholds 600" in notes(capsys, "check", space, *silent)
+    said = notes(capsys, "run", space, "--set", "encoder.thresholds=[600]", "--quiet")
+    assert "no input spikes: no window has a spike" in said
+    assert "1 of 1 designs get no input spikes" in said and "learning_rate" not in said
+
+
+def test_a_mistyped_number_of_neurons_is_doubtful(space: str, capsys: Captured) -> None:
+    assert "12000000 weights" in notes(capsys, "check", space, "--set", "model.hidden=2000000")
