@@ -11,8 +11,8 @@ import numpy as np
 from dse.audit.readers import LOGISTIC, NEAREST, NEIGHBOURS, classes_of, distances, logistic, nearest
 from dse.audit.rows import AuditRow, Score, largest_class
 from dse.dataset.shifts import shifted
-from dse.recordings.leakage import nearest_neighbours
 from dse.models.counts.rate_windows import as_features, window_counts
+from dse.recordings.leakage import nearest_neighbours
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
 
 LOGISTIC_BINS, NEAREST_BINS = 16, 8
@@ -108,7 +108,7 @@ class Material:
         return Score(reader, predicted == self.truth, largest_class(self.truth))
 
     def read_alone(self, features: Floats) -> Score:
-        """Return what the reader of `leakage.warnings` reaches on a property of the recordings, (n, feature)."""
+        """Return what the reader of `leakage.warnings` reaches on (n, feature) of the recordings."""
         guess = nearest_neighbours(features[self.train], self.codes, features[self.validation])
         return self.score(NEIGHBOURS, guess)
 

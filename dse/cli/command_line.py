@@ -11,6 +11,7 @@ import dse
 from dse.cli.answer import Answer, show
 from dse.cli.commands import commands_by_name
 from dse.config import ConfigError
+from dse.config.faults import known_names
 
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained; 2 bad input, every fault on stderr; 3 no design "
@@ -23,7 +24,13 @@ _RESUMABLE = "stopped; finished trials are kept, and the same command resumes th
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
-    parsed = _parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if words and not words[0].startswith("-") and words[0] not in commands_by_name():
+        print(
+            f"dse: unknown command '{words[0]}'; {known_names(words[0], commands_by_name())}", file=sys.stderr
+        )
+        return _BAD_INPUT
+    parsed = _parser().parse_args(words)
     try:
         answer: Answer = parsed.answer(parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))

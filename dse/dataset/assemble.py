@@ -184,7 +184,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
 
 
 def _follow_levels(recordings: Recordings, design: Sections, samples: Ints) -> bool:
-    """Return whether spikes change with the resting level: a tenth of the counts in 16 bins of some windows."""
+    """Return whether spikes change with the resting level: their counts in 16 bins of some windows."""
     if not isinstance(recordings, Signals) or design.encoder is None or design.encoder.transductive:
         return True
     some, used = chosen(recordings, samples), np.ones(len(samples), bool)

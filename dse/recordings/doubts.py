@@ -143,8 +143,8 @@ def _glitches(of: Used) -> Iterator[str]:
             i = int(np.searchsorted(signals.offsets, row, side="right")) - 1
             yield (
                 f"channel {channel} reads {values[row, channel]:g} at step {row - signals.offsets[i]} of "
-                f"recording {i}, and 98 % of its samples lie in {low[channel]:g} to {high[channel]:g}; if the "
-                "sensor failed there, leave the recording out of the data or of the split"
+                f"recording {i}, and 98 % of its samples lie in {low[channel]:g} to {high[channel]:g}; if "
+                "the sensor failed there, leave the recording out of the data or of the split"
             )
 
 

@@ -119,8 +119,7 @@ def _loaded(plugin: Plugin) -> str:
 def _from_data(space: SearchSpace) -> dict[str, object]:
     """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
     from dse.dataset.shape import announced
-    from dse.recordings import RecordingError
-    from dse.recordings import doubts
+    from dse.recordings import RecordingError, doubts
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
     from dse.recordings.targets import heads, in_use, target, target_columns
@@ -148,16 +147,15 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     used = np.zeros(len(codes), bool)
     used[np.concatenate(parts)] = True
     k_fold = first.split.k_fold
+    name = " and ".join(target_columns(first.task.target))
+    labels = in_use(codes, classes, used)
     row["doubts"] = [
         *doubts.few(len(parts[1]), 1 if k_fold is None else k_fold.k),
         *doubts.doubts(
-            doubts.Used(
-                recordings, *in_use(codes, classes, used), np.flatnonzero(used), first.window.n_steps, of_file,
-                " and ".join(target_columns(first.task.target)),
-            )
+            doubts.Used(recordings, *labels, np.flatnonzero(used), first.window.n_steps, of_file, name)
         ),
         *_without_spikes(space, recordings, of_file, parts[0]),
-    ]  # fmt: skip
+    ]
     shapes: dict[str, Shape | None] = {}
 
     def shape(sections: Sections) -> Shape | None:
