@@ -86,7 +86,9 @@ def write(of: Seen, label: str, group: str | None) -> First:
     except (ConfigError, RecordingError):
         of.out.unlink()  # nothing is left that does not run
         raise
-    return First(row, (*first.assumed, *row.pop("doubts", ())))
+    doubts = row.pop("doubts", [])
+    assert isinstance(doubts, list)  # as `preview` has it
+    return First(row, (*first.assumed, *doubts))
 
 
 def init(

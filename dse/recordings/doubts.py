@@ -150,7 +150,7 @@ def _glitches(of: Used) -> Iterator[str]:
 
 def _distances(values: Floats, low: Floats, high: Floats) -> Floats:
     """Return by how much the farthest sample of each channel lies outside of its range, (channel,)."""
-    return np.maximum(values.max(axis=0) - high, low - values.min(axis=0))
+    return np.asarray(np.maximum(values.max(axis=0) - high, low - values.min(axis=0)))
 
 
 _CHECKS: tuple[Callable[[Used], Iterator[str]], ...] = (_labels, _axes, _lengths, _glitches)

@@ -149,7 +149,7 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     k_fold = first.split.k_fold
     name = " and ".join(target_columns(first.task.target))
     labels = in_use(codes, classes, used)
-    row["doubts"] = [
+    row["doubts"] = said = [
         *doubts.few(len(parts[1]), 1 if k_fold is None else k_fold.k),
         *doubts.doubts(
             doubts.Used(recordings, *labels, np.flatnonzero(used), first.window.n_steps, of_file, name)
@@ -173,10 +173,10 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
             return row
         weights.add(placed(model, known.positions).n_weights(len(known.positions), known.n_outputs))
     if max(weights) > _MOST_WEIGHTS:
-        row["doubts"] += [
+        said.append(
             f"model: the largest design has {max(weights)} weights; a network for touch needs fewer than a "
             "million, and each has to be stored on the device"
-        ]
+        )
     return row | {"n_weights_low": min(weights), "n_weights_high": max(weights)}
 
 

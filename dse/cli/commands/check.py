@@ -39,6 +39,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         print(error, file=sys.stderr)
         return Answer([vars(fault) for fault in error.faults], code=_BAD_INPUT)
     doubts = row.pop("doubts", [])
+    assert isinstance(doubts, list)  # as `preview` has it
     return Answer([row], doubts, text=listing([(name, _text(value)) for name, value in row.items()]))
 
 
