@@ -108,7 +108,7 @@ class Material:
         return Score(reader, predicted == self.truth, largest_class(self.truth))
 
     def read_alone(self, features: Floats) -> Score:
-        """Return what the reader of `leakage.warnings` reaches on a property of the recordings, (n, feature)."""
+        """Return what the reader of `leakage.warnings` reaches on (n, feature) of the recordings."""
         guess = nearest_neighbours(features[self.train], self.codes, features[self.validation])
         return self.score(NEIGHBOURS, guess)
 

@@ -14,8 +14,9 @@ from dse.cli.asking import trusts
 from dse.cli.commands import commands_by_name
 from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
+from dse.config.faults import known_names
 from dse.registry import left_out
-from dse.text import lines
+from dse.text import lines, one_line
 
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained, or a study is damaged; 2 bad input, every fault on "
@@ -29,8 +30,13 @@ _RESUMABLE = "stopped; finished trials are kept, and the same command resumes th
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
+    words = sys.argv[1:] if arguments is None else arguments
     try:
-        parsed = _parser().parse_args(arguments)
+        if words and not words[0].startswith("-") and words[0] not in commands_by_name():
+            known = known_names(words[0], commands_by_name())
+            print(f"dse: unknown command '{one_line(words[0])}'; {known}", file=sys.stderr)
+            return _BAD_INPUT
+        parsed = _parser().parse_args(words)
         left_out()
         with trust.answering(getattr(parsed, "trust", False) or trusts):
             answer: Answer = parsed.answer(parsed)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -58,19 +60,22 @@ def label_of(look: Look, recordings: Recordings) -> str:
     Raises:
         RecordingError: there is none.
     """
-    candidates = [
-        name
-        for name, n in look.n_values.items()
-        if n <= _MOST_CLASSES
-        and not _PARTS.match(name)
-        and not _parts(np.asarray(recordings.columns[name]))
-        and not _GROUPS.match(name)
-        and np.unique(recordings.columns[name], return_counts=True)[1].min() > 1
-    ]
+    why = dict(look.refused)
+    for name, n in look.n_values.items():
+        values = np.asarray(recordings.columns[name])
+        known, counts = np.unique(values, return_counts=True)
+        if _PARTS.match(name) or _parts(values) or _GROUPS.match(name):
+            why[name] = "is named as a part or a group"
+        elif n > _MOST_CLASSES:
+            why[name] = f"has {n} values"
+        elif counts.min() == 1:
+            why[name] = f"has the value '{known[counts.argmin()]}' in one recording alone"
+    candidates = [name for name in look.n_values if name not in why]
     if not candidates:
+        reasons = "; ".join(f"'{name}' {reason}" for name, reason in why.items())
         raise RecordingError(
-            "no label column was found, with two values or more and each in several recordings; --labels "
-            "FILE names a file of labels"
+            "no label column was found, with two values or more and each in several recordings"
+            f"{f' ({reasons})' if reasons else ''}; --labels FILE names a file of labels"
         )
 
     def rank(name: str) -> tuple[bool, bool, int]:
@@ -82,7 +87,7 @@ def label_of(look: Look, recordings: Recordings) -> str:
 
 def starter(
     look: Look,
-    study: str,
+    out: Path,
     recordings: Recordings,
     label: str,
     group: str | None = None,
@@ -91,7 +96,7 @@ def starter(
 
     Args:
         look: at a file, with the sampling period that signals and spikes need.
-        study: name of the study.
+        out: file of the search space, which names the study.
         recordings: as section `data` of the look reads them.
         label: label column to predict.
         group: label column whose values stay in one part of the split; None: one that is named as a session,
@@ -139,7 +144,7 @@ def starter(
         )
     )
     said = (*look.assumed, *assumed, *recordings.notes())
-    return Starter(_yaml(study, said, sections), label, said)
+    return Starter(_yaml(out, said, sections), label, said)
 
 
 def described(data: Mapping[str, Any], base: Path) -> Look:
@@ -150,7 +155,12 @@ def described(data: Mapping[str, Any], base: Path) -> Look:
     """
     recordings = read(Look(dict(data), {}), base)
     n_values = {name: len(np.unique(values)) for name, values in recordings.columns.items()}
-    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1})
+    assumed: tuple[str, ...] = ()
+    if isinstance(recordings, Signals):
+        ends = sorted({int(recordings.lengths.min()), int(recordings.lengths.max())})
+        steps, n = " to ".join(map(str, ends)), recordings.n_recordings
+        assumed = (f"{n} recordings of {steps} steps and {recordings.n_channels} channels",)
+    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1}, assumed)
 
 
 def read(look: Look, base: Path) -> Recordings:
@@ -172,11 +182,11 @@ def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _yaml(study: str, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
-    schema = shipped_folder("search_spaces") / "schema.json"
+def _yaml(out: Path, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+    study, file = out.stem, shlex.quote(out.name)
     lines = [
-        f"# yaml-language-server: $schema={schema.as_posix()}",
-        f"# A first search space. dse check {study}.yaml lists every fault; dse run {study}.yaml trains.",
+        *_schema_line(out.absolute().parent),
+        f"# A first search space. dse check {file} lists every fault; dse run {file} trains.",
         "# Assumed:",
         *(
             line
@@ -191,11 +201,19 @@ def _yaml(study: str, assumed: Sequence[str], sections: Sequence[tuple[str, Mapp
     lines += [
         "",
         "# Budgets are given when you pick, e.g.",
-        f'# dse pick results/{study} --budget "energy_uj <= 100" --budget "n_weights <= 10000" \\',
-        "#     --export bundle",
+        f"# dse pick {shlex.quote(f'results/{study}')} \\",
+        '#     --budget "energy_uj <= 100" --budget "n_weights <= 10000" --export bundle',
         "",
     ]
     return "\n".join(lines)
+
+
+def _schema_line(folder: Path) -> list[str]:
+    """Return the line by which editors complete keys, where the file and the schema move together."""
+    schema = shipped_folder("search_spaces") / "schema.json"
+    together = os.path.commonpath([folder, schema]) in map(str, (folder, schema.parents[1]))
+    place = Path(os.path.relpath(schema, folder)).as_posix()
+    return [f"# yaml-language-server: $schema={place}"] if together else []
 
 
 def _batch_size(n: int) -> int:

@@ -31,6 +31,7 @@ from dse.dataset.parts import (
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source, groups, leakage
 from dse.recordings.cutting import cut
+from dse.recordings.doubts import Used, doubts, silent_windows
 from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, in_use, target, target_columns
 from dse.recordings.windows import chosen
@@ -162,6 +163,12 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
             stored.lengths, stored.levels, labels_of, train, validation, what, follow
         )
     ]
+    if left_out is None:
+        of = Used(
+            recordings, codes, classes, np.flatnonzero(used), stored.n_steps, positions, " and ".join(seen)
+        )
+        n_spikes = np.diff(stored.spikes.row_offsets[:: stored.spikes.n_steps])
+        traps += [*doubts(of), *silent_windows(n_spikes[of.used])]
     reasons.append(fitted.reads_labels)
     shifts = None if left_out is not None or design.evaluation is None else design.evaluation.shifts
     if shifts is not None:
@@ -177,7 +184,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
 
 
 def _follow_levels(recordings: Recordings, design: Sections, samples: Ints) -> bool:
-    """Return whether spikes change with the resting level: a tenth of the counts in 16 bins of some windows."""
+    """Return whether spikes change with the resting level: their counts in 16 bins of some windows."""
     if not isinstance(recordings, Signals) or design.encoder is None or design.encoder.transductive:
         return True
     some, used = chosen(recordings, samples), np.ones(len(samples), bool)

@@ -111,7 +111,7 @@ def _matlab(path: Path, names: set[str] | None) -> dict[str, Array]:
 
 @functools.cache
 def _survives(path: Path, modified_ns: int) -> bool:
-    """Return whether a process lives on after it has read a MATLAB file: scipy crashes on some damaged ones."""
+    """Return whether a process survives reading a MATLAB file: scipy crashes on some damaged ones."""
     code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
     return subprocess.run(
         [sys.executable, "-c", code, path], capture_output=True, check=False

@@ -111,7 +111,7 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
     values = table[column].to_numpy()
     if values.dtype.kind not in "biuf":
         raise RecordingError(
-            f"{path.name}: column '{column}' must hold numbers, got {_first_text(values, path)}"
+            f"{path.name}: column '{column}' must hold numbers, got {first_text(table[column], path)}"
         )
     if np.isnan(values).any():
         raise RecordingError(
@@ -120,14 +120,14 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
     return np.asarray(values, dtype=np.float64)
 
 
-def _first_text(values: Array, path: Path) -> str:
+def first_text(column: pd.Series[Any], path: Path) -> str:
     """Return the first value of a column that is no number, and where it is."""
-    for row, value in enumerate(values.tolist()):
+    for row, value in enumerate(column.tolist()):
         try:
             float(value)
         except (TypeError, ValueError):
             return f"{str(value)!r} in {place(path, row)}"
-    return f"{values.dtype}"
+    return f"{column.dtype}"
 
 
 def check_complete(table: pd.DataFrame, columns: Iterable[str], path: Path) -> None:

@@ -286,7 +286,7 @@ def _element(hint: Any) -> Any:
 
 
 def _is_array(hint: Any) -> bool:
-    # The origin of NDArray[...] is ndarray; from NumPy 2.5 on it is the alias NDArray, whose value has that origin.
+    # The origin of NDArray[...] is ndarray; from NumPy 2.5 on it is the alias NDArray, of such a value.
     alias = typing.get_origin(hint)
     return typing.get_origin(getattr(alias, "__value__", hint)) is np.ndarray
 

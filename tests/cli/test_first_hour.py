@@ -120,7 +120,6 @@ def test_every_layout_gives_a_space_that_runs(
         assert any("'session' stay in one part" in note for note in document["notes"]), name
         assert any("uneven" in note for note in document["notes"]) == (name == "uneven.csv"), name
     text = Path("x.yaml").read_text(encoding="utf-8")
-    assert text.startswith("# yaml-language-server: $schema=")
     assert "\n# Assumed:\n# - " in text and "'session' stay in one part" in text
     events = np.random.default_rng(3)
     for number in range(8):

@@ -17,7 +17,6 @@ from dse import store
 from dse.records import Answers, Array, Floats, Layer, Network, Operations, Parameters, Response, Workload
 from tests.layers import cuba_parameters
 
-
 Scalar = TypeVar("Scalar", bound=np.generic)
 NDArray = TypeAliasType("NDArray", np.ndarray[tuple[Any, ...], np.dtype[Scalar]], type_params=(Scalar,))
 """As NumPy 2.5 defines it."""
