@@ -104,7 +104,8 @@ def _chips(study: Contents) -> list[str]:
 
 def _rounds_again(study: Contents, path: Path) -> None:
     """Write the rounds of a batch that has ended from its records; let one that has not ended begin anew."""
-    trials = study.batches.get(int(path.stem), [])
+    batch = study.batches.get(int(path.stem), ())
+    trials = [trial for trial in batch if not study.entries[trial].excluded]
     store.remove(path)
     if any(len(study.records.get(trial, ())) < study.repeats for trial in trials):
         for trial in trials:
