@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import dse
 from dse.cli.answer import Answer, show
 from dse.cli.commands import commands_by_name
+from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
 
 EXIT_CODES = (
@@ -18,20 +19,19 @@ EXIT_CODES = (
     "130 stopped by Ctrl-C"
 )
 _BAD_INPUT = 2
-_STOPPED = 130
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
-    parsed = _parser().parse_args(arguments)
     try:
+        parsed = _parser().parse_args(arguments)
         answer: Answer = parsed.answer(parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
         print(*(stopped.args or (_RESUMABLE,)), file=sys.stderr)
-        return getattr(stopped, "code", _STOPPED)
+        return getattr(stopped, "code", INTERRUPTED)
     except BrokenPipeError:
         # The reader (`| head`) has closed the pipe; the interpreter must not flush into it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

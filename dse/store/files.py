@@ -10,12 +10,12 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dse.store.plain import plain
-from dse.store.sealed import StoreError, blank, damaged, is_sealed, read_bytes, seal
+from dse.store.sealed import REMEDY, Damaged, StoreError, blank, damaged, is_sealed, read_bytes, seal
 
 WARNINGS = "warnings.json"
 TEMPORARY = ".writing-"
@@ -206,6 +206,20 @@ def write_sealed_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -
     content = json.dumps({_SEAL: blank(path).decode(), **members}, indent=1, default=plain)
     path.write_text(content + "\n", encoding="utf-8")
     seal(path)
+
+
+def read_or_remove(path: Path, note: Callable[[str], object]) -> Any:
+    """Return the document of a JSON file; None where there is none, or a damaged one, which is removed.
+
+    Raises:
+        StoreError: it cannot be read now.
+    """
+    try:
+        return read_json(path) if path.exists() else None
+    except Damaged as error:
+        note(f"{str(error).removesuffix(f'; {REMEDY}')}; it is written anew")
+        remove(path)
+        return None
 
 
 def read_json(path: Path, *, needs_seal: bool | None = None) -> Any:

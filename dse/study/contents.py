@@ -105,23 +105,6 @@ class Contents:
         return batches
 
     @cached_property
-    def stopped(self) -> dict[int, dict[str, Any]]:
-        """Trial -> how racing stopped it, by its record; one that was trained on stood at no later rung."""
-        stopped = {}
-        for trial, of in self.records.items():
-            record = next(iter(of.values()))
-            epochs = record.stopped_at_epoch
-            if epochs is None and record.finished and record.rungs and trial < IMPORTED:
-                ahead = [
-                    x for x in self.rungs if max(record.rungs) < x < record.sections["training"]["epochs"]
-                ]
-                epochs = max(record.rungs) if ahead else None
-            if epochs is not None:
-                reason = record.reason or "an audit has trained it on"
-                stopped[trial] = {"trial": trial, "epochs": epochs, "reason": reason}
-        return stopped
-
-    @cached_property
     def faults(self) -> list[str]:
         """What is wrong with the journal, beside its last line; without them it names every design."""
         if fault := ledger.of_another(self.folder, self.lines.logs):
@@ -130,23 +113,14 @@ class Contents:
         return faults or ledger.lost(self.folder, self.lines.logs)
 
     @property
-    def rungs(self) -> Sequence[int]:
-        """The rungs of racing."""
-        return (self._search.get("racing") or {}).get("rungs", ())
+    def search(self) -> Mapping[str, Any]:
+        """The settings of its search."""
+        return self.space.get("search") or {}
 
     @property
     def repeats(self) -> int:
         """Runs of every design."""
-        return int(self._search.get("repeats", 1))
-
-    @property
-    def _search(self) -> Mapping[str, Any]:
-        return self.space.get("search") or {}
-
-    @property
-    def n_audited(self) -> int:
-        """How many stopped designs each audit of racing trains on."""
-        return int((self._search.get("racing") or {}).get("audit", 0))
+        return int(self.search.get("repeats", 1))
 
     def knows(self, trial: int) -> bool:
         """Return whether the journal names a trial, or it was imported; True where the journal is damaged."""

@@ -25,10 +25,11 @@ from dse.search.proposals import Sampler, limited
 from dse.search.space import design_at
 from dse.search.stop import Spent, reached
 from dse.seeds import design_key
-from dse.study import decisions, imported, points, precision, pricing, queue, warm
+from dse.study import decisions, environment, imported, points, precision, pricing, queue, warm
 from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.claim import claim
+from dse.study.executors import loky
 from dse.study.fronts import fronts
 from dse.study.journal import Entry
 from dse.study.known import Group, KnownBefore
@@ -147,6 +148,8 @@ def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
     """
     execution = space.execution
     if execution.backend == "loky":
+        if (dead := environment.process_before(folder)) is not None:  # we have its lock
+            loky.clear(dead)
         return Workers(n)
     from dse.study.executors.dask import Dask, Unusable
 
@@ -587,7 +590,7 @@ def _repeat_undecided(
     assert search.front_undecided is not None
     low, high = search.front_undecided
     step = space.split.k_fold.k if space.split.k_fold is not None else 1
-    rounds: list[dict[str, Any]] = list(store.read_json(path)["rounds"]) if path.exists() else []
+    rounds: list[dict[str, Any]] = list((store.read_or_remove(path, report.note) or {"rounds": []})["rounds"])
     while True:
         repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
         for n in sorted(set(repeats.values())):

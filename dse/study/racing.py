@@ -65,15 +65,13 @@ class Race:
         self._space, self._folder, self._profiles = space, folder, tuple(profiles)
         self._runs, self._progress = runs, progress
         self._settings: Racing = space.search.racing
-        self._stopped = {
-            int(stop["trial"])
-            for path in sorted((folder / _FOLDER).glob("[0-9]*.json"))
-            for one in _rounds(path)
-            for stop in one["stopped"]
-        }
-        audit = folder / _FOLDER / _AUDIT
         # How many designs there were at the last audit, and which stopped ones train to their ends.
-        self._audited = dict(store.read_json(audit)) if audit.exists() else {"designs": 0, "trials": []}
+        audited = store.read_or_remove(folder / _FOLDER / _AUDIT, progress.note)
+        self._audited: dict[str, Any] = audited or {"designs": 0, "trials": []}
+        rounds = (one for path in (folder / _FOLDER).glob("[0-9]*.json") for one in self._rounds(path))
+        self._stopped = {int(stop["trial"]) for one in rounds for stop in one["stopped"]}
+        self._stopped.update(trial for trial, of in runs.trials().items() if any(map(_is_stopped, of)))
+        self._stopped.update(self._audited["trials"])
 
     def complete(self, batch: int, entries: Sequence[Entry], after_each: Callable[[], None]) -> None:
         """Train a batch of designs until each has finished, failed or stopped.
@@ -87,11 +85,13 @@ class Race:
             StoreError, RecordingError: as in `Runs.complete`.
         """
         path = self._folder / _FOLDER / f"{batch:05d}.json"
-        rounds = _rounds(path)
+        rounds = self._rounds(path)
         repeats = self._space.search.repeats
-        trials = [entry.trial for entry in entries]
         self._runs.recall(entries)
-        upcoming = None if rounds else {"epochs": self._settings.rungs[0], "trials": trials, "stopped": []}
+        upcoming: dict[str, Any] | None = None
+        if not rounds:
+            first = [entry.trial for entry in entries]
+            upcoming = {"epochs": self._settings.rungs[0], "trials": first, "stopped": []}
         while True:
             if upcoming is not None:
                 rounds.append(upcoming)
@@ -102,11 +102,15 @@ class Race:
                 there = [entry for entry in entries if stands.get(entry.trial, 0) == epochs]
                 self._runs.complete(there, repeats, after_each, epochs)
             self._stop(rounds)  # who stopped before, and had to train to the rung again
-            upcoming = self._next(stands, min(trials))
+            upcoming = self._next(stands)
             if upcoming is None:
                 break
         left = [e for e in entries if e.trial not in self._stopped or not self._runs.of(e.trial)]
         self._runs.complete(left, repeats, after_each)
+
+    def _rounds(self, path: Path) -> list[dict[str, Any]]:
+        """Return the rounds of a batch so far; none from a damaged file: records tell what was decided."""
+        return list((store.read_or_remove(path, self._progress.note) or {"rounds": []})["rounds"])
 
     def _stop(self, rounds: Iterable[Mapping[str, Any]]) -> None:
         """Record what rounds have stopped, unless it is recorded."""
@@ -115,13 +119,8 @@ class Race:
             repeats, epochs = self._space.search.repeats, int(stop["epochs"])
             self._runs.stop(int(stop["trial"]), repeats, epochs, stop["reason"])
 
-    def _next(self, stands: Mapping[int, int | None], first: int) -> dict[str, Any] | None:
-        """Return the next round of a batch; None: no design pauses.
-
-        Args:
-            stands: trial -> the rung at which it stands.
-            first: trial of the batch.
-        """
+    def _next(self, stands: Mapping[int, int | None]) -> dict[str, Any] | None:
+        """Return the next round of a batch; None: no design pauses."""
         at_rung = {
             trial: (epochs, records)
             for trial, epochs in stands.items()
@@ -133,7 +132,7 @@ class Race:
             return None
         epochs = min(epochs for epochs, _ in at_rung.values())
         waiting = {trial: of for trial, (n, of) in sorted(at_rung.items()) if n == epochs}
-        reasons = self._reasons(waiting, epochs, first)
+        reasons = self._reasons(waiting, epochs)
         return {
             "epochs": next((rung for rung in self._settings.rungs if rung > epochs), None),
             "trials": [trial for trial in waiting if trial not in reasons],
@@ -142,19 +141,18 @@ class Race:
             ],
         }
 
-    def _reasons(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int, first: int) -> dict[int, str]:
+    def _reasons(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int) -> dict[int, str]:
         """Return trial -> why it stops, of the designs at a rung that do not go on.
 
         Args:
-            waiting: trial -> records of its runs at the rung.
+            waiting: trial -> records of its runs at the rung; other designs stood there before.
             epochs: of the rung.
-            first: trial of the batch; earlier ones stood at the rung before.
         """
         repeats, goals = self._space.search.repeats, self._space.objectives
         stood: dict[Group, dict[int, Floats]] = {}
         for trial, records in self._runs.trials().items():
             before = [record.rungs[epochs] for record in records[:repeats] if epochs in record.rungs]
-            if trial < first and len(before) == repeats:
+            if trial not in waiting and len(before) == repeats:
                 for group, values in self._full(records, before):
                     stood.setdefault(group, {})[trial] = values
         for trial, at_rung in waiting.items():
@@ -290,8 +288,8 @@ def sentences(folder: Path) -> list[str]:
     return list(store.read_json(path).get("sentences", [])) if path.exists() else []
 
 
-def _rounds(path: Path) -> list[dict[str, Any]]:
-    return list(store.read_json(path)["rounds"]) if path.exists() else []
+def _is_stopped(record: RunRecord) -> bool:
+    return record.stopped_at_epoch is not None
 
 
 def _stands(rounds: Sequence[Mapping[str, Any]], audited: Collection[int]) -> dict[int, int | None]:

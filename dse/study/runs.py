@@ -650,13 +650,7 @@ class Runs:
 
     def _known_warnings(self) -> list[str]:
         """Return the warnings that are stored; they are collected anew in place of a damaged file."""
-        path = self._folder / store.WARNINGS
-        try:
-            known = store.read_json(path) if path.exists() else []
-        except Damaged as error:
-            self._progress.note(f"{error}; it is written anew")
-            store.remove(path)
-            return []
+        known = store.read_or_remove(self._folder / store.WARNINGS, self._progress.note)
         return known if isinstance(known, list) else []
 
     def remark(self, sentences: Sequence[str], prefix: str) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -172,6 +174,21 @@ def test_run_reports_when_nothing_could_be_trained(
     found = document(capsys.readouterr().out)
     assert found["rows"] == []
     assert "1 of 1 designs failed; the first: the loss is NaN in epoch 1" in found["notes"]
+
+
+@pytest.mark.parametrize("module", ["dse.config", "dse.cli.commands.check"])
+def test_ctrl_c_before_a_command_begins_is_130_without_traceback(module: str) -> None:
+    code = (
+        "import signal, sys\n"
+        "def look(event, arguments):\n"
+        f"    if event == 'import' and arguments[0] == {module!r}: signal.raise_signal(signal.SIGINT)\n"
+        "sys.addaudithook(look)\n"
+        "from dse.cli import main\n"
+        "sys.exit(main(['--version']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr and done.stdout == ""
 
 
 def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
+import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
@@ -178,6 +181,53 @@ def test_who_stops_depends_neither_on_workers_nor_on_interruptions(
         with pytest.raises(KeyboardInterrupt):
             explore.run(space, tmp_path / "results", progress=False)
     assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
+
+
+def test_tables_are_written_while_an_audit_goes_on(
+    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock on which more than a minute passes between any two looks at it."""
+    minutes = itertools.count()
+    monkeypatch.setattr(Workers, "stream", in_process)
+    monkeypatch.setattr("dse.study.explore.time.monotonic", lambda: 100.0 * next(minutes))
+    ended: list[str] = []
+    written = explore.tables.trials_table
+
+    def noted(*arguments: Any) -> pd.DataFrame:
+        table = written(*arguments)
+        ended.append("".join(table["status"].str[0]))
+        return table
+
+    monkeypatch.setattr(explore.tables, "trials_table", noted)
+    assert_same(explore.run(space_of(tmp_path), tmp_path / "results", progress=False), raced)
+    n_finished = [one.count("f") for one in ended if len(one) == 24]
+    assert n_finished[-3:] == [5, 6, 6] and all(set(one) <= {"f", "s"} for one in ended)
+
+
+@pytest.mark.parametrize("name", ["00000.json", "audit.json"])
+@pytest.mark.parametrize("n_ends", [27, 35, None])
+def test_a_damaged_file_of_a_race_is_written_anew(
+    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, n_ends: int | None
+) -> None:
+    monkeypatch.setattr(Workers, "stream", in_process)
+    space, left = space_of(tmp_path), n_ends or 0
+
+    def interrupted(_: object) -> None:
+        nonlocal left
+        left -= 1
+        if not left:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
+        patch.setattr(explore._Tables, "refresh", interrupted)
+        explore.run(space, tmp_path / "results", progress=False)
+    path = tmp_path / "results" / "tiny" / "racing" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("{}")
+    study = explore.run(space, tmp_path / "results", progress=False)
+    for one, other in ((study.trials, raced.trials), (study.points(), raced.points())):
+        assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"), check_exact=True)
+    assert sentences(study.folder) == sentences(raced.folder)
 
 
 def test_a_batch_competes_with_those_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
