@@ -84,10 +84,21 @@ class Contents:
         return rounds
 
     @cached_property
-    def stops(self) -> dict[int, int]:
-        """Trial -> epochs after which racing decided to stop it."""
+    def stops(self) -> dict[int, dict[str, Any]]:
+        """Trial -> how racing stopped it, by the rounds, else by its record: it stood at no later rung."""
         rounds = itertools.chain.from_iterable(self.rounds.values())
-        return {x["trial"]: x["epochs"] for one in rounds for x in one["stopped"]}
+        stops = {x["trial"]: x for one in rounds for x in one["stopped"]}
+        rungs = (self.search.get("racing") or {}).get("rungs", ())
+        for trial, of in self.records.items():
+            record = next(iter(of.values()))
+            epochs, stood = record.stopped_at_epoch, max(record.rungs, default=0)
+            if epochs is None and record.finished and stood and trial < IMPORTED:
+                is_stopped = any(stood < x < record.sections["training"]["epochs"] for x in rungs)
+                epochs = stood if is_stopped else None
+            if epochs is not None:
+                reason = record.reason or "an audit has trained it on"
+                stops.setdefault(trial, {"trial": trial, "epochs": epochs, "reason": reason})
+        return stops
 
     @cached_property
     def audited(self) -> set[int]:

@@ -243,8 +243,9 @@ def _checkpoint(study: Contents, path: Path, standing: dict[int, int]) -> str:
     if record is not None and record.stopped_at_epoch is None:
         return "is of a run that has ended"
     is_audited = record is not None and trial in study.audited  # it trains on beside its record
-    if int(epochs) > study.stops.get(trial, math.inf) and not is_audited:
-        return f"lies beyond the rung of {study.stops[trial]} epochs, where racing has stopped the design"
+    rung = study.stops[trial]["epochs"] if trial in study.stops else math.inf
+    if int(epochs) > rung and not is_audited:
+        return f"lies beyond the rung of {rung} epochs, where racing has stopped the design"
     standing[trial] = max(standing.get(trial, 0), int(epochs))
     return ""
 

@@ -102,16 +102,27 @@ def _chips(study: Contents) -> list[str]:
     return [f"hardware/{name}.yaml" for name in sorted({chip for x in measured for chip in x.hardware})]
 
 
+def _rounds_again(study: Contents, path: Path) -> None:
+    """Write the rounds of a batch that has ended from its records; of others `dse run` decides anew."""
+    batch = study.batches.get(int(path.stem), ())
+    trials = [trial for trial in batch if not study.entries[trial].excluded]
+    store.remove(path)
+    if trials and all(len(study.records.get(trial, ())) >= study.repeats for trial in trials):
+        stopped = [study.stops[trial] for trial in trials if trial in study.stops]
+        going = [trial for trial in trials if trial not in study.stops]
+        first = {"epochs": study.search["racing"]["rungs"][0], "trials": trials, "stopped": []}
+        store.write_json(path, {"rounds": [first, {"epochs": None, "trials": going, "stopped": stopped}]})
+
+
 def _raced(study: Contents) -> list[str]:
     """Return the rounds of the batches in which designs have stopped."""
-    stopped = {t for t, of in study.records.items() for x in of.values() if x.stopped_at_epoch is not None}
-    return [f"racing/{n:05d}.json" for n, trials in study.batches.items() if stopped & {*trials}]
+    return [f"racing/{n:05d}.json" for n, trials in study.batches.items() if study.stops.keys() & {*trials}]
 
 
-def _trained_on(study: Contents) -> list[str]:
-    """Return the audit, if it has trained on a design that racing had stopped."""
-    on = [t for t, of in study.records.items() if t in study.stops for x in of.values() if x.finished]
-    return [AUDIT] if on else []
+def _trained_on(study: Contents) -> list[int]:
+    """Return the designs that racing has stopped, and that an audit has trained on."""
+    of_trial = study.records.items()
+    return [t for t, of in of_trial if t in study.stops and next(iter(of.values())).finished]
 
 
 def _audited(study: Contents, path: Path) -> None:
@@ -121,6 +132,13 @@ def _audited(study: Contents, path: Path) -> None:
     if not 0 < int(found["designs"]) or len(set(found["trials"])) < len(found["trials"]):
         raise ValueError("counts no design, or names one twice")
     [*map(str, found.get("sentences", ()))]
+
+
+def _audit_again(study: Contents, path: Path) -> None:
+    """Write which designs the audit has drawn; remove the file where it draws the same ones again."""
+    store.remove(path)
+    if (drawn := _trained_on(study)) and len(drawn) >= study.search["racing"]["audit"]:
+        store.write_json(path, {"designs": len(study.entries), "trials": drawn})
 
 
 def _repeated(study: Contents, path: Path) -> None:
@@ -178,8 +196,11 @@ FILES = (
     File(saved_views.FILE, lambda _, path: saved_views.read(path), "saved views of the page", ASIDE, _aside),
     File("queue/*_*.json", _queued, "a design that was asked for", ASIDE, _aside),
     File("plugins/*.py", _plugin, "the copy, not the original", _REMOVED, _remove, _plugins),
-    File("racing/[0-9]*.json", rounds_in, "when designs of a batch stopped", _REMOVED, _remove, _raced, True),
-    File(AUDIT, _audited, "what the audit of racing has said", _REMOVED, _remove, _trained_on, True),
+    File("racing/[0-9]*.json", rounds_in, "when designs of a batch stopped",
+         f"it is written anew from the records, or by {AGAIN}", _rounds_again, _raced, True),
+    File(AUDIT, _audited, "what the audit of racing has said",
+         f"it is written anew from the records, or by {AGAIN}", _audit_again,
+         lambda study: [AUDIT] if _trained_on(study) else [], True),
     File(_REPEATS, _repeated, "why designs were repeated", _REMOVED, _remove, _undecided, True),
     File("hardware/*.yaml", _chip,
          "no run: points are priced anew, trials keep the costs that the sampler received",
