@@ -141,9 +141,9 @@ def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | No
     folder = store.run_folder(rung_folder(study, epochs), trial, repeat)
     try:
         plain = store.load_run(folder)
-        is_rung = plain is not None and plain.get("status") == "finished"
-        is_rung = is_rung and plain.get("epochs", epochs) == epochs
-        return RunRecord.from_plain(plain, folder) if plain is not None and is_rung else None
+        if plain is None or plain.get("status") != "finished" or plain.get("epochs", epochs) != epochs:
+            return None
+        return RunRecord.from_plain(plain, folder)
     except Damaged:
         return None
 

@@ -13,7 +13,10 @@ from typing import Any
 
 from dse import store
 from dse.store import StoreError
-from dse.study import journal, ledger, lines
+from dse.study import ledger
+from dse.study.journal import Entry, read_journal
+from dse.study.lines import Lines
+from dse.study.lines import read as read_lines
 from dse.study.record import IMPORTED, RunRecord, load_record
 from dse.study.results import plain_space
 
@@ -24,29 +27,35 @@ MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 
 @dataclass(frozen=True)
 class Contents:
-    """What can be read in the folder of a study.
-
-    space: its search space, empty if that cannot be read. lines: of its journal.
-    runs: folder of a run -> its record, or why it has none.
-    """
+    """What can be read in the folder of a study."""
 
     folder: Path
-    space: Mapping[str, Any]
-    lines: lines.Lines
-    entries: Sequence[journal.Entry]
-    runs: Mapping[Path, RunRecord | StoreError]
 
-    @classmethod
-    def of(cls, folder: Path) -> Contents:
-        space: Mapping[str, Any] = {}
+    @cached_property
+    def space(self) -> Mapping[str, Any]:
+        """Its search space, empty if that cannot be read."""
         with contextlib.suppress(StoreError):
-            space = plain_space(folder / store.SPACE)
+            return plain_space(self.folder / store.SPACE)
+        return {}
+
+    @cached_property
+    def lines(self) -> Lines:
+        """The lines of its journal."""
         try:
-            content = lines.read(folder / store.JOURNAL)
+            return read_lines(self.folder / store.JOURNAL)
         except StoreError as error:
-            content = lines.Lines(faults=[said(error, folder / store.JOURNAL)])
+            return Lines(faults=[said(error, self.folder / store.JOURNAL)])
+
+    @cached_property
+    def entries(self) -> Sequence[Entry]:
+        """The designs of its journal."""
+        return read_journal(self.folder / store.JOURNAL)
+
+    @cached_property
+    def runs(self) -> Mapping[Path, RunRecord | StoreError]:
+        """Folder of a run -> its record, or why it has none."""
         runs: dict[Path, RunRecord | StoreError] = {}
-        for run in sorted(folder.glob("artefacts/*/*")):
+        for run in sorted(self.folder.glob("artefacts/*/*")):
             if run.is_dir() and not store.is_temporary(run):
                 try:
                     found = load_record(run)
@@ -54,7 +63,7 @@ class Contents:
                     runs[run] = found
                 except StoreError as error:
                     runs[run] = error
-        return cls(folder, space, content, journal.read_journal(folder / store.JOURNAL), runs)
+        return runs
 
     @cached_property
     def records(self) -> dict[int, dict[int, RunRecord]]:
@@ -75,10 +84,21 @@ class Contents:
         return rounds
 
     @cached_property
-    def stops(self) -> dict[int, int]:
-        """Trial -> epochs after which racing decided to stop it."""
+    def stops(self) -> dict[int, dict[str, Any]]:
+        """Trial -> how racing stopped it, by the rounds, else by its record: it stood at no later rung."""
         rounds = itertools.chain.from_iterable(self.rounds.values())
-        return {x["trial"]: x["epochs"] for one in rounds for x in one["stopped"]}
+        stops = {x["trial"]: x for one in rounds for x in one["stopped"]}
+        rungs = (self.search.get("racing") or {}).get("rungs", ())
+        for trial, of in self.records.items():
+            record = next(iter(of.values()))
+            epochs, stood = record.stopped_at_epoch, max(record.rungs, default=0)
+            if epochs is None and record.finished and stood and trial < IMPORTED:
+                is_stopped = any(stood < x < record.sections["training"]["epochs"] for x in rungs)
+                epochs = stood if is_stopped else None
+            if epochs is not None:
+                reason = record.reason or "an audit has trained it on"
+                stops.setdefault(trial, {"trial": trial, "epochs": epochs, "reason": reason})
+        return stops
 
     @cached_property
     def audited(self) -> set[int]:
@@ -89,26 +109,11 @@ class Contents:
 
     @cached_property
     def batches(self) -> dict[int, list[int]]:
-        """Batch -> its trials."""
+        """Batch -> its trials, those that are not trained too."""
         batches: dict[int, list[int]] = {}
         for entry in self.entries:
-            if not entry.excluded:
-                batches.setdefault(entry.batch, []).append(entry.trial)
+            batches.setdefault(entry.batch, []).append(entry.trial)
         return batches
-
-    @cached_property
-    def stopped(self) -> dict[int, dict[str, Any]]:
-        """Trial -> how racing stopped it, by its record; one that was trained on stood at no later rung."""
-        stopped = {}
-        for trial, of in self.records.items():
-            record = next(iter(of.values()))
-            epochs = record.stopped_at_epoch
-            if epochs is None and record.finished and record.rungs and trial < IMPORTED:
-                epochs = max(record.rungs) if max(record.rungs) < max(self.rungs, default=0) else None
-            if epochs is not None:
-                reason = record.reason or "an audit has trained it on"
-                stopped[trial] = {"trial": trial, "epochs": epochs, "reason": reason}
-        return stopped
 
     @cached_property
     def faults(self) -> list[str]:
@@ -119,23 +124,14 @@ class Contents:
         return faults or ledger.lost(self.folder, self.lines.logs)
 
     @property
-    def rungs(self) -> Sequence[int]:
-        """The rungs of racing."""
-        return (self._search.get("racing") or {}).get("rungs", ())
+    def search(self) -> Mapping[str, Any]:
+        """The settings of its search."""
+        return self.space.get("search") or {}
 
     @property
     def repeats(self) -> int:
         """Runs of every design."""
-        return int(self._search.get("repeats", 1))
-
-    @property
-    def _search(self) -> Mapping[str, Any]:
-        return self.space.get("search") or {}
-
-    @property
-    def n_audited(self) -> int:
-        """How many stopped designs each audit of racing trains on."""
-        return int((self._search.get("racing") or {}).get("audit", 0))
+        return int(self.search.get("repeats", 1))
 
     def knows(self, trial: int) -> bool:
         """Return whether the journal names a trial, or it was imported; True where the journal is damaged."""

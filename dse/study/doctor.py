@@ -61,7 +61,7 @@ def examine(folder: Path) -> list[Damage]:
     """
     if not any(os.path.lexists(folder / name) for name in (store.SPACE, store.JOURNAL, "artefacts")):
         raise StoreError(f"{folder}: is not the folder of a study: there is no {store.SPACE}")
-    study, found = Contents.of(folder), dict[str, Damage]()
+    study, found = Contents(folder), dict[str, Damage]()
     for check in _CHECKS:
         for damage in check(study):
             found.setdefault(damage.file, damage)  # what a later check says follows from it
@@ -74,7 +74,7 @@ def repair(folder: Path) -> list[Damage]:
     Raises:
         StoreError: the study runs, or its folder cannot be written.
     """
-    for damage in _access(Contents.of(folder)):
+    for damage in _access(Contents(folder)):
         if damage.file in (".", *_LOCKS) and damage.repair is not None:
             damage.repair()  # what the lock needs
     with store.exclusive(folder):
@@ -101,14 +101,13 @@ def _access(study: Contents) -> Iterator[Damage]:
     places = [("", True), *((x, True) for x in _FOLDERS), *((x, False) for x in files)]
     for pattern, is_folder in places:
         for path in matches(study.folder, pattern) if pattern else [study.folder]:
-            what = "a folder" if is_folder else "a file"
             needed = stat.S_IRWXU if is_folder else stat.S_IRUSR
             if pattern in (*_LOCKS, store.JOURNAL):
                 needed |= stat.S_IWUSR
             try:
                 mode = path.stat().st_mode
                 is_right = stat.S_ISDIR(mode) if is_folder else stat.S_ISREG(mode)
-                fault = "" if is_right else f"is not {what}"
+                fault = "" if is_right else f"is not a {'folder' if is_folder else 'file'}"
             except OSError as error:
                 mode, fault = needed, "" if path.exists() else f"leads nowhere ({error.strerror})"
             if fault and pattern not in (store.JOURNAL, *_OF_RUNS):  # which other checks look at as a whole
@@ -244,8 +243,9 @@ def _checkpoint(study: Contents, path: Path, standing: dict[int, int]) -> str:
     if record is not None and record.stopped_at_epoch is None:
         return "is of a run that has ended"
     is_audited = record is not None and trial in study.audited  # it trains on beside its record
-    if int(epochs) > study.stops.get(trial, math.inf) and not is_audited:
-        return f"lies beyond the rung of {study.stops[trial]} epochs, where racing has stopped the design"
+    rung = study.stops[trial]["epochs"] if trial in study.stops else math.inf
+    if int(epochs) > rung and not is_audited:
+        return f"lies beyond the rung of {rung} epochs, where racing has stopped the design"
     standing[trial] = max(standing.get(trial, 0), int(epochs))
     return ""
 

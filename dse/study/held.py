@@ -10,10 +10,9 @@ import contextlib
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from dse import store
 
@@ -21,23 +20,18 @@ if TYPE_CHECKING:
     import pandas
 
 TRIALS, POINTS = "trials.parquet", "points.parquet"
-_DIGESTS, _NAMED = "digests", 3
+_NAMED = 3
 
 
-@dataclass(frozen=True)
-class Behind:
+class Behind(NamedTuple):
     """The trials of which a table does not hold what the study's folder does.
 
     lacking: it has no rows of them. changed: their runs have changed since. lost: their runs are missing.
     """
 
-    lacking: tuple[int, ...] = ()
-    changed: tuple[int, ...] = ()
-    lost: tuple[int, ...] = ()
-
-    def __bool__(self) -> bool:
-        """Return whether there are any."""
-        return bool(self.lacking or self.changed or self.lost)
+    lacking: Sequence[int] = ()
+    changed: Sequence[int] = ()
+    lost: Sequence[int] = ()
 
 
 def digests(folder: Path, runs: Mapping[int, Collection[int]]) -> dict[str, str]:
@@ -62,21 +56,16 @@ def digests(folder: Path, runs: Mapping[int, Collection[int]]) -> dict[str, str]
     return of_trial
 
 
-def noted(of_trial: Mapping[str, str]) -> str:
-    """Return what a table notes about the runs in it, as `store.write_table` takes it."""
-    return json.dumps({_DIGESTS: dict(of_trial)})
-
-
 def behind(table: Path) -> Behind:
     """Return how a table of a study is behind its runs; not at all where it notes nothing."""
-    before = json.loads(store.made_from(table) or "{}").get(_DIGESTS)
+    before = json.loads(store.made_from(table) or "{}").get("digests")
     if before is None:
         return Behind()
     now = digests(table.parent, store.runs_in(table.parent))
     return Behind(
-        tuple(int(x) for x in now if x not in before),
-        tuple(int(x) for x in now if x in before and now[x] != before[x]),
-        tuple(int(x) for x in before if x not in now),
+        [int(x) for x in now if x not in before],
+        [int(x) for x in now if x in before and now[x] != before[x]],
+        [int(x) for x in before if x not in now],
     )
 
 

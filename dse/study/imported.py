@@ -39,8 +39,7 @@ def source_of(folder: Path, record: RunRecord) -> tuple[SearchSpace, Sections, P
     Returns:
         None where the recordings are not found, or have changed.
     """
-    found = (one for *one, key in _found(folder, record) if key == record.data)
-    return next(((space, sections, base) for space, sections, base in found), None)
+    return next((found[:3] for found in _found(folder, record) if found[3] == record.data), None)
 
 
 def have_changed(folder: Path, record: RunRecord) -> bool:

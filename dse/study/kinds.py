@@ -103,33 +103,26 @@ def _chips(study: Contents) -> list[str]:
 
 
 def _rounds_again(study: Contents, path: Path) -> None:
-    """Write the rounds of a batch that has ended from its records; let one that has not ended begin anew."""
-    trials = study.batches.get(int(path.stem), [])
+    """Write the rounds of a batch that has ended from its records; of others `dse run` decides anew."""
+    batch = study.batches.get(int(path.stem), ())
+    trials = [trial for trial in batch if not study.entries[trial].excluded]
     store.remove(path)
-    if any(len(study.records.get(trial, ())) < study.repeats for trial in trials):
-        for trial in trials:
-            for place in (study.folder, *study.folder.glob("checkpoints/*")):
-                if (runs := store.run_folder(place, trial, 0).parent).is_dir():
-                    set_aside(study.folder, runs)
-    elif trials:
-        stopped = [study.stopped[trial] for trial in trials if trial in study.stopped]
-        going = [trial for trial in trials if trial not in study.stopped]
-        first = {"epochs": study.rungs[0], "trials": trials, "stopped": []}
+    if trials and all(len(study.records.get(trial, ())) >= study.repeats for trial in trials):
+        stopped = [study.stops[trial] for trial in trials if trial in study.stops]
+        going = [trial for trial in trials if trial not in study.stops]
+        first = {"epochs": study.search["racing"]["rungs"][0], "trials": trials, "stopped": []}
         store.write_json(path, {"rounds": [first, {"epochs": None, "trials": going, "stopped": stopped}]})
 
 
 def _raced(study: Contents) -> list[str]:
     """Return the rounds of the batches in which designs have stopped."""
-    return [f"racing/{n:05d}.json" for n, trials in study.batches.items() if study.stopped.keys() & {*trials}]
+    return [f"racing/{n:05d}.json" for n, trials in study.batches.items() if study.stops.keys() & {*trials}]
 
 
 def _trained_on(study: Contents) -> list[int]:
     """Return the designs that racing has stopped, and that an audit has trained on."""
-    return sorted(
-        trial
-        for trial, of in study.records.items()
-        if trial in study.stops and next(iter(of.values())).finished
-    )
+    of_trial = study.records.items()
+    return [t for t, of in of_trial if t in study.stops and next(iter(of.values())).finished]
 
 
 def _audited(study: Contents, path: Path) -> None:
@@ -143,10 +136,8 @@ def _audited(study: Contents, path: Path) -> None:
 
 def _audit_again(study: Contents, path: Path) -> None:
     """Write which designs the audit has drawn; remove the file where it draws the same ones again."""
-    drawn = _trained_on(study)
-    if len(drawn) < study.n_audited or not drawn:
-        store.remove(path)
-    else:
+    store.remove(path)
+    if (drawn := _trained_on(study)) and len(drawn) >= study.search["racing"]["audit"]:
         store.write_json(path, {"designs": len(study.entries), "trials": drawn})
 
 
@@ -156,19 +147,11 @@ def _repeated(study: Contents, path: Path) -> None:
             raise ValueError(f"names trial {unknown[0]}, which the study does not have")
 
 
-def _more_repeats(study: Contents) -> dict[str, int]:
-    """Return trial -> its runs, of the designs that were repeated because their place was undecided."""
-    if (study.space.get("search") or {}).get("front_undecided") is None:
-        return {}
-    n = {trial: len(of) for trial, of in study.records.items() if trial < IMPORTED}
-    return {str(trial): n_runs for trial, n_runs in n.items() if n_runs > study.repeats}
-
-
-def _repeats_again(study: Contents, path: Path) -> None:
-    store.remove(path)
-    if more := _more_repeats(study):
-        shown = dict.fromkeys(more, 0.5)
-        store.write_json(path, {"rounds": [{"repeats": more, "probability": shown}]})
+def _undecided(study: Contents) -> list[str]:
+    """Return the list of repeats, if designs were repeated because their place was undecided."""
+    n = [len(of) for trial, of in study.records.items() if trial < IMPORTED]
+    is_set = study.search.get("front_undecided") is not None
+    return [_REPEATS] if is_set and max(n, default=0) > study.repeats else []
 
 
 def _table(study: Contents, path: Path) -> None:
@@ -194,6 +177,10 @@ def _table(study: Contents, path: Path) -> None:
             raise ValueError(f"{what} {held.named(known)}: {len(known)} of {len(study.records)} trials")
 
 
+def _with_records(name: str) -> Callable[[Contents], list[str]]:
+    return lambda study: [name] if study.records else []
+
+
 FILES = (
     File(store.SPACE, lambda study, path: study.space or plain_space(path),
          "nothing: runs hold their settings",
@@ -209,21 +196,16 @@ FILES = (
     File(saved_views.FILE, lambda _, path: saved_views.read(path), "saved views of the page", ASIDE, _aside),
     File("queue/*_*.json", _queued, "a design that was asked for", ASIDE, _aside),
     File("plugins/*.py", _plugin, "the copy, not the original", _REMOVED, _remove, _plugins),
-    File("racing/[0-9]*.json", rounds_in,
-         "when designs of a batch stopped; of one that has not ended its runs",
-         "it is written anew from the records, or the batch begins anew and its runs are moved aside",
-         _rounds_again, _raced, True),
+    File("racing/[0-9]*.json", rounds_in, "when designs of a batch stopped",
+         f"it is written anew from the records, or by {AGAIN}", _rounds_again, _raced, True),
     File(AUDIT, _audited, "what the audit of racing has said",
-         f"it is written anew from the records; {AGAIN} ends the audit", _audit_again,
+         f"it is written anew from the records, or by {AGAIN}", _audit_again,
          lambda study: [AUDIT] if _trained_on(study) else [], True),
-    File(_REPEATS, _repeated, "why designs were repeated",
-         "it is written anew from the records", _repeats_again,
-         lambda study: [_REPEATS] if _more_repeats(study) else [], True),
+    File(_REPEATS, _repeated, "why designs were repeated", _REMOVED, _remove, _undecided, True),
     File("hardware/*.yaml", _chip,
          "no run: points are priced anew, trials keep the costs that the sampler received",
          "it is replaced with the profile as it is now, and all points are priced with that", _tables_again,
          _chips),
     *(File(name, _table, "nothing: it follows from the runs", "it is written again", _tables_again,
-           lambda study, name=name: [name] if study.records else [],
-           True) for name in (held.TRIALS, held.POINTS)),
+           _with_records(name), True) for name in (held.TRIALS, held.POINTS)),
 )  # fmt: skip

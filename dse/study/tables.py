@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,7 +43,7 @@ def write(
     table = of_trials.trials_table(space, runs, excluded)
     digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
     with store.published(folder / held.TRIALS) as path:
-        store.write_table(path, table, held.noted(digests))
+        store.write_table(path, table, json.dumps({"digests": digests}))
     points.write_points(folder / held.POINTS, space, folder, runs, profiles)
     return table
 

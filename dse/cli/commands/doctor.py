@@ -34,7 +34,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if not damages:
         return Answer([], text=f"{folder}: nothing is damaged")
     if not arguments.repair:
-        left, notes = damages, [f"`dse doctor {folder} --repair` repairs it"]
+        mended = any(x.repair is not None for x in damages)
+        left, notes = damages, [f"`dse doctor {folder} --repair` repairs what it can"] if mended else []
     else:
         left = repair(folder)
         n_left = len({x.file for x in left} & {x.file for x in damages})
