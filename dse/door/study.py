@@ -11,7 +11,6 @@ import numpy as np
 
 from dse.door import arguments
 from dse.door.choice import Choice, choose
-from dse.door.choice import NothingFeasible as NothingFeasible
 from dse.door.front import front_of
 from dse.door.plots import Plots
 from dse.door.question import Question
@@ -195,7 +194,8 @@ class Study(results.Study):
         """Write a design point as a bundle (`dse.export`)."""
         from dse.deploy.export import export
 
-        return export(self, point, folder, arguments.texts(targets, "targets"), recordings)
+        row = {str(name): value for name, value in point.items()}
+        return export(self, row, folder, arguments.texts(targets, "targets"), recordings)
 
     @property
     def plot(self) -> Plots:
