@@ -194,7 +194,8 @@ class Study(results.Study):
         """Write a design point as a bundle (`dse.export`)."""
         from dse.deploy.export import export
 
-        return export(self, point, folder, arguments.texts(targets, "targets"), recordings)
+        row = {str(name): value for name, value in point.items()}
+        return export(self, row, folder, arguments.texts(targets, "targets"), recordings)
 
     @property
     def plot(self) -> Plots:

@@ -82,7 +82,7 @@ def candidates(
     keep = meeting(frame, conditions)
     notes = []
     if goals is not None and (first := _only_hardware(frame[keep], (runs & fits)[keep], named | goals)):
-        keep &= frame["hardware"].eq(first).fillna(False).to_numpy(dtype=bool)
+        keep &= np.asarray(frame["hardware"] == first, dtype=bool)
         notes.append(f"points on {first}: no objective depends on hardware")
     if "transductive" not in named:
         leaky = keep & ~honest(frame)

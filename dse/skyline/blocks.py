@@ -74,11 +74,11 @@ def _needed(
     that meets the conditions on no number that it is in question.
     """
     conditions = as_list(where or None)
-    names = dict.fromkeys([*as_list(by), *(name for name in _OF_CLASS if name in frame)])
-    classes = frame[list(names)]
+    names = list(dict.fromkeys([*as_list(by), *(name for name in _OF_CLASS if name in frame)]))
+    classes = frame[names]
     if COST in frame:
-        classes = classes.assign(**{COST: frame[COST].isna()})
-    group = group_numbers(classes, list(classes))
+        classes, names = classes.assign(**{COST: frame[COST].isna()}), [*names, COST]
+    group = group_numbers(classes, names)
     needed = np.zeros(len(frame), dtype=bool)
     for some in (np.arange(len(frame)), np.flatnonzero(meeting(frame, split_budgets(conditions)[1]))):
         needed[some[np.unique(group[some], return_index=True)[1]]] = True

@@ -231,9 +231,12 @@ def test_jobs_must_be_a_number(tmp_path: Path, capsys: Captured, jobs: str) -> N
 def test_skyline_of_a_table(table: Path, capsys: Captured) -> None:
     arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min"]
     assert main([*arguments, "--json"]) == 0
-    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [3, 1, 0]
+    rows = document(capsys.readouterr().out)["rows"]
+    assert [(row["task"], row["trial"]) for row in rows] == [("a", 1), ("a", 0), ("b", 3), ("b", 2)]
     assert main([*arguments, "--json", "--by", "task"]) == 0
-    assert {row["trial"] for row in document(capsys.readouterr().out)["rows"]} == {0, 1, 2, 3}
+    assert document(capsys.readouterr().out)["rows"] == rows
+    assert main([*arguments, "--json", "--where", "task == 'b'"]) == 0
+    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [3, 2]
     assert main([*arguments, "--json", "--where", "n_weights <= 100 and model.hidden > 4"]) == 0
     assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
     twice = ["--where", "n_weights <= 100 or model.hidden > 4", "--where", "model.hidden > 4"]
@@ -245,19 +248,21 @@ def test_skyline_formats(table: Path, capfdbinary: pytest.CaptureFixture[bytes])
     arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min", "--format"]
     assert main([*arguments, "csv"]) == 0
     frame = pd.read_csv(io.BytesIO(capfdbinary.readouterr().out))
-    assert frame["trial"].tolist() == [3, 1, 0]
+    assert frame["trial"].tolist() == [1, 0, 3, 2]
     assert frame.columns.tolist() == ["trial", "task", "model.hidden", "accuracy", "n_weights"]
     assert main([*arguments, "parquet"]) == 0
     assert pd.read_parquet(io.BytesIO(capfdbinary.readouterr().out)).equals(frame)
     assert main([*arguments, "table"]) == 0
-    assert capfdbinary.readouterr().out.decode().split("\n")[0].split() == [
-        "trial", "task", "model.hidden", "accuracy", "n_weights"
-    ]  # fmt: skip
+    lines = [line.split() for line in capfdbinary.readouterr().out.decode().splitlines()]
+    assert lines[0] == ["trial", "model.hidden", "accuracy", "n_weights"]
+    assert (lines[1], lines[4]) == (["a"], ["b"]) and lines[5] == ["3", "32", "0.95", "320"]
 
 
-def test_without_a_terminal_the_default_is_csv(table: Path, capsys: Captured) -> None:
+def test_without_a_terminal_the_default_is_csv_of_the_columns_that_a_terminal_shows(
+    table: Path, capsys: Captured
+) -> None:
     assert main(["skyline", str(table), "--objectives", "accuracy:max"]) == 0
-    assert capsys.readouterr().out == "trial,task,model.hidden,accuracy,n_weights\n3,b,32,0.95,320\n"
+    assert capsys.readouterr().out == "trial,task,model.hidden,accuracy\n1,a,8,0.9\n3,b,32,0.95\n"
 
 
 def test_skyline_of_several_tables_and_of_a_study(results: Path, table: Path, capsys: Captured) -> None:
