@@ -71,8 +71,8 @@ def known(rows: pandas.DataFrame, names: Iterable[str]) -> tuple[pandas.DataFram
                 "(one of an earlier version has the column after `dse run`)"
             )
         elif n := int((rows[name].notna() & rows[column].isna()).sum()):
-            which = f"{n} of {len(rows)} rows" if len(rows) > 1 else "it"
-            notes.append(f"no {column}: {which} was measured elsewhere, or is one run of several")
+            where = f" in {n} of {len(rows)} rows" if len(rows) > 1 else ""
+            notes.append(f"no {column}{where}: measured elsewhere, or one run of several")
     return rows, notes
 
 
