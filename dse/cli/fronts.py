@@ -33,6 +33,8 @@ GROUPS = ("hardware", "task")
 TELLING = (*GROUPS, "phi", "theta", "read_out_ms", *_OF_WEIGHTS)
 """Columns without which rows of a trial cannot be told apart."""
 
+_MUCH = 2.0  # times the energy
+
 POINTS = "points"
 """Column of a table on a terminal: how many points of a trial have these objectives."""
 
@@ -72,6 +74,7 @@ def front_answer(
             f"{POINTS}: how many points of a trial are equal in all objectives; the one shown has the "
             "least latency, then energy, then weights",
         ]
+    notes = [*notes, *_waiting(rows, shown)]
     shown += [name for name in beside if name in rows and name not in shown]
     names = [x for name, _ in objectives for x in (f"{name}_corrected", name)]
     essential = [name for name in ("trial", *names) if name in shown]
@@ -86,6 +89,19 @@ def front_answer(
         table=records(table),
         best=best,
     )
+
+
+def _waiting(rows: pandas.DataFrame, shown: Sequence[str]) -> list[str]:
+    """Return how much more energy rows take at the sensor's period; a narrow terminal drops that column."""
+    if "energy_throttled_uj" not in shown:
+        return []
+    times = (rows["energy_throttled_uj"] / rows["energy_uj"].where(rows["energy_uj"] > 0)).max()
+    if not times > _MUCH:
+        return []
+    text = f"{times:.0f}" if times >= 100 else f"{times:.2g}"
+    return [
+        f"energy_uj is at full speed; at the sensor's period up to {text} times as much: energy_throttled_uj"
+    ]
 
 
 def without_equals(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> pandas.DataFrame:

@@ -46,6 +46,12 @@ def axis_title(column: str) -> str:
     return html.escape(f"{words} ({unit})" if unit else words, quote=False)
 
 
+def watts(value: float) -> str:
+    """Return a power with the unit in which it is short: `56 W`, `43 mW`, `63 µW`."""
+    unit, scale = next(((u, x) for u, x in (("W", 1.0), ("mW", 1e3)) if abs(value) * x >= 1), ("µW", 1e6))
+    return f"{short(value * scale)} {unit}" if value else "0 W"
+
+
 def short(value: object, digits: int = 3) -> str:
     """Return a value in at most so many significant digits, anything but a number as its text."""
     if isinstance(value, bool) or not isinstance(value, int | float):

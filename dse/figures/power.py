@@ -13,7 +13,7 @@ import numpy as np
 
 from dse.figures import Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, short
+from dse.figures.labels import OKABE_ITO_LIGHT, watts
 from dse.records import Array
 from dse.registry import register
 
@@ -101,11 +101,11 @@ def draw_power(power: Power) -> plotly.graph_objects.Figure:
     places = list(range(len(names)))
     parts = (("at rest", power.idle_w), ("beyond, running", power.beyond_w))
     figure = go.Figure()
-    for (name, watts), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
+    for (name, power_w), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
         figure.add_bar(
             orientation="h",
             y=places,
-            x=watts,
+            x=power_w,
             name=name,
             marker={"color": colour},
             hovertemplate=f"{name}: %{{x:.4g}} W<extra></extra>",
@@ -118,7 +118,7 @@ def draw_power(power: Power) -> plotly.graph_objects.Figure:
         figure.add_annotation(
             x=float(ends_w[place]),
             y=place,
-            text=f"{short(float(idle_w))} + {short(float(beyond_w))} W",
+            text=f"{watts(float(idle_w))} + {watts(float(beyond_w))}",
             showarrow=False,
             xanchor="left",
             xshift=6,

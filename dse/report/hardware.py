@@ -269,13 +269,13 @@ def _energy(choice: Choice, column: str = FLAT_OUT) -> str:
     ends = [number(choice.row.get(f"{column}_{end}")) or 0.0 for end in ("low", "high")]
     if is_open(*ends):
         return f"at least {_short(ends[0])} uJ"
-    values = np.quantile(choice.drawn_uj(column), QUANTILES, method="inverted_cdf")
-    return _in_range(*values, " uJ", choice.chip.has_values)
+    median, low, high = np.quantile(choice.drawn_uj(column), QUANTILES, method="inverted_cdf")
+    return _in_range(median, low, high, " uJ", choice.chip.has_values)
 
 
 def _times(factor: Ratio, has_value: bool) -> str:
     """Return a ratio of energies in words."""
-    return _in_range(*factor[:3], " times the energy", has_value)
+    return _in_range(factor.median, factor.low, factor.high, " times the energy", has_value)
 
 
 def _in_range(median: float, low: float, high: float, unit: str, has_value: bool) -> str:

@@ -94,10 +94,12 @@ def measured(
     if not column.startswith("accuracy"):
         return of_design
     error = standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se"))
-    corrected = zip(column_names("corrected"), column_names(f"{column}_corrected"), strict=True)
+    value, low, high = (number(row.get(x)) for x in column_names(f"{column}_corrected"))
     return replace(
         of_design,
-        **{name: number(row.get(x)) for name, x in corrected},
+        corrected=value,
+        corrected_low=low,
+        corrected_high=high,
         se=error,
         shifted=number(row.get("accuracy_shifted")),
         shifted_se=number(row.get("accuracy_shifted_se")),

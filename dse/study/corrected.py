@@ -71,8 +71,8 @@ def known(rows: pandas.DataFrame, names: Iterable[str]) -> tuple[pandas.DataFram
                 "(one of an earlier version has the column after `dse run`)"
             )
         elif n := int((rows[name].notna() & rows[column].isna()).sum()):
-            which = f"{n} of {len(rows)} rows" if len(rows) > 1 else "it"
-            notes.append(f"no {column}: {which} was measured elsewhere, or is one run of several")
+            where = f" in {n} of {len(rows)} rows" if len(rows) > 1 else ""
+            notes.append(f"no {column}{where}: measured elsewhere, or one run of several")
     return rows, notes
 
 
@@ -127,8 +127,9 @@ def with_corrected(
         measured = part[name][rows].astype(np.float64)
         places = _rounded(measured)
         luck = {x: x / _PARTS - known[name, group, n, x] for x in np.unique(places).tolist()}
+        lost = np.array([luck[x] for x in places.tolist()])
         # Bad luck is not credited: what a tight budget leaves may be no better than it looks.
-        value = (measured - [max(luck[x], 0.0) for x in places.tolist()]).clip(0.0).round(_DECIMALS)
+        value = np.where(lost > 0, (measured - lost).clip(0.0).round(_DECIMALS), measured)
         low, high = wilson_interval(value, n_recordings, Z)
         if part["repeats"][0] > 1 and f"{name}_se" in part:  # seeds may matter more than recordings
             error = Z * np.nan_to_num(part[f"{name}_se"][rows].astype(np.float64))

@@ -32,7 +32,11 @@ def test_bars_on_each_other():
     assert [bar.name for bar in figure.data] == ["at rest", "beyond, running"]
     assert figure.layout.barmode == "stack"
     assert figure.layout.xaxis.title.text == "power (W)<br>not known: other"
-    assert [note.text for note in figure.layout.annotations] == ["56 + 0.005 W", "28 + 18 W", "0.5 + 1.75 W"]
+    assert [note.text for note in figure.layout.annotations] == [
+        "56 W + 5 mW",
+        "28 W + 18 W",
+        "500 mW + 1.75 W",
+    ]
     assert list(figure.layout.yaxis.ticktext) == ["CPU", "GPU", "&lt;Loihi 2&gt;"]
     assert list(figure.data[1].error_x.array) == pytest.approx([0, 1, 0.5])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -42,6 +44,7 @@ def test_every_number_is_of_the_chosen_run_and_points_stay(study):
     assert worst["accuracy"][0] == min(first, second)
     assert worst["spikes_total"][0] == runs[int(second < first)]["spikes_total"]
     assert (mean["energy_uj"] != last["energy_uj"]).any()
+    assert mean["accuracy_corrected"].notna().all() and last["accuracy_corrected"].isna().all()
 
 
 def test_door_command_line_and_page_agree(study, capsys, tmp_path):
@@ -54,6 +57,10 @@ def test_door_command_line_and_page_agree(study, capsys, tmp_path):
     assert page["columns"]["accuracy"]["values"] == pytest.approx(study.points(repeats="worst")["accuracy"])
     assert page["budgets"]["repeats"] == "worst"
     assert any("run of least accuracy alone" in note for note in page["notes"])
+    assert main(["pick", str(study.folder), "--repeats", "worst", "--json"]) == 0
+    picked = json.loads(capsys.readouterr().out)
+    assert picked["rows"][0]["accuracy_corrected"] is None
+    assert "no accuracy_corrected: measured elsewhere, or one run of several" in picked["notes"]
     best = study.pick(repeats="worst").row
     assert best["accuracy"] == study.points(repeats="worst")["accuracy"].max()
 

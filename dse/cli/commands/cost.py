@@ -171,8 +171,10 @@ def _lines(row: CostRow) -> Iterator[tuple[str, str, list[str]]]:
     yield "computing time", "ms", cells(row.hardware_latency_ms)
     yield "through the layers", "ms", [cell(row.pipeline_ms), "-", "-"]
     yield "latency", "ms", cells(row.latency_ms)
-    yield "power at rest", "W", cells(row.power_idle_w)
-    yield "power while computing", "W", cells(row.power_w)
+    for label, power in (("power at rest", row.power_idle_w), ("power while computing", row.power_w)):
+        most = max((x for x in power if x is not None), default=0.0)
+        unit, scale = ("W", 1.0) if most >= 1 else ("mW", 1e3) if most >= 1e-3 else ("uW", 1e6)
+        yield label, unit, cells(None if x is None else x * scale for x in power)
     yield "cores", "", cells(row.n_cores)
     yield "mean power", "mW", cells(row.power_mw)
     yield "battery life", "h", cells(row.battery_h)

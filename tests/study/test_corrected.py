@@ -1,0 +1,140 @@
+"""The corrected accuracy: one number per design point in every command, and why a table has none."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import dse
+from dse.cli import main
+from dse.config import load_space
+from dse.skyline.posterior import expected
+from dse.study import corrected, explore
+from dse.study.record import load_records
+from tests import tiny_study
+
+Captured = pytest.CaptureFixture[str]
+EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
+COLUMNS = ["accuracy_corrected", "accuracy_corrected_low", "accuracy_corrected_high"]
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("read") / "example"
+    shutil.copytree(EXAMPLE, folder)
+    return folder
+
+
+def document(capsys: Captured, *arguments: str) -> dict[str, Any]:
+    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def printed(capsys: Captured, *arguments: str) -> str:
+    assert main([*arguments, "--format", "table"]) == 0
+    return capsys.readouterr().out
+
+
+def test_every_command_shows_the_number_of_the_table(example: Path, capsys: Captured) -> None:
+    points = dse.open(example).points()
+    keys = ["trial", "point", "hardware"]
+    of_point = points.set_index(keys)[COLUMNS]
+    for task in ("texture", "profile"):
+        where = f"task == '{task}' and hardware == 'loihi1_silicon'"
+        rows = document(capsys, "skyline", str(example), "--where", where)["rows"]
+        rows += document(capsys, "pick", str(example), "--budget", where, "--draws", "20")["rows"]
+        for row in rows:
+            assert [row[name] for name in COLUMNS] == of_point.loc[tuple(row[key] for key in keys)].tolist()
+    full = points[(points["hardware"] == "mcu_m4") & points[["phi", "read_out_ms"]].isna().all(axis=1)]
+    of_design = full.set_index("trial")
+    rows = [
+        row for row in document(capsys, "report", str(example))["rows"] if row["figure"] == "accuracy, mlp"
+    ]
+    assert len(rows) == 2
+    for row in rows:
+        assert row["corrected"] == of_design.loc[row["trial"], "accuracy_corrected"]
+        assert row["corrected_low"] < row["corrected"] <= row["ours"]
+
+
+def test_the_best_of_many_points_loses_what_others_keep(example: Path) -> None:
+    points = dse.open(example).points()
+    luck = points["accuracy"] - points["accuracy_corrected"]
+    assert (luck >= 0).all() and points[COLUMNS].notna().all(axis=None)
+    assert (points["accuracy_corrected_low"] < points["accuracy_corrected"]).all()
+    assert (points["accuracy_corrected_high"] <= 1).all()
+    texture = points["task"] == "texture"
+    assert luck[points["accuracy"][texture].idxmax()] > 0.02 > 5 * luck[texture].median()
+    on_chips = points.groupby(["trial", "point"])["accuracy_corrected"].nunique()
+    assert (on_chips == 1).all(), "a chip changes costs, not accuracies"
+
+
+def test_luck_grows_with_the_number_of_points_and_shrinks_with_recordings() -> None:
+    rng = np.random.default_rng(3)
+
+    def lost(n_points: int, n: int) -> float:
+        """Return what the best of equal points loses; all of what it has above 0.8 is luck."""
+        accuracy, number = np.unique(rng.binomial(n, 0.8, n_points) / n, return_counts=True)
+        return float(accuracy[-1] - expected(accuracy, np.full(len(accuracy), n), number)[-1])
+
+    many, few, long = lost(2000, 100), lost(10, 100), lost(2000, 5000)
+    assert many > 0.09 and many > 1.5 * few and long < many / 4
+    assert expected(np.array([0.9]), np.array([1000]), np.array([1]))[0] == pytest.approx(0.9, abs=0.005)
+
+
+def test_folds_have_their_own_recordings_and_repeats_the_same(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    cases = {"stratified: {validation: 0.5}": (18, 36), "k_fold: {k: 3}": (36, 36)}
+    for split, (recordings, answers) in cases.items():
+        text = tiny_study.REAL.replace("stratified: {validation: 0.5}", split).replace(
+            "epochs: 4", "epochs: 1"
+        )
+        text = text.replace("repeats: 2", f"repeats: {2 if 'strat' in split else 3}")
+        (tmp_path / "real.yaml").write_text(text)
+        space = load_space(tmp_path / "real.yaml")
+        study = explore.run(space, tmp_path / split[:6], progress=False)
+        of = corrected.asked(space, {0: load_records(study.folder, 0)})
+        assert of[0] == (recordings, answers), split
+
+
+def test_a_table_without_recordings_says_that_it_has_none(tmp_path: Path, capsys: Captured) -> None:
+    table = pd.DataFrame({"trial": [0, 1], "accuracy": [0.9, 0.8], "energy_uj": [2.0, 1.0]})
+    table.to_csv(tmp_path / "points.csv", index=False)
+    objectives = ("--objectives", "accuracy:max,energy_uj:min")
+    for command in (
+        ("skyline", str(tmp_path / "points.csv"), *objectives),
+        ("pick", str(tmp_path / "points.csv")),
+    ):
+        found = document(capsys, *command)
+        assert all(row["accuracy_corrected"] is None for row in found["rows"])
+        assert any(note.startswith("no accuracy_corrected") for note in found["notes"])
+
+
+def test_an_open_interval_is_its_low_end_and_both_energies_are_shown(example: Path, capsys: Captured) -> None:
+    budget = ("--budget", "hardware == 'spinnaker2' and task == 'texture'")
+    lines = dict(
+        line.split(maxsplit=1) for line in printed(capsys, "pick", str(example), *budget).splitlines()
+    )
+    row = document(capsys, "pick", str(example), *budget)["rows"][0]
+    assert row["energy_uj_high"] > 100 * row["energy_uj_low"]
+    assert lines["energy_uj"] == f"at least {row['energy_uj_low']:.4g}"
+    assert lines["energy_throttled_uj"].startswith("at least ")
+    low, value, high = (row[f"accuracy_corrected{end}"] for end in ("_low", "", "_high"))
+    assert lines["accuracy_corrected"] == f"{value:.3f} ({low:.3f}-{high:.3f})"
+    assert list(lines)[:3] == ["accuracy_corrected", "accuracy", "accuracy_test"]
+    budget = ("--budget", "hardware == 'mcu_m4' and task == 'texture'")
+    on_mcu = document(capsys, "pick", str(example), *budget)["rows"][0]
+    text = printed(capsys, "pick", str(example), *budget)
+    assert f"{on_mcu['energy_uj']:.4g}" in text and f"{on_mcu['energy_throttled_uj']:.4g}" in text
+    front = printed(capsys, "skyline", str(example), "--where", "hardware == 'spinnaker2'")
+    assert front.splitlines()[0].split().index("accuracy_corrected") + 1 == front.split().index("accuracy")
+    waiting = document(capsys, "skyline", str(example), "--where", "hardware == 'loihi1_silicon'")
+    times = max(row["energy_throttled_uj"] / row["energy_uj"] for row in waiting["rows"])
+    assert times > 1000 and any(f"{times:.0f} times as much" in note for note in waiting["notes"])
+    assert "at least" in front and "at least" in printed(capsys, "report", str(example))
