@@ -91,7 +91,7 @@ const Compare = (() => {
     const trialOf = (at) => Design.named(shown, at.key)[0] ?? at.value("trial");
     const nameAt = (at) => {
       const trial = trialOf(at);
-      return trial === null ? `Point ${at.key}` : `Trial ${number(trial)}`;
+      return trial === null ? `Point ${at.key}` : app.trialName(trial);
     };
 
     // ---- the table
@@ -154,13 +154,13 @@ const Compare = (() => {
       const plainRow = (column) => row(app.title(column), compared.map((at) => cell(at, column)));
       const known = (column) => compared.some((at) => at.value(column) !== null);
       const ways = { ...page.objectives, ...page.budgets.columns };
-      const numbered = [...new Set([...objectives, ...Object.keys(page.budgets.columns)])].filter(known);
+      const numbered = app.beside([...objectives, ...Object.keys(page.budgets.columns)]).filter(known);
       const parameters = page.design.filter((column) => !PLACES.includes(column) && known(column));
       const differs = (column) => new Set(compared.map((at) => String(at.value(column)))).size > 1;
       table.tHead.replaceChildren(head());
       table.tBodies[0].replaceChildren(
         ...PLACES.slice(1).filter((column) => columns[column] && app.varies(column)).map(plainRow),
-        ...numbered.map((column) => measured(column, ways[column])),
+        ...numbered.map((column) => measured(column, ways[column.replace(/_(corrected|test)$/, "")] ?? "min")),
         ...parameters.filter(differs).map(plainRow),
       );
       const equal = compared.length > 1 ? parameters.filter((column) => !differs(column)) : [];

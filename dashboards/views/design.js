@@ -11,7 +11,7 @@ const Design = (() => {
     confusion: "Answers at the end of the recording, as trained; all repeats.", energy: "An answer at the end of the recording, as trained.",
     cores: "As trained.", bits: "Answers at the end of the recording.", power: "As trained.",
     recognition: "Answers after shorter recordings, as trained; mean of all repeats. The ring is t_c.",
-    first_spike: "Recordings of the first repeat: median of each class, from its least to its largest time.",
+    first_spike: "Validation recordings of the first repeat: median of each class, from its least to its largest time.",
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
   const SETTLED_MS = 150;
@@ -253,13 +253,14 @@ const Design = (() => {
         return value !== null && (way === "max" ? value >= limit : value <= limit);
       };
       const isWithin = isRow(shown, chosen.row) ? within(chosen.row) : budgeted.limits.every(meets);
-      const reason = isRow(shown, chosen.row) ? shown.leftOut(chosen.row) : chosen.value("fits") === false ? `does not fit ${chosen.value("hardware")}` : "";
+      const isLarge = chosen.value("fits") === false;
+      const reason = isRow(shown, chosen.row) ? shown.leftOut(chosen.row) : isLarge && !budgeted.chosen.oversize ? `does not fit ${chosen.value("hardware")}` : "";
       if (reason) return reason;
       if (!isWithin) return "outside the budgets";
       if (!isRow(shown, chosen.row) || !onFront.has(chosen.row)) return "dominated";
       const [share, of] = [[chosen.value("front_probability"), "samples of recordings, seeds and chip"], [chosen.value("front_share"), "samples of the chip's numbers"]]
         .find(([value]) => typeof value === "number") ?? [null];
-      return `on the front${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
+      return `on the front${isLarge ? " of a larger chip" : ""}${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
     }
 
     // The parts of a latency: waiting for the decision, and what the chip still computes then.
@@ -322,12 +323,12 @@ const Design = (() => {
       const { chosen, columns, page, state, objectives: aims } = shown;
       const has = (column) => chosen.value(column) !== null;
       const trial = chosen.value("trial") ?? named(shown, chosen.key)[0];
-      heading.textContent = clip(trial === null ? `Point ${chosen.key}` : `Trial ${number(trial)}`, 60);
+      heading.textContent = clip(trial === null ? `Point ${chosen.key}` : app.trialName(trial), 60);
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
       win.textContent = [winning(shown), picking(shown)].filter(Boolean).join(" ");
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
-      const measured = [...new Set([...aims, ...Object.keys(page.budgets.columns)])];
+      const measured = app.beside([...aims, ...Object.keys(page.budgets.columns)]);
       list(objectives, measured.filter(has));
       const inHead = ["trial", "task", "hardware"];
       list(parameters, page.design.filter((column) => !inHead.includes(column) && has(column)));
@@ -413,6 +414,7 @@ const Design = (() => {
 
     function absent(page) {
       if (Details.isServed(page) || page.details?.[loaded.trial]) return Details.absent(page, loaded.trial);
+      if (!page.budgets.results) return "This page of two studies has no details of designs; the page of each study has.";
       const n = Object.keys(page.details ?? {}).length;
       const carried = n ? `the details of ${app.plural(n, "design")}` : "no details of designs";
       return `This file carries ${carried}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;

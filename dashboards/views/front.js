@@ -85,7 +85,7 @@ const Front = (() => {
       const reason = shown.leftOut(row);
       const lines = page.design.filter((column) => columns[column].values[row] !== null)
         .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
-      const measured = [...new Set([...objectives, ...axes()])].filter((column) => !page.design.includes(column));
+      const measured = app.beside([...objectives, ...axes()]).filter((column) => !page.design.includes(column));
       return [...(reason ? [reason] : []), ...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
         .map((line) => clip(line, HOVER_CHARACTERS));
     }
@@ -270,9 +270,6 @@ const Front = (() => {
         add(dim, { color: painted(dim, colour), size: 3, opacity: 0.22, line: { width: 0 } });
         const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
         add(best, { color: best.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look)), size: 3.5, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
-        if (line.length > 3) {
-          traces.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
-        }
         const shaded = line.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look));
         add(line, { color: shaded, size: 4.5, line: { color: look.page, width: 1 } },
           { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 && !tint });
@@ -344,6 +341,7 @@ const Front = (() => {
         ...Figure.face(look, narrow),
         margin: flat() ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
         legend: { orientation: "h", x: 0, y: !flat() ? 1.08 : panels.length > 1 ? 1.07 : 1, yanchor: flat() ? "bottom" : "top", itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
+        ...(look.paper ? { width: plot.clientWidth, height: plot.clientHeight } : {}),
         uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
       };
       if (!flat()) {
@@ -658,7 +656,7 @@ const Front = (() => {
       Figure.library().then(() => {
         if (current !== shown) return;
         const look = app.style();
-        const space = String(!flat());
+        const space = `${!flat()} ${look.paper}`; // as wide as it was drawn
         if (plot.dataset.space !== space) Plotly.purge(plot);
         plot.dataset.space = space;
         plot.dataset.view = drawnView();
@@ -699,6 +697,7 @@ const Front = (() => {
     function render(next) {
       const isNew = shown?.page !== next.page;
       shown = next;
+      if (!next.moving) size = [plot.clientWidth, plot.clientHeight]; // the observer is late for paper
       if (isNew) fresh();
       panels = flat() ? panelsOf() : [];
       ring.hidden = tip.hidden = true;

@@ -267,7 +267,7 @@ def _state(
     if not len(points):
         return {
             "title": "No design yet",
-            "text": "This study has no finished trial. Run it, or wait for the first trial.",
+            "text": "This study has no finished trial; `dse run` trains its designs.",
         }
     if not present:
         return {

@@ -172,6 +172,7 @@ class Live:
         required: Sequence[Path],
         optional: Sequence[Path],
         waiting: Callable[[], Page],
+        beside: Callable[[], object] = lambda: None,
     ) -> None:
         """Store the files and the functions; nothing is read yet.
 
@@ -181,14 +182,16 @@ class Live:
             required: files that a page needs. Every request checks all files; they are read after a change.
             optional: files that may be absent.
             waiting: gathers the page before the files can be read for the first time.
+            beside: what else the page depends on: the files are read again when it changes.
         """
         self._read = read
         self._required = required
         self._files = [*required, *optional]
         self._good: Page | None = None
         self._waiting = waiting
+        self._beside = beside
         self._read_at = ""
-        self._stamps: list[Stamp | None] = []
+        self._stamps: list[object] = []
         self._version: PageVersion | None = None
         self._reading = threading.Lock()
 
@@ -198,7 +201,7 @@ class Live:
             assert self._version is not None
             return self._version
         try:
-            stamps = [stamp(path) for path in self._files]
+            stamps = [*map(stamp, self._files), self._beside()]
             if self._version is None or stamps != self._stamps:
                 self._version = _version(self._page(), self._version)
                 self._stamps = stamps  # files that change during the reading are read again next time
