@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import itertools
 import json
 import os
 import re
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, object]
 FORMATS = ("table", "json", "csv", "parquet")
-_MOST_ROWS = 24
+MOST_ROWS = 24
+"""Rows of a table on a terminal, unless all are asked for."""
+
 _FEW_ROWS = 4  # fewer keep columns of one value, where these fit
 _PIPED = 160  # characters of a table that goes to no terminal
 _PROSE = 20  # texts that are longer may be wrapped between words, to no less than this
@@ -39,9 +42,11 @@ class Answer:
     code: exit code.
     essential: columns that a narrow terminal shows too; it leaves out others, the widest first. Empty: it
         leaves out none, and lists a row's values below each other where they do not fit side by side.
-    telling: columns that it leaves out last: what rows of different tasks and chips are told apart by.
+    telling: columns that it leaves out last: what rows are told apart by.
+    groups: columns whose values head the rows of a table that have them, in place of a column.
     table: the rows of a table on a terminal, if these are fewer (equal ones as one row); other formats have
         all rows.
+    best: places of rows of the table, which a terminal shows if it cannot show all; empty: evenly spaced.
     all_rows: whether a terminal shows every row, however many.
     is_printed: whether the command has printed its result, all but the notes.
     sections: further answers by title; CSV and Parquet hold the rows of the first alone.
@@ -52,7 +57,9 @@ class Answer:
     columns: Sequence[str] = ()
     essential: Sequence[str] = ()
     telling: Sequence[str] = ()
+    groups: Sequence[str] = ()
     table: Sequence[Row] | None = None
+    best: Sequence[int] = ()
     text: str = ""
     code: int = 0
     all_rows: bool = False
@@ -66,7 +73,8 @@ def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table
     group.add_argument(
         "--format",
         choices=formats,
-        help="output format (default: table on a terminal, otherwise text or CSV); json prints one document",
+        help="output format (default: table on a terminal, otherwise text, or CSV of the table's columns); "
+        "csv, parquet and json have every column",
     )
     group.add_argument(
         "--json", action="store_const", const="json", dest="format", help="same as --format json"
@@ -79,8 +87,9 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         for note in answer.notes:
             print(note, file=sys.stderr)
         return
+    columns: Sequence[str] = ()
     if form is None:
-        form = "table" if answer.text or sys.stdout.isatty() else "csv"
+        form, columns = "table" if answer.text or sys.stdout.isatty() else "csv", answer.columns
     if form == "json":
         print(document(answer, command))
         return
@@ -97,7 +106,8 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         return
     if form == "csv":
         if answer.rows or answer.columns:
-            _frame(answer).to_csv(sys.stdout, index=False)
+            frame = _frame(answer)
+            frame[[name for name in columns or frame if name in frame]].to_csv(sys.stdout, index=False)
     else:
         buffer = io.BytesIO()
         _frame(answer).to_parquet(buffer, index=False)
@@ -142,19 +152,21 @@ def _print_table(answer: Answer) -> None:
         texts = [f"{name} {cell(rows[0].get(name))}" for name in same]
         print("\n".join(_wrap(f"in all rows: {' · '.join(texts)}", width)))
     shown = rows
-    if len(rows) > _MOST_ROWS and not answer.all_rows:
-        places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
-        shown = [rows[place] for place in places]
-    needed = {name: _least_width(name, shown) for name in columns}
+    if len(rows) > MOST_ROWS and not answer.all_rows:
+        spaced = [round(i * (len(rows) - 1) / (MOST_ROWS - 1)) for i in range(MOST_ROWS)]
+        shown = [rows[place] for place in sorted(answer.best or spaced)]
+    groups = [name for name in answer.groups if name in columns]
+    needed = {name: _least_width(name, shown) for name in columns if name not in groups}
     left_out = _left_out(needed, answer.essential, answer.telling, width)
-    side_by_side = [name for name in columns if name not in left_out]
+    side_by_side = [name for name in needed if name not in left_out]
     if _total(needed[name] for name in side_by_side) <= width:
-        _print_grid(shown, side_by_side, needed, width)
+        _print_grid(shown, side_by_side, needed, width, groups)
     else:
         left_out = []
         _print_records(shown, columns, width)
     if len(shown) < len(rows):
-        text = f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all"
+        which = "those that add most to the front" if answer.best else "evenly spaced"
+        text = f"{len(shown)} of {len(rows)} rows, {which}; --format csv prints all"
         print("\n".join(_wrap(text, width)))
     if left_out:
         text = f"too narrow for {', '.join(left_out)}: widen the terminal, or --format csv prints all columns"
@@ -200,25 +212,44 @@ def _left_out(
     return [name for name in needed if name in out]
 
 
-def _print_grid(rows: Sequence[Row], columns: Sequence[str], needed: Mapping[str, int], width: int) -> None:
+def _print_grid(
+    rows: Sequence[Row], columns: Sequence[str], needed: Mapping[str, int], width: int, groups: Sequence[str]
+) -> None:
+    """Print the header once, and the rows below the values of the groups that they are of."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from dse.store import plain_cell
 
-    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
-    for name in columns:
-        numeric = all(isinstance(plain_cell(row.get(name)), int | float | None) for row in rows)
-        table.add_column(
-            Text(name),
-            justify="right" if numeric else "left",
-            no_wrap=not _is_prose(name, rows),
-            min_width=needed[name],
+    console = Console(width=width, highlight=False)
+    numeric = {
+        name: all(isinstance(plain_cell(row.get(name)), int | float | None) for row in rows)
+        for name in columns
+    }
+
+    def print_part(part: Sequence[Row], has_header: bool) -> None:
+        table = Table(
+            box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold", show_header=has_header
         )
-    for row in rows:
-        table.add_row(*(Text(cell(row.get(name))) for name in columns))
-    Console(width=width, highlight=False).print(table)
+        for name in columns:
+            table.add_column(
+                Text(name),
+                justify="right" if numeric[name] else "left",
+                no_wrap=not _is_prose(name, rows),
+                min_width=needed[name],
+            )
+        for row in part:
+            table.add_row(*(Text(cell(row.get(name))) for name in columns))
+        console.print(table)
+
+    if not groups:
+        print_part(rows, True)
+        return
+    print_part([], True)
+    for values, part in itertools.groupby(rows, lambda row: [cell(row.get(name)) for name in groups]):
+        console.print(Text(", ".join(values), style="bold"))
+        print_part(list(part), False)
 
 
 def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> None:

@@ -21,10 +21,11 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
 from dse.records import Array, Bools, Floats, Ints
 from dse.seeds import generator
-from dse.skyline.front import Draws, comparable, front_draws
+from dse.skyline.front import Draws, comparable, front_draws, front_share
 from dse.skyline.pick import optimism
 from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers
+from dse.store import StoreError
 from dse.study import pricing
 from dse.study.fronts import GROUPS
 from dse.study.precision import as_trained
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 ACCURACIES = ("accuracy", "accuracy_strict", "accuracy_shifted", "accuracy_shifted_min")
 """Columns that are resampled, if the table has them."""
+
+CERTAINTY = ("front_share", "front_probability")
+"""Columns of `certainty`."""
 
 _SEED = 20261122
 _DRAWS = 400
@@ -177,6 +181,49 @@ def draws(
         return {name: (numbers(rows, name) - x, numbers(rows, name) + x) for name, x in within.items()}
 
     return Draws([*accuracies, *(chips.columns if chips else ())], of, ends)
+
+
+def certainty(
+    paths: Sequence[str | Path],
+    frames: Sequence[pandas.DataFrame],
+    hardware: Sequence[str],
+    goals: Sequence[tuple[str, str]],
+    n_draws: int,
+    among: pandas.DataFrame,
+    by: str | Sequence[str] | None = None,
+) -> tuple[dict[str, pandas.Series], list[str]]:
+    """Return the fractions of samples in which points are on their front, and why one is missing.
+
+    front_share varies the hardware's uncertain numbers, front_probability also recordings and seeds.
+
+    Args:
+        paths, frames, hardware, goals, n_draws: as of `draws`.
+        among: the rows of all frames that are compared.
+        by: columns whose values have separate fronts.
+
+    Raises:
+        StoreError: a frame is not from a study, or nothing among the objectives is uncertain.
+    """
+    import pandas
+
+    pricing.check_studies(paths, "sampling needs")
+    names = {name for name, _ in goals}
+    columns: dict[str, pandas.Series] = {}
+    notes = []
+
+    def share(drawing: Draws) -> pandas.Series:
+        return pandas.Series(front_share(among, goals, drawing, by), among.index)
+
+    if not names & {*ACCURACIES} or (names & {*DRAWN} and all("hardware" in x for x in frames)):
+        columns["front_share"] = share(
+            pricing.draws(paths, frames, hardware, [name for name, _ in goals], n_draws)
+        )
+    if names & {*ACCURACIES}:
+        try:
+            columns["front_probability"] = share(draws(paths, frames, hardware, goals, n_draws))
+        except StoreError as error:  # studies of earlier versions lack answers to single recordings
+            notes.append(f"no front_probability: {error}")
+    return columns, notes
 
 
 def optimism_of(

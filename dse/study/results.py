@@ -1,4 +1,4 @@
-"""The results of a study that runs or has finished: tables, records, skyline and pick."""
+"""The results of a study that runs or has finished: tables and records."""
 
 from __future__ import annotations
 
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from dse.hardware.profile import Profile
     from dse.preprocessing.stages import Stages
     from dse.records import Array, Dataset
-    from dse.skyline.front import Skyline
     from dse.skyline.goals import Goal
-    from dse.skyline.pick import Pick
 
 
 @dataclass(frozen=True)
@@ -171,25 +169,6 @@ class Study:
         from dse.audit import record
 
         return record.read(self.folder / record.FILE)
-
-    def skyline(
-        self,
-        objectives: Sequence[tuple[str, str]] | None = None,
-        where: str | None = None,
-        by: str | None = None,
-    ) -> Skyline:
-        """Return the non-dominated points; objectives None: those of the search space."""
-        from dse.skyline.front import skyline
-
-        return skyline(self.points(), objectives or self.objectives, where, by)
-
-    def pick(self, budgets: Sequence[str], maximise: str = "accuracy") -> Pick:
-        """Return the best point within the budgets, or the nearest ones (`dse.skyline.pick`)."""
-        from dse.skyline.pick import pick
-
-        points = self.points()
-        ties = [goal for goal in self.objectives if goal.column != maximise and goal.column in points]
-        return pick(points, budgets, maximise, ties)
 
 
 def open(folder: str | Path) -> Study:
