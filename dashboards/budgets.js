@@ -79,7 +79,7 @@ const Budgets = (() => {
     const objectives = Object.entries(page.objectives);
     const nRows = Object.values(columns)[0]?.values.length ?? 0;
     const values = Object.fromEntries(
-      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise, ...budgets.ties])]
+      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise, ...budgets.ties.map(([c]) => c)])]
         .filter((c) => c && columns[c]).map((c) => [c, numbers(columns[c].values)]));
     const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
     const costs = objectives.map(([column, way]) => costOf(column, way));
@@ -122,9 +122,8 @@ const Budgets = (() => {
       return typeof value === "number" && !(value < condition.low && condition.low !== null) && !(condition.high !== null && value > condition.high);
     }
 
-    // Chips that have answered for any design: what has no answer on one of them cannot run there.
-    const answering = new Set((columns.fits?.values ?? []).flatMap((value, row) => (typeof value === "boolean" ? [hardware?.[row]] : [])));
-    const isUnable = (row) => typeof columns.fits?.values[row] !== "boolean" && answering.has(hardware?.[row]);
+    const unable = new Set(page.unable);
+    const isUnable = (row) => unable.has(row);
     const isLarge = (row) => columns.fits?.values[row] === false;
 
     // Rows of the filters, and apart from them those that do not fit their chip: none of these can be chosen.
@@ -209,16 +208,13 @@ const Budgets = (() => {
       const result = {
         page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
-        misfits, weight, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0, front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
+        misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0, front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
         cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
         ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [], relaxed: [], picks: [],
         command: command(state, chosen, limits, conditions),
       };
       if (!budgets.maximise) return result;
-      const ranking = [costOf(budgets.maximise, "max"), ...objectives.filter(([c]) => c !== budgets.maximise).map(([c, way]) => costOf(c, way)),
-        ...conditions.flatMap(({ column, low, high, values: names }) => (names ? [] : [
-          ...(low !== null ? [numbers(columns[column].values).map((v) => -v)] : []), ...(high !== null ? [numbers(columns[column].values)] : [])])),
-        ...limits.map(({ column, way }) => costOf(column, way)), ...budgets.ties.filter((c) => values[c]).map((c) => costOf(c, "min"))];
+      const ranking = [costOf(budgets.maximise, "max"), ...budgets.ties.map(([c, way]) => costOf(c, way))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
       const feasible = rivals.filter(isWithin);
       result.pick = least(feasible, ranking);
@@ -241,10 +237,12 @@ const Budgets = (() => {
         if (row >= 0) result.relaxed.push({ row, column, missed: [{ ...limits[k], by: miss(limits[k], row) }] });
       });
       const shortfall = new Float64Array(nRows);
-      let left = selected.filter(known);
+      // Where nothing fits, the nearest are those that a larger chip would hold.
+      let left = (result.noneFits ? misfits.filter((row) => !isUnable(row) && result.matches(row)) : selected).filter(known);
+      const deciding = new Set(budgets.contenders);
       for (const row of left) for (const one of limits) shortfall[row] += miss(one, row) / (Math.abs(one.limit) || 1);
       while (left.length && result.nearest.length < 3) {
-        const among = result.nearest.length ? left : rivals.filter(known);
+        const among = result.nearest.length || conditions.length ? left : left.filter((row) => deciding.has(row));
         const row = least(among, [shortfall, ...ranking]);
         result.nearest.push({ row, missed: limits.map((one) => ({ ...one, by: miss(one, row) })).filter(({ limit, column, way, by }) => by > 0 || !meets({ limit, column, way }, row)) });
         left = left.filter((other) => !sameDesign(other, row));
@@ -380,9 +378,8 @@ const Budgets = (() => {
           row >= 0 ? design(page, row) : element("p", { textContent: "nothing is feasible" })])]
           : result.pick >= 0
             ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
-            : result.relaxed.length ? ["Nothing is feasible; relax one budget", ...result.relaxed.map(({ row, missed }) => design(page, row, missed))]
-              : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
-                : ["Nothing is feasible", element("p", { textContent: result.noneFits ? fitOf(page, result) : "No design has values for all budgets." })];
+            : ["Nothing is feasible", ...(result.noneFits || !result.nearest.length ? [element("p", { textContent: fitOf(page, result) || "No design has values for all budgets." })] : []),
+              ...offered("relax one budget", result.relaxed, page), ...offered(result.noneFits ? "nearest, on a larger chip" : "nearest in all", result.nearest, page)];
       write("#pick h2", heading);
       writePick(nodes);
       part("#export").hidden = result.pick < 0 || !budgets.results; // two studies have no command
@@ -391,12 +388,14 @@ const Budgets = (() => {
       part("#command").textContent = result.command;
     }
 
+    const offered = (words, designs, page) => (designs.length ? [element("h3", { textContent: words }), ...designs.map(({ row, missed }) => design(page, row, missed))] : []);
+
     // What the chip that is shown does with the designs that are shown.
-    function fitOf({ columns, budgets }, { misfits, isMisfit, noneFits, chosen, conditions, admitted }) {
+    function fitOf({ budgets }, { misfits, isUnable, isMisfit, noneFits, chosen, conditions, admitted }) {
       const chip = chosen.hardware ?? "the chip";
       if (noneFits) {
-        const large = misfits.some((row) => columns.fits.values[row] === false);
-        const unable = misfits.some((row) => columns.fits.values[row] !== false);
+        const large = misfits.some((row) => !isUnable(row));
+        const unable = misfits.some(isUnable);
         return !large ? `${chip} cannot run ${chosen.family ?? "these designs"}.`
           : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`;
       }

@@ -345,8 +345,12 @@
   // Some rows with all their columns, as a spreadsheet reads them.
   function csv(name, some) {
     const quoted = (value) => (/[",\r\n]/.test(String(value)) ? `"${String(value).replace(/"/g, '""')}"` : String(value));
-    const cells = (row) => Object.values(columns).map(({ values }) => (values[row] === null || values[row] === undefined ? "" : quoted(values[row])));
-    const lines = [Object.keys(columns).map(quoted), ...some.map(cells)].map((line) => `${line.join(",")}\r\n`);
+    // An error is a column, and so is each end of an interval.
+    const spread = Object.entries(page.intervals).flatMap(([column, { low, high }]) => (low.every((end, row) => end === high[row]) ? [[`${column}_se`, (row) => high[row]]]
+      : [["low", -1, low], ["high", 1, high]].map(([end, sign, by]) => [`${column}_${end}`, (row) => (columns[column].values[row] === null ? null : Number((columns[column].values[row] + sign * by[row]).toPrecision(6)))])));
+    const written = [...Object.entries(columns).map(([name, { values }]) => [name, (row) => values[row]]), ...spread];
+    const cells = (row) => written.map(([, value]) => quoted(value(row) ?? ""));
+    const lines = [written.map(([name]) => quoted(name)), ...some.map(cells)].map((line) => `${line.join(",")}\r\n`);
     const address = URL.createObjectURL(new Blob(lines, { type: "text/csv" }));
     download(`${fileName()}-${name}.csv`, address);
     setTimeout(() => URL.revokeObjectURL(address), 60000);

@@ -204,7 +204,7 @@ const Compare = (() => {
 
     function renderFigures() {
       const { state, compared } = shown;
-      const offered = TABS.filter((tab) => compared.some((at) => Design.figureOf(partAt(at), tab, state.hardware)));
+      const offered = TABS.filter((tab) => compared.some((at) => Design.figureOf(partAt(at), tab, state.hardware, state.pace, at.value)));
       const selected = select.value;
       if ([...select.options].map(({ value }) => value).join() !== offered.join()) {
         select.replaceChildren(...offered.map((tab) => element("option", { value: tab, textContent: tab })));
@@ -213,10 +213,10 @@ const Compare = (() => {
       choice.hidden = offered.length === 0;
       figures.hidden = offered.length === 0;
       const details = compared.map(detailsOf);
-      const key = JSON.stringify([select.value, state.hardware, app.style().dark, compared.map((at) => [trialOf(at), at.value("task")])]);
+      const key = JSON.stringify([select.value, state.hardware, app.style().dark, state.pace, compared.map((at) => [trialOf(at), ...["task", "weight_bits", "pruned_after"].map(at.value)])]);
       if (!offered.length || (drawn.key === key && details.every((one, k) => one === drawn.details[k]))) return;
       drawn = { key, details };
-      const drawings = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware));
+      const drawings = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware, state.pace, at.value));
       const wide = SCALED.includes(select.value) ? scaled(drawings.filter(Boolean)) : drawings.filter(Boolean);
       const high = Math.max(...wide.map(({ layout }) => layout.height ?? 320));
       const nodes = compared.map((at, k) => {

@@ -135,7 +135,7 @@ const Decide = (() => {
           const note = budgeted.noneFits ? "none fits" : "";
           const value = least[k] && Number.isFinite(least[k].cost) ? app.withInterval(cost, least[k].row) : "–";
           return element("tr", {}, element("th", { scope: "row", className: "text" }, open), ...(tasks.length > 1 ? [cell(clip(task, 24), "text")] : []),
-            cell(note || app.many(budgeted.count)), cell(pick >= 0 ? app.withInterval(headline, pick) : "–"), ...(cost ? [cell(pick >= 0 ? app.withInterval(cost, pick) : "–"),
+            cell(note || `${app.many(budgeted.count)}${pick >= 0 && budgeted.isMisfit(pick) ? ", larger chip" : ""}`), cell(pick >= 0 ? app.withInterval(headline, pick) : "–"), ...(cost ? [cell(pick >= 0 ? app.withInterval(cost, pick) : "–"),
               element("td", {}, element(best && least[k] === best && wins ? "strong" : "span", { textContent: value }))] : []));
         });
       });

@@ -4,6 +4,7 @@
 const Front = (() => {
   const BARS = 14; // intervals on a front: more would hide its points
   const SPACE_POINTS = 2000; // dominated points drawn in space
+  const ARROW_PX = 20;
   const NEAR_PX = 16; // how far from a point a pointer means it
   const SETTLED_MS = 150; // after a budget's last step: until then the canvas draws what plotly is too slow for
   const FADE_MS = 1200; // of points that a running study adds
@@ -63,13 +64,23 @@ const Front = (() => {
     // On a crowded front every n-th point carries its interval.
     function bars(some, colour) {
       const step = Math.ceil(some.length / BARS);
-      const thinned = (values) => some.map((row, k) => (k % step === 0 ? values[row] : null));
+      const thinned = (values, column) => some.map((row, k) => (k % step === 0 && !(column && app.isOpen(column, row)) ? values[row] : null));
       return Object.fromEntries(axes().flatMap((column, k) => {
         const interval = Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : undefined;
         return !interval ? [] : [[`error_${letters()[k]}`, {
           type: "data", symmetric: false, color: `${colour}99`, thickness: 1, width: 2,
-          array: thinned(interval.high), arrayminus: thinned(interval.low),
+          array: thinned(interval.high, column), arrayminus: thinned(interval.low),
         }]];
+      }));
+    }
+
+    // Of an interval whose upper end says nothing, an arrow.
+    function arrows(some, look, suffix) {
+      const step = Math.ceil(some.length / BARS);
+      return axes().flatMap((column, axis) => some.filter((row, k) => k % step === 0 && app.isOpen(column, row)).map((row) => {
+        const at = axes().map((name, k) => (shown.state[`l${"xy"[k]}`] === "1" ? Math.log10(app.numbers(name)[row]) : app.numbers(name)[row]));
+        const along = axis === 0 ? { xshift: ARROW_PX, ax: -ARROW_PX, ay: 0 } : { yshift: ARROW_PX, ax: 0, ay: ARROW_PX };
+        return { x: at[0], y: at[1], xref: `x${suffix}`, yref: `y${suffix}`, text: "", showarrow: true, arrowhead: 2, arrowwidth: 1, arrowcolor: look.quiet, ...along };
       }));
     }
 
@@ -187,6 +198,11 @@ const Front = (() => {
       return marks.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(app.placed(column, at.value(column)))));
     }
 
+    // Picks whose gain is drawn and known as it is corrected for the choice.
+    const corrections = () => (shown.state.y !== shown.page.budgets.maximise ? [] : shown.budgeted.picks.filter(({ row }) => row >= 0
+      && Number.isFinite(shown.columns[`${shown.state.y}_corrected`]?.values[row]) && Number.isFinite(app.numbers(shown.state.x)[row])
+      && (shown.state.task === BOTH || taskOf(row) === shown.state.task)));
+
     const published = () => (shown.page.marks).filter(({ task, values }) =>
       (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[column])));
 
@@ -234,6 +250,15 @@ const Front = (() => {
             marker: { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } },
             hoverinfo: "text", hovertext: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`),
             name: "published", showlegend: true,
+          });
+        }
+        for (const { row } of corrections().filter((one) => here({ task: taskOf(one.row) }))) {
+          const [measured, better] = [state.y, `${state.y}_corrected`];
+          const ends = page.intervals[better];
+          add({
+            mode: "lines+markers", x: [state.x, state.x].map((column) => app.numbers(column)[row]), y: [measured, better].map((column) => app.numbers(column)[row]),
+            line: { color: look.text, width: 1, dash: "dot" }, marker: { symbol: ["circle", "line-ew"], size: [0, 14], line: { color: look.text, width: [0, 2.5] } },
+            ...(ends ? { error_y: { type: "data", symmetric: false, color: look.text, thickness: 1, width: 4, array: [null, ends.high[row]], arrayminus: [null, ends.low[row]] } } : {}),
           });
         }
         for (const { at, marker, name, words } of marked(look).filter(here)) {
@@ -351,14 +376,19 @@ const Front = (() => {
         };
         return figureLayout;
       }
+      figureLayout.annotations = panels.some(({ points }) => points.length) ? [] : [{
+        text: shown.budgeted.noneFits ? escaped(`No design fits ${clip(shown.state.hardware || "the chip", 40)}`) : "No point has both numbers",
+        xref: "paper", yref: "paper", x: 0.5, y: 0.5, showarrow: false, font: { size: 16, color: look.quiet },
+      }];
       panels.forEach(({ suffix, tasks }, k) => {
         const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
         const room = Math.max(4, Math.floor(plot.clientWidth / panels.length / CHARACTER_PX));
         figureLayout[`xaxis${suffix}`] = { ...axis("x", look), showgrid: whole, domain: [low, high], anchor: `y${suffix}` };
         if (k && clip(title(state.x), 48).length > room) figureLayout[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
         figureLayout[`yaxis${suffix}`] = { ...axis("y", look), showgrid: whole, anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
+        figureLayout.annotations.push(...arrows(panels[k].line, look, suffix));
         if (panels.length > 1) {
-          (figureLayout.annotations ??= []).push({
+          figureLayout.annotations.push({
             text: escaped(clip(tasks[0], Math.min(40, room))), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
             showarrow: false, font: { color: colourOf(tasks[0], look) },
           });
@@ -676,6 +706,7 @@ const Front = (() => {
         (shown.columns.front_probability ?? shown.columns.front_share) && item("faint", `paler: on the front in few samples of ${shown.columns.front_probability ? "recordings, seeds and chip" : "the chip's numbers"}`),
         front && item("whisker", "standard error, or the model's interval"), budgeted.limits.length && item("beyond", "outside the budgets"),
         budgeted.limits.length && item("diamond", budgeted.pick >= 0 ? "pick" : "nearest"), shown.rows.some(shown.leftOut) && item("left", "left out"),
+        corrections().length && item("bar", "the pick, corrected for being the best of many"),
         published().length && item("cross", "published, on its own data"),
       ].filter(Boolean));
       const rows = (front ?? budgeted.front).filter((row) => state.task === BOTH || !columns.task || taskOf(row) === state.task);

@@ -10,7 +10,6 @@ import ast
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
-
 _TOKEN = re.compile(r"[\w.]+|[^\w\s]+")
 
 
