@@ -214,7 +214,7 @@ const Budgets = (() => {
         command: command(state, chosen, limits, conditions),
       };
       if (!budgets.maximise) return result;
-      const ranking = [costOf(budgets.maximise, "max"), ...budgets.ties.map(([c, way]) => costOf(c, way))];
+      const ranking = [costOf(budgets.maximise, "max"), ...budgets.ties.filter(([c]) => values[c]).map(([c, way]) => costOf(c, way))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
       const feasible = rivals.filter(isWithin);
       result.pick = least(feasible, ranking);
@@ -266,7 +266,7 @@ const Budgets = (() => {
       const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
       return ["dse pick", quoted(budgets.results), ...priced, ...(chosen.oversize ? ["--oversize"] : []), ...(budgets.repeats === "mean" ? [] : [`--repeats ${budgets.repeats}`]), ...expressions.map((one) => `--budget ${quoted(one)}`),
-        ...(budgets.maximise === "accuracy" ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
+        ...(budgets.maximise === (objectives.find(([, way]) => way === "max")?.[0] ?? "accuracy") ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
     }
 
     // The front over some objectives alone, among what is within the budgets.

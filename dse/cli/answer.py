@@ -144,12 +144,12 @@ def _print_table(answer: Answer) -> None:
     rows = list(answer.rows if answer.table is None else answer.table)
     width = _width() or _PIPED
     if len(rows) > 1:
-        columns = [name for name in columns if any(cell(row.get(name)) not in ("", "-") for row in rows)]
+        columns = [name for name in columns if any(_text(row, name) not in ("", "-") for row in rows)]
     fits = _total(_least_width(name, rows) for name in columns) <= width
     same = [] if fits and len(rows) < _FEW_ROWS else _same(rows, columns)
     columns = [name for name in columns if name not in same]
     if same:
-        texts = [f"{name} {cell(rows[0].get(name))}" for name in same]
+        texts = [f"{name} {_text(rows[0], name)}" for name in same]
         print("\n".join(_wrap(f"in all rows: {' · '.join(texts)}", width)))
     shown = rows
     if len(rows) > MOST_ROWS and not answer.all_rows:
@@ -177,12 +177,12 @@ def _same(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:
     """Return the columns with one value in all of several rows; the first column is never among them."""
     if len(rows) < 2:
         return []
-    return [name for name in columns[1:] if len({cell(row.get(name)) for row in rows}) == 1]
+    return [name for name in columns[1:] if len({_text(row, name) for row in rows}) == 1]
 
 
 def _least_width(name: str, rows: Sequence[Row]) -> int:
     """Return the width below which a column would break a number, a header or a word."""
-    cells = [cell(row.get(name)) for row in rows]
+    cells = [_text(row, name) for row in rows]
     if _is_prose(name, rows):
         words = max((len(word) for text in cells for word in text.split()), default=0)
         return max(len(name), words, min(_PROSE, max(map(len, cells))))
@@ -240,21 +240,21 @@ def _print_grid(
                 min_width=needed[name],
             )
         for row in part:
-            table.add_row(*(Text(cell(row.get(name))) for name in columns))
+            table.add_row(*(Text(_text(row, name)) for name in columns))
         console.print(table)
 
     if not groups:
         print_part(rows, True)
         return
     print_part([], True)
-    for values, part in itertools.groupby(rows, lambda row: [cell(row.get(name)) for name in groups]):
+    for values, part in itertools.groupby(rows, lambda row: [_text(row, name) for name in groups]):
         console.print(Text(", ".join(values), style="bold"))
         print_part(list(part), False)
 
 
 def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> None:
     """Print a row's values below each other, and an empty line between rows."""
-    texts = [[(name, cell(row.get(name))) for name in columns] for row in rows]
+    texts = [[(name, _text(row, name)) for name in columns] for row in rows]
     print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
 
 
@@ -307,13 +307,18 @@ def _width() -> int | None:
     return max(shutil.get_terminal_size().columns, 1)
 
 
-def cell(value: object) -> str:
-    """Return a value as text for a table: four significant digits, '-' for a missing value."""
+def _text(row: Row, name: str) -> str:
+    """Return a value of a row as text; of an error two digits are known at most."""
+    return cell(row.get(name), 2 if name.endswith("_se") else 4)
+
+
+def cell(value: object, digits: int = 4) -> str:
+    """Return a value as text for a table: some significant digits, '-' for a missing value."""
     from dse.store import plain_cell
 
     value = plain_cell(value)
     if value is None:
         return "-"
     if isinstance(value, float):
-        return f"{value:.0f}" if abs(value) >= 10_000 else f"{value:.4g}"
+        return f"{value:.0f}" if abs(value) >= 10_000 else f"{value:.{digits}g}"
     return str(value)

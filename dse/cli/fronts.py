@@ -37,14 +37,12 @@ POINTS = "points"
 """Column of a table on a terminal: how many points of a trial have these objectives."""
 
 
-def front(
-    points: pandas.DataFrame, objectives: Sequence[Goal], where: str | None = None, by: str | None = None
-) -> Answer:
+def front(points: pandas.DataFrame, objectives: Sequence[Goal]) -> Answer:
     """Return the non-dominated rows of a table of points (`dse.skyline.front.skyline`)."""
     from dse.skyline.front import skyline
 
-    non_dominated = skyline(points, objectives, where, by)
-    return front_answer(non_dominated.rows, objectives, non_dominated.notes)
+    rows, notes = skyline(points, objectives)
+    return front_answer(rows, objectives, notes)
 
 
 def front_answer(

@@ -51,18 +51,17 @@ def gather_budgets(
     Returns:
         columns: {column: 'max' or 'min'} of each column with a budget;
         maximise: the column that `dse pick` maximises, None if no column can be maximised;
-        ties: [column, 'max' or 'min'] pairs that decide between equally good points, in their order;
+        ties: [column, 'max' or 'min'], what decides between equally good points, in this order;
         results, hardware: the arguments;
         ranges: values of the filters, and {column: [least, largest]} of the points with these values.
     """
     columns = budget_columns(points, objectives)
     upwards = [*(name for name, way in objectives.items() if way == "max"), "accuracy"]
     maximise = next((name for name in upwards if np.isfinite(numbers(points, name)).any()), None)
-    others = [(name, way) for name, way in objectives.items() if name != maximise]
     return {
         "columns": columns,
         "maximise": maximise,
-        "ties": [list(goal) for goal in ties(points, maximise or "", others)],
+        "ties": [list(goal) for goal in ties(points, maximise or "", list(objectives.items()))],
         "results": results,
         "hardware": list(hardware),
         "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns]))),

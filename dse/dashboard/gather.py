@@ -109,8 +109,7 @@ def gather_page(
         for column in map(str, points.columns)
         if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
     ]
-    of_ties = [column for column, _ in budgets["ties"]]
-    exact = {*present, *budgets["columns"], *of_ties, budgets["maximise"], *at_period}
+    exact = {*present, *budgets["columns"], *dict(budgets["ties"]), budgets["maximise"], *at_period}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
     if at_period and ENERGY in present:
         columns[INSTEAD]["label"] = "energy at the sensor's period"

@@ -14,7 +14,7 @@ from dse.skyline.constraints import named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, contestants, pick, sure_pick
 from dse.store import StoreError
-from dse.study import resampling
+from dse.study import pricing, resampling
 from dse.study.record import TOLD
 from dse.study.results import open as open_study
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas
 
     from dse.deploy.bundle import Bundle
+    from dse.study.results import Study
 
 _IDENTITY = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
 _OPTIONAL = (
@@ -178,7 +179,8 @@ def choose(
     if picked.row is None:
         sure = "" if question.confidence is None else f" in {question.confidence:.0%} of the samples"
         meets = f"no design point meets {' and '.join(budgets) or 'every condition'}{sure}"
-        return Choice(None, picked.nearest, [meets, *picked.notes, *remarks], goals, targets, folder)
+        notes = [meets, *picked.notes, *remarks, *_misfit(study, picked.nearest, question.hardware)]
+        return Choice(None, picked.nearest, notes, goals, targets, folder)
     row = picked.row.copy()
     corrected = []
     if study and question.repeats == "mean":  # one run is no sample of seeds
@@ -226,6 +228,19 @@ def _corrected(
         f"{name} {row[name]:.3f} is the best of {len(among)} points of {designs}{beside}; "
         f"corrected for that choice it is {row[f'{name}_corrected']:.3f}"
     ]
+
+
+def _misfit(study: Study | None, nearest: pandas.DataFrame, hardware: Sequence[str]) -> list[str]:
+    """Return why the nearest point does not fit its hardware, if it does not."""
+    import pandas
+
+    if study is None or nearest.empty or "fits" not in nearest:
+        return []
+    row = nearest.iloc[0]
+    if pandas.isna(row["fits"]) or row["fits"]:
+        return []
+    why = "; ".join(pricing.misfits(study.folder, row, hardware))
+    return [f"trial {row['trial']} does not fit {row['hardware']}: {why}"]
 
 
 def _others(points: pandas.DataFrame, budgets: Sequence[str], column: str, plural: str) -> list[str]:

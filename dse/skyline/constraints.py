@@ -117,10 +117,9 @@ def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
                 "(`dse describe hardware`), in Python hardware='NAME'"
             )
         names = list(map(str, frame.columns))
-        near = did_you_mean(name, names)  # first: tables have many columns
-        raise ExpressionError(
-            f"unknown column '{name}'{'. ' if near else '; '}{near}{' K' if near else 'k'}nown: {', '.join(names)}"
-        )
+        known = f"known: {', '.join(names)}"
+        near = did_you_mean(name, names)  # first, since tables have many columns
+        raise ExpressionError(f"unknown column '{name}'{f'. {near} K{known[1:]}' if near else f'; {known}'}")
     return frame[name]
 
 

@@ -295,7 +295,7 @@ def front_ends(
 
 
 def front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
-    """Return the columns whose values have separate fronts: hardware and task if there are several, and `by`."""
+    """Return the columns whose values have separate fronts: hardware and task if there are several; `by`."""
     several = [name for name in ("hardware", "task") if name in rows and rows[name].nunique() > 1]
     return list(dict.fromkeys([*several, *as_list(by)]))
 

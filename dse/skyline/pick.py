@@ -201,8 +201,8 @@ def sure_pick(
     """Return the pick among the rows that meet the conditions in a fraction `confidence` of the samples.
 
     In that fraction of the samples a row must be within all budgets at once, and on the front of `maximise`
-    and the other objectives. Its numbers are those of the table, with the columns `front_share`, the fraction of
-    samples in which it is on the front, and `confidence`, that in which it is within all budgets too.
+    and the other objectives. Its numbers are those of the table, with the columns `front_share`, the fraction
+    of samples in which it is on the front, and `confidence`, that in which it is within all budgets too.
 
     Args:
         frame: design points.

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Fault
+from dse.hardware.cost import cost
 from dse.hardware.duty import battery_h, mean_power_mw
 from dse.hardware.profile import End, Profile, load, read
 from dse.measure.on_chips import DRAWN
@@ -314,6 +315,23 @@ def drawn(
                 for column, values in costs.items():
                     samples[column][:, indices[on_chip]] = values
     return samples
+
+
+def misfits(folder: str | Path, row: pandas.Series[Any], hardware: Sequence[str] = ()) -> list[str]:
+    """Return why a design point does not fit its hardware, a sentence each.
+
+    Args:
+        folder: of the study.
+        row: of its points.
+        hardware: as in `points`, if the row is from there.
+
+    Raises:
+        ConfigError, StoreError: as in `points`.
+    """
+    chips = {chip.name: chip for chip in profiles(Path(folder), hardware)}
+    chip = chips.get(row["hardware"]) or profile(Path(folder), row["hardware"])
+    [piece, *_] = _answers(Path(folder), row.to_frame().T)
+    return [str(misfit) for misfit in cost(chip, piece.work[0]).misfits]
 
 
 def work_is_counted(folder: str | Path, rows: pandas.DataFrame) -> bool:

@@ -27,7 +27,7 @@ from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers
 from dse.store import StoreError
 from dse.study import pricing
-from dse.study.fronts import GROUPS
+from dse.study.fronts import GROUPS, as_if_larger
 from dse.study.precision import as_trained
 from dse.study.record import STOPPED, TOLD, RunRecord, load_records
 from dse.study.trials import summary
@@ -101,7 +101,7 @@ def front_probabilities(
         points: its table of design points.
         goals: of the front.
     """
-    table = as_trained(points)
+    table = as_trained(as_if_larger(points))
     rows = comparable(table, goals).rows if len(table) else table
     if rows.empty:
         return {}
@@ -197,7 +197,11 @@ def certainty(
     front_share varies the hardware's uncertain numbers, front_probability also recordings and seeds.
 
     Args:
-        paths, frames, hardware, goals, n_draws: as of `draws`.
+        paths: as of `draws`.
+        frames: as of `draws`.
+        hardware: as of `draws`.
+        goals: as of `draws`.
+        n_draws: number of samples.
         among: the rows of all frames that are compared.
         by: columns whose values have separate fronts.
 

@@ -17,6 +17,7 @@ import numpy as np
 from dse.config import ConfigError, load_space
 from dse.figures.progress import Progress, gather_progress
 from dse.records import Floats
+from dse.skyline.admissible import COST
 from dse.store import StoreError, is_held, read_json, read_record, run_folder, verify
 from dse.study.fronts import GROUPS, fronts
 from dse.study.journal import Entry, read_journal, seconds
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 ENDED_EARLY = ("failed", STOPPED)
 
-_OF_POINTS = ("trial", *GROUPS, "fits", "transductive", "weight_bits", "pruned_after")
+_OF_POINTS = ("trial", *GROUPS, "fits", COST, "transductive", "weight_bits", "pruned_after")
 _CLOCKS_S = 60.0  # a file system's clock may be ahead by this
 
 _Runs = dict[int, dict[int, float]]  # trial -> repeat -> when it ended, in seconds since 1970

@@ -60,15 +60,14 @@ def answer(arguments: argparse.Namespace) -> Answer:
     points = study.points()
     if points.empty:
         return Answer([], notes, code=_NOTHING_TRAINED)
-    # Neither costs on different chips nor accuracies on different tasks can be compared.
+    # Costs on different chips cannot be compared.
     if "hardware" in points and points["hardware"].nunique() > 1:
         first = points["hardware"].iloc[0]
         points = points[points["hardware"] == first]
         notes.append(
             f"costs are those on {first}; for another chip use dse skyline --where \"hardware == '...'\""
         )
-    has_tasks = points["task"].nunique() > 1
-    result = front(points, study.objectives, by="task" if has_tasks else None)
+    result = front(points, study.objectives)
     code = _NOT_ALL_TRAINED if any(note.startswith(UNTRAINED) for note in notes) else result.code
     return dataclasses.replace(result, notes=[*result.notes, *notes], code=code)
 
