@@ -12,6 +12,7 @@ import functools
 import hashlib
 import itertools
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.measure.on_chips import columns_on, drawn_on
 from dse.measure.run import unseen_name
 from dse.records import Array, Ints, Operations, Workload
-from dse.study import precision
+from dse.study import corrected, precision
 from dse.study import trials as tables
 from dse.study.record import Numbers, RunRecord
 
@@ -68,7 +69,11 @@ def points_table(
     Raises:
         StoreError: an artefact is damaged.
     """
-    return _table([*_parts(space, folder, trials, profiles, None, {})], space)
+    parts = [*_parts(space, folder, trials, profiles, None, {})]
+    names, recordings = corrected.names(space), corrected.recordings(space, trials)
+    counted = sum((corrected.tally(part, names, recordings) for part in parts), Counter())
+    known = corrected.values(counted)
+    return _table([corrected.with_corrected(part, names, recordings, known) for part in parts], space)
 
 
 def write_points(
@@ -176,23 +181,29 @@ def _write(
     noted: list[tuple[int, int, int]] = []
     kinds: dict[tuple[tuple[str, str], ...], Part] = {}  # a part without rows for every kind
     n_rows = 0
+    names, recordings = corrected.names(space), corrected.recordings(space, trials)
+    counted: Counter[corrected.Key] = Counter()
     for part in _parts(space, folder, trials, profiles, BLOCK, kept):
+        counted += corrected.tally(part, names, recordings)
         kind = tuple((k, x.dtype.str) for k, x in part.items())
         kinds.setdefault(kind, {k: x[:0] for k, x in part.items()})
         noted.append((int(part["trial"][0]), list(kinds).index(kind), len(part["trial"])))
         n_rows += len(part["trial"])
         parts = parts if n_rows <= IN_MEMORY else []
         parts.append(part)
+    known = corrected.values(counted)
     if n_rows <= IN_MEMORY:
         made_from |= {"parts": noted, "kinds": list(kinds)}
-        store.write_table(path, _table(parts, space), json.dumps(made_from))
+        whole = [corrected.with_corrected(part, names, recordings, known) for part in parts]
+        store.write_table(path, _table(whole, space), json.dumps(made_from))
         return
     import pyarrow
 
     with contextlib.ExitStack() as opened:
         writer = None
         for part in _parts(space, folder, trials, profiles, BLOCK, kept):
-            frame = _table([*kinds.values(), part], space)
+            whole = [*kinds.values(), corrected.with_corrected(part, names, recordings, known)]
+            frame = _table(whole, space)
             if writer is None:
                 schema = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
                 for i, name in enumerate(schema.names):

@@ -67,7 +67,7 @@ def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
         records = load_records(folder, int(trials[places[0]]))[: repeats[places[0]]]
         if records[0].told:  # single answers are not known: it stands as it was told
             continue
-        right = [_right(folder, record, of_trial) for record in records]
+        right = [right(folder, record, of_trial) for record in records]
         of_runs = np.stack(
             [_resampled(record, *answers, n_draws) for record, answers in zip(records, right, strict=True)]
         )
@@ -370,9 +370,11 @@ def _scale(rows: pandas.DataFrame, name: str) -> Floats:
     return np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 4.0), 1.0)
 
 
-def _right(folder: Path, record: RunRecord, rows: pandas.DataFrame) -> tuple[Ints, Bools]:
+def right(
+    folder: Path, record: RunRecord, rows: pandas.DataFrame, answers: str = "response.npz"
+) -> tuple[Ints, Bools]:
     """Return the recordings that a run was validated on, (n,), and which it answers right, (n, row)."""
-    path = store.run_folder(folder, record.trial, record.repeat) / "response.npz"
+    path = store.run_folder(folder, record.trial, record.repeat) / answers
     arrays = store.load_arrays(path, _ANSWERS)
     right = np.zeros((len(arrays["index"]), len(rows)), dtype=bool)
     tasks = rows["task"].to_numpy(object) if record.heads else np.full(len(rows), "", object)

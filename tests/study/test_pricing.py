@@ -215,7 +215,7 @@ def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results
     points = open_study(results).points()
     for trial, rows in points.groupby("trial"):
         [record] = load_records(results, int(str(trial)))
-        index, right = resampling._right(results, record, rows)
+        index, right = resampling.right(results, record, rows)
         assert len(index) == record.samples["validation"]
         np.testing.assert_allclose(right.mean(axis=0), rows["accuracy"].to_numpy())
 

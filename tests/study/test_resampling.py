@@ -51,7 +51,7 @@ class Population:
         def records(folder, trial):
             return [SimpleNamespace(told=False, trial=trial, repeat=repeat) for repeat in range(self.repeats)]
 
-        monkeypatch.setattr(resampling, "_right", right)
+        monkeypatch.setattr(resampling, "right", right)
         monkeypatch.setattr(resampling, "load_records", records)
         return resampling.errors("", self.rows, n_draws)
 
