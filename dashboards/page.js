@@ -68,6 +68,11 @@
 
   const error = (value) => `± ${number(Number(value.toPrecision(1)))}`;
 
+  // The objective that a column is the correction of. The correction keeps the order of a task's points: a front of the
+  // one is a front of the other.
+  const measuredOf = (column) => (column.endsWith("_corrected") && objectives.includes(column.slice(0, -10)) ? column.slice(0, -10) : column);
+  const wayOf = (column) => page.objectives[measuredOf(column)];
+
   // Fractions whose zeros are written.
   const isShare = (column) => objectives.includes(column.replace(/_(corrected|test)$/, ""));
 
@@ -191,7 +196,10 @@
   function initialState() {
     const definition = page.definition;
     const fixed = ["y", "x", "z"].map((axis) => (axes.includes(definition.front[axis]) ? definition.front[axis] : null));
-    const preferred = [...objectives.slice(0, 1), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives];
+    // What is known of a gain, where that is known of every point.
+    const corrected = (name) => columns[`${name}_corrected`]?.values;
+    const leading = (name) => (corrected(name) && columns[name].values.every((value, row) => value === null || corrected(name)[row] !== null) ? `${name}_corrected` : name);
+    const preferred = [...objectives.slice(0, 1).map(leading), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives];
     const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !fixed.includes(column));
     const [y, x, z] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
     const sort = definition.sort ?? objectives[0] ?? "";
@@ -320,7 +328,8 @@
       colour: state.colour || ownColour(), rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
       within: (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1,
       // The front over some columns alone, if each has a direction and no two are the same.
-      joined: (named) => {
+      joined: (drawn) => {
+        const named = drawn.map(measuredOf);
         const key = [...named].sort().join("|");
         if (!Object.hasOwn(page.fronts, key)) return null;
         return (limited ? engine.joined(budgeted, named) : page.fronts[key]).filter(isShown);
@@ -368,7 +377,7 @@
   };
 
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, nameOf, trialName, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
     toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };

@@ -228,7 +228,7 @@ const Design = (() => {
     const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
     const strip = set(element("div", { className: "tabs" }), { role: "tablist", "aria-label": "What its runs recorded" });
     const pane = set(element("div", { className: "pane", id: "design-pane", tabIndex: 0 }), { role: "tabpanel" });
-    const owner = element("h3");
+    const owner = element("p", { className: "owner" });
     const notes = element("div", { className: "quiet" });
     const save = element("span", { className: "save" });
     const hint = element("p", { className: "quiet" });

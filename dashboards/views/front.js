@@ -198,19 +198,14 @@ const Front = (() => {
       return marks.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(app.placed(column, at.value(column)))));
     }
 
-    // Picks whose gain is drawn and known as it is corrected for the choice.
-    const corrections = () => (shown.state.y !== shown.page.budgets.maximise ? [] : shown.budgeted.picks.filter(({ row }) => row >= 0
-      && Number.isFinite(shown.columns[`${shown.state.y}_corrected`]?.values[row]) && Number.isFinite(app.numbers(shown.state.x)[row])
-      && (shown.state.task === BOTH || taskOf(row) === shown.state.task)));
-
     const published = () => (shown.page.marks).filter(({ task, values }) =>
-      (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[column])));
+      (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[app.measuredOf(column)])));
 
     // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
     function planeTraces(look, whole) {
       const { state, page } = shown;
       const tint = tintOf(look);
-      const traces = keyTraces(tint);
+      const traces = shown.rows.length ? keyTraces(tint) : [];
       for (const panel of panels) {
         const on = { xaxis: `x${panel.suffix}`, yaxis: `y${panel.suffix}` };
         const add = (trace) => traces.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
@@ -235,7 +230,7 @@ const Front = (() => {
           if (!line.length) continue;
           // The staircase is what the front attains: nothing lies beyond it.
           add({ mode: "lines", ...coordinates(line), line: {
-            color: tint ? look.text : colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh", dash: tint ? DASHES[panel.tasks.indexOf(name) % DASHES.length] : "solid",
+            color: tint ? look.text : colour, width: 1.5, shape: app.wayOf(state.x) === "min" ? "hv" : "vh", dash: tint ? DASHES[panel.tasks.indexOf(name) % DASHES.length] : "solid",
           } });
           add({
             ...coordinates(line), customdata: line, ...bars(line, tint ? look.quiet : colour), name: escaped(clip(name, 40)), showlegend: panel.tasks.length > 1 && !tint,
@@ -246,19 +241,10 @@ const Front = (() => {
         const cited = published().filter(here);
         if (cited.length) {
           add({
-            ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[column])])),
+            ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[app.measuredOf(column)])])),
             marker: { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } },
             hoverinfo: "text", hovertext: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`),
             name: "published", showlegend: true,
-          });
-        }
-        for (const { row } of corrections().filter((one) => here({ task: taskOf(one.row) }))) {
-          const [measured, better] = [state.y, `${state.y}_corrected`];
-          const ends = page.intervals[better];
-          add({
-            mode: "lines+markers", x: [state.x, state.x].map((column) => app.numbers(column)[row]), y: [measured, better].map((column) => app.numbers(column)[row]),
-            line: { color: look.text, width: 1, dash: "dot" }, marker: { symbol: ["circle", "line-ew"], size: [0, 14], line: { color: look.text, width: [0, 2.5] } },
-            ...(ends ? { error_y: { type: "data", symmetric: false, color: look.text, thickness: 1, width: 4, array: [null, ends.high[row]], arrayminus: [null, ends.low[row]] } } : {}),
           });
         }
         for (const { at, marker, name, words } of marked(look).filter(here)) {
@@ -303,7 +289,7 @@ const Front = (() => {
       const cited = published();
       if (cited.length) {
         traces.push({
-          type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[column])), name: "published",
+          type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[app.measuredOf(column)])), name: "published",
           text: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`), hovertemplate: "%{text}<extra></extra>",
           marker: { symbol: "cross", size: 4, color: look.quiet }, showlegend: true,
         });
@@ -347,7 +333,7 @@ const Front = (() => {
       const words = names.length ? { tickmode: "array", tickvals: names.map((_, k) => k), ticktext: names.map((name) => escaped(clip(name, 24))), range: [-0.5, names.length - 0.5] } : {};
       return {
         title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
-        ...Figure.NOTATION, gridcolor: look.rule, linecolor: look.rule, zeroline: false, showbackground: false, color: look.text,
+        ...Figure.NOTATION, showticklabels: shown.rows.length > 0, gridcolor: look.rule, linecolor: look.rule, zeroline: false, showbackground: false, color: look.text,
         ...(!flat() ? ticksInSpace(state[letter], log) : log ? decadesOf(state[letter]) : {}), ...words,
       };
     }
@@ -520,7 +506,7 @@ const Front = (() => {
         line.forEach((row, k) => {
           const [x, y] = [toX(xs[row]), toY(ys[row])];
           if (k === 0) brush.moveTo(x, y);
-          else if (page.objectives[state.x] === "min") brush.lineTo(x, toY(ys[line[k - 1]]));
+          else if (app.wayOf(state.x) === "min") brush.lineTo(x, toY(ys[line[k - 1]]));
           else brush.lineTo(toX(xs[line[k - 1]]), y);
           brush.lineTo(x, y);
         });
@@ -706,7 +692,6 @@ const Front = (() => {
         (shown.columns.front_probability ?? shown.columns.front_share) && item("faint", `paler: on the front in few samples of ${shown.columns.front_probability ? "recordings, seeds and chip" : "the chip's numbers"}`),
         front && item("whisker", "standard error, or the model's interval"), budgeted.limits.length && item("beyond", "outside the budgets"),
         budgeted.limits.length && item("diamond", budgeted.pick >= 0 ? "pick" : "nearest"), shown.rows.some(shown.leftOut) && item("left", "left out"),
-        corrections().length && item("bar", "the pick, corrected for being the best of many"),
         published().length && item("cross", "published, on its own data"),
       ].filter(Boolean));
       const rows = (front ?? budgeted.front).filter((row) => state.task === BOTH || !columns.task || taskOf(row) === state.task);

@@ -111,6 +111,7 @@ def gather_page(
     ]
     exact = {*present, *budgets["columns"], *dict(budgets["ties"]), budgets["maximise"], *at_period}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
+    corrected = [name for name in columns if name == f"{budgets['maximise']}_corrected"]
     if at_period and ENERGY in present:
         columns[INSTEAD]["label"] = "energy at the sensor's period"
     defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
@@ -141,7 +142,7 @@ def gather_page(
         }
         if at_period
         else None,
-        "bins": gather_bins(points, list(dict.fromkeys([*budgets["columns"], *at_period])))
+        "bins": gather_bins(points, [*dict.fromkeys([*budgets["columns"], *at_period]), *corrected])
         if len(keep) < len(points)
         else [],
         "failures": _failures(frame[failed]),
