@@ -105,11 +105,9 @@
   }
 
   // A trial as the reader knows it: on a page of two studies those of the second are numbered on.
-  function trialName(trial) {
-    const { numbered } = page;
-    if (!numbered || trial === null) return trial === null ? "–" : `Trial ${number(trial)}`;
-    return trial < numbered.from ? `${numbered.first} trial ${number(trial)}` : `${numbered.second} trial ${number(trial - numbered.from)}`;
-  }
+  const isSecond = (trial) => Boolean(page.numbered) && trial >= page.numbered.from;
+  const trialNumber = (trial) => (trial === null ? null : trial - (isSecond(trial) ? page.numbered.from : 0));
+  const trialName = (trial) => `${page.numbered ? `${page.numbered[isSecond(trial) ? "second" : "first"]} t` : "T"}rial ${number(trialNumber(trial))}`;
   const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
   const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
@@ -283,9 +281,9 @@
   function show(data) {
     const before = { state, plain, empty: page.state !== null };
     take(data, before.empty ? paceOf(location.hash.slice(1)) : before.state.pace);
-    // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
+    // What is looked at stays; only a choice of task or of logarithms that nobody made follows the points that there are.
     const valid = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
-      !(key === "task" && value === before.plain.task));
+      !(["task", "lx", "ly", "lz"].includes(key) && value === before.plain[key]));
     state = before.empty ? readState() : { ...plain, ...Object.fromEntries(valid) };
     if (page.state === null) writeState();
     render();
@@ -377,7 +375,7 @@
   };
 
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
     toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
@@ -577,7 +575,7 @@
     if (given.title !== "No design yet" || !progress) return given;
     const { done, running } = progress.trials;
     if (done > progress.trials.failed) return { title: `${plural(done, "trial")} done`, text: "The points of the first trials are being computed; they are shown as they come." };
-    return running && progress.is_running ? { title: `${plural(running, "design")} in training`, text: "The first point is shown when the first of them has ended." } : given;
+    return running && progress.is_running ? { title: "Training has begun", text: `${plural(running, "design")} in training or waiting; the first point is shown when the first has ended.` } : given;
   }
 
   function render(moving = false) {

@@ -60,7 +60,7 @@ const Decide = (() => {
         if (!found) return [];
         const { other, less, se, price: each, least, most } = found;
         const unit = columns[column].unit ? `\u202f${columns[column].unit}` : "";
-        const per = Number.isFinite(most) && se > 0 ? `${number(each)} (${number(least)}–${number(most)})` : `${se > 0 ? "at least " : ""}${number(least)}`;
+        const per = Number.isFinite(most) && se > 0 ? `${number(each)} (${number(least)}–${number(most)})` : `${se > 0 ? "at least " : ""}${Number.isFinite(least) ? number(least) : "–"}`;
         return [element("tr", {}, element("th", { scope: "row", className: "text", textContent: `${several ? `${clip(task, 24)}: ` : ""}${columns[column].label}` }),
           cell(`${number(other.cost)}${unit}, not ${number(pick.cost)}`, "value"), element("td", {}, choose(other.row)),
           cell(`−${number(less, true)}${se > 0 ? ` ${app.error(se)}` : ""}`), cell(`${per}${unit}`))];

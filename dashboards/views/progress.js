@@ -55,7 +55,7 @@ const Progress = (() => {
     const lists = element("div", { className: "lists" });
     const box = element("details", {}, line, element("div", { className: "body" }, figure, lists));
     root.append(box);
-    let [shown, drawn, listed, isFirst] = [null, "", null, true];
+    let [shown, drawn, listed, isEmpty] = [null, "", null, null];
     box.addEventListener("toggle", () => draw());
 
     const isChosen = ({ task, hardware }, { state }) =>
@@ -146,8 +146,9 @@ const Progress = (() => {
       const { progress, state } = shown.page;
       root.hidden = !progress;
       if (!progress || shown.moving) return;
-      if (isFirst) box.open = state !== null; // where nothing else is there to look at
-      isFirst = false;
+      // Open where nothing else is there to look at, until there is.
+      if (isEmpty !== (state !== null)) box.open = state !== null;
+      isEmpty = state !== null;
       name();
       if (listed !== progress) list(progress);
       listed = progress;

@@ -163,7 +163,7 @@ def packed_details(
 ) -> dict[str, str]:
     """Return the details of the first trials that fit into the room, in their order.
 
-    Surfaces and figures are those of the trained precision alone: a dozen more would leave room for few designs.
+    Surfaces and figures are those of the trained precision: a dozen more would leave room for few designs.
 
     Args:
         study: the study of the trials.

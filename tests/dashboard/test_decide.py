@@ -279,7 +279,7 @@ def test_the_corrected_accuracy_leads_and_what_was_measured_stands_beside_it(ope
     assert page.cells(2)[0] == "0.900 (0.840–0.940)" and page.cells(3)[0] == "0.950 ± 0.02"
     page.point_at(20, 0.88)
     page.tab.wait_for_selector("#tip", state="visible")
-    tip = page.tab.inner_text("#tip")
+    tip = page.tab.text_content("#tip")
     assert "accuracy corrected  0.880 (0.820–0.920)" in tip and "accuracy test  0.850" in tip
     with page.tab.expect_download() as waiting:
         page.tab.click("#front .save button")
@@ -297,7 +297,7 @@ def test_an_interval_without_an_upper_end_is_at_least_its_lower_one(opened):
     assert "energy at least 40\u00a0µJ" in page.tab.inner_text("#pick").replace(" µ", "\u00a0µ")
     assert page.cells(3)[0] == "at least 40"
     arrows = page.tab.evaluate("document.getElementById('plot').layout.annotations")
-    assert sorted(round(10 ** arrow["x"]) for arrow in arrows) == [5, 20, 50]
+    assert sorted(arrow["x"] for arrow in arrows) == [5, 20, 50]
     assert opened(points()).tab.evaluate("document.getElementById('plot').layout.annotations") == []
 
 
@@ -309,11 +309,10 @@ def test_a_price_lies_in_its_own_interval(opened):
         cost = np.sort(np.exp(8 * gain + rng.normal(0, 0.5, 60)))
         se = rng.uniform(0.002, 0.04, 60)
         fronts.append([{"gain": g, "cost": c, "se": s} for g, c, s in zip(gain, cost, se, strict=True)])
-    found = opened(points()).tab.evaluate(
-        "(fronts) => fronts.map((some) => Decide.priceOf(some, some.reduce((a, b) => (b.gain > a.gain ? b : a))))"
-        ".filter(Boolean).map(({ price, least, most }) => [least, price, most ?? null])",
-        fronts,
-    )
+    priced = """(fronts) => fronts
+      .map((some) => Decide.priceOf(some, some.reduce((a, b) => (b.gain > a.gain ? b : a))))
+      .filter(Boolean).map(({ price, least, most }) => [least, price, most ?? null])"""
+    found = opened(points()).tab.evaluate(priced, fronts)
     assert len(found) > 50
     assert all(least <= price <= (np.inf if most is None else most) for least, price, most in found)
 
