@@ -107,7 +107,7 @@
   // A trial as the reader knows it: on a page of two studies those of the second are numbered on.
   const isSecond = (trial) => Boolean(page.numbered) && trial >= page.numbered.from;
   const trialNumber = (trial) => (trial === null ? null : trial - (isSecond(trial) ? page.numbered.from : 0));
-  const trialName = (trial) => `${page.numbered ? `${page.numbered[isSecond(trial) ? "second" : "first"]} t` : "T"}rial ${number(trialNumber(trial))}`;
+  const trialName = (trial) => `Trial ${number(trialNumber(trial))}${page.numbered ? ` of ${page.numbered[isSecond(trial) ? "second" : "first"]}` : ""}`;
   const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
   const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");

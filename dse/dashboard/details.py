@@ -300,15 +300,15 @@ def _of_task(
 
         def measured(at: Sequence[_Run]) -> tuple[dict[str, Any], dict[str, Sequence[str]]]:
             """Return the figures of what networks of one precision answer and cost, and what does not fit."""
+            drawn: dict[str, Any] = {
+                "confusion": attempted("The confusion matrix", _confusion, at, head, classes),
+                "recognition": attempted("Accuracy over time", _recognition, at, head),
+            }
             loads = attempted("Energy by cause", _loads, at, head) or []
             priced = {
                 name: on
                 for name in hardware
                 if loads and (on := attempted(f"Energy on {name}", _on, source.chip, name, loads))
-            }
-            drawn: dict[str, Any] = {
-                "confusion": attempted("The confusion matrix", _confusion, at, head, classes),
-                "recognition": attempted("Accuracy over time", _recognition, at, head),
             }
             for part in ("energy", "energy_at_period", "cores"):
                 drawn[part] = {name: made for name, on in priced.items() if (made := getattr(on, part))}

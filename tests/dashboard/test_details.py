@@ -133,14 +133,14 @@ def test_other_precisions_have_their_own_confusion_and_energy(found, monkeypatch
         ]
         for of_run in files:
             of_run["confusion.npz"]["validation"] = 2 * of_run["confusion.npz"]["validation"]
-            of_run["read_out.npz"]["work/synapses"] = of_run["read_out.npz"]["work/synapses"] // 2
+            of_run["read_out.npz"]["work/spikes"] = of_run["read_out.npz"]["work/spikes"] / 2
         return [((4, 0.5), [Evaluation(4, 0.5, None, of_run) for of_run in files])]
 
     monkeypatch.setattr("dse.dashboard.details.common", evaluated)
     [task] = gather_details(found, points, trial)["tasks"].values()
     [fewer] = task["precisions"]
     assert (fewer["weight_bits"], fewer["pruned_after"]) == (4, 0.5)
-    own, parent = (np.array(one["figures"]["confusion"]["data"][0]["text"], int) for one in (fewer, task))
+    own, parent = (numbers(one["figures"]["confusion"]["data"][0]["text"]) for one in (fewer, task))
     assert (own == 2 * parent).all()
     spent = [
         sum(numbers(bar["x"]).sum() for bar in one["figures"]["energy"]["mcu_m4"]["data"])

@@ -160,7 +160,7 @@ def test_before_the_tables_and_before_anything(half):
     (half.path / "environment.json").unlink()
     found = gather_progress(half.path)
     assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "stopped": 0}
-    assert (found["hours"], found["time_left_s"], found["last"]) == (0, None, None)
+    assert (found["hours"], found["time_left_s"], found["sign"]) == (0, None, None)
 
 
 def test_tables_that_are_being_written_are_as_if_missing(half):
@@ -198,7 +198,7 @@ def test_a_copied_folder_falls_back_on_the_journal(tmp_path):
     made.tell(0, 1, at=1800)
     found = gather_progress(made.path)
     assert found["hours"] == 0.5
-    assert found["last"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
+    assert found["sign"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
 
 
 def test_a_folder_without_its_artefacts_keeps_its_numbers(half):

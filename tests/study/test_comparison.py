@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from dse import store
 from dse.cli.command_line import main
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.goals import Goal
@@ -56,8 +57,7 @@ def test_that_accuracies_are_of_other_recordings_is_said_first(written, tmp_path
         shutil.copytree(EXAMPLE, path)
         folders.append(str(path))
     space = tmp_path / "other" / "example" / "search_space.yaml"
-    text = space.read_text(encoding="utf-8")
-    space.write_text(text.replace("at: middle", "at: start"), encoding="utf-8")
+    store.write_sealed_text(space, store.read_sealed_text(space).replace("at: middle", "at: onset"))
     assert main(["compare", *folders, "--html", str(page_path)]) == 0
     capsys.readouterr()
     page = Page(new_tab((1280, 720)), page_path).open("chosen=1.0")
@@ -78,7 +78,7 @@ def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, page_path,
     assert page.tab.input_value("#colour") == "study"
     assert sorted(page.cells(1)) == ["0", "0", "1", "1"], "the numbers that they have in their studies"
     named = page.tab.locator("#pick button").all_inner_texts()
-    assert all(name.endswith((" trial 0", " trial 1")) for name in named) and named
+    assert all(name.startswith(("Trial 0 of ", "Trial 1 of ")) for name in named) and named
     assert page.tab.is_hidden("#export")
     page.tab.fill("#budget-1", "1")
     page.tab.wait_for_function(
