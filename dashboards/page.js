@@ -281,9 +281,9 @@
   function show(data) {
     const before = { state, plain, empty: page.state !== null };
     take(data, before.empty ? paceOf(location.hash.slice(1)) : before.state.pace);
-    // What is looked at stays; only a choice of task or of logarithms that nobody made follows the points that there are.
+    // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
     const valid = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
-      !(["task", "lx", "ly", "lz"].includes(key) && value === before.plain[key]));
+      !(key === "task" && value === before.plain.task));
     state = before.empty ? readState() : { ...plain, ...Object.fromEntries(valid) };
     if (page.state === null) writeState();
     render();
