@@ -188,7 +188,8 @@ def _unable(points: pandas.DataFrame) -> Array:
     """Return which points their hardware cannot run; the others that it does not hold have an answer."""
     if "fits" not in points.columns:
         return np.zeros(len(points), bool)
-    return ~fitting(points) & np.asarray(points["fits"].isna())
+    unable: Array = ~fitting(points) & np.asarray(points["fits"].isna())
+    return unable
 
 
 def _at_period(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, str]:

@@ -201,7 +201,7 @@ class Live:
             assert self._version is not None
             return self._version
         try:
-            stamps = [*map(stamp, self._files), self._beside()]
+            stamps = self._now()
             if self._version is None or stamps != self._stamps:
                 self._version = _version(self._page(), self._version)
                 self._stamps = stamps  # files that change during the reading are read again next time
@@ -209,10 +209,16 @@ class Live:
         finally:
             self._reading.release()
 
-    def _page(self) -> Page:
+    def _now(self) -> list[object]:
+        return [*map(stamp, self._files), self._beside()]
+
+    def _page(self, tries: int = 3) -> Page:
+        stamps = self._now()
         try:
             page = self._read()
         except Exception as error:  # a file cut short raises nearly anything, and the server goes on
+            if tries > 1 and self._now() != stamps:  # replaced meanwhile: parts of two files were read
+                return self._page(tries - 1)
             missing = [path.name for path in self._required if not path.exists()]
             if self._good is None and missing:
                 return self._waiting()

@@ -102,7 +102,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(
                 "window.seen = []; addEventListener('live', (e) => seen.push(e.detail.counts))"
             )
             tab.goto(url)
-            assert "No design yet" in tab.inner_text("main")
+            tab.wait_for_function("document.querySelector('#state').innerText.includes('Training has begun')")
             gate.touch()
             tab.wait_for_function("window.seen.some((counts) => counts.finished === 3)")
             assert run.wait(PATIENCE_S) == 0
@@ -147,7 +147,7 @@ def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(
             tab.wait_for_function("document.querySelectorAll('#front tbody tr').length > 0")
             assert not tab.is_visible("#state")
             tab.wait_for_function(f"{state}.startsWith('running, last sign of life ')")
-            assert "1/2 done" in tab.inner_text("#progress summary")
+            assert " · 1 done · 1 running" in tab.inner_text("#progress summary")
             run.kill()
             tab.wait_for_function(f"{state}.startsWith('stopped, last sign of life at ')")
             assert "running" not in tab.inner_text("#progress summary")

@@ -304,6 +304,23 @@ def test_the_last_good_page_stays(server, folder, harm, capsys):
     assert data(server) == good
 
 
+def test_a_table_that_is_replaced_while_it_is_read_is_read_again(folder, capsys):
+    folder.write(points())
+
+    def read():
+        table = folder.read()
+        if len(reads) < 2:
+            folder.write(points(accuracy=0.25 * (len(reads) + 1)))
+            reads.append("cut short")
+            raise ValueError("parts of two files")
+        return table
+
+    reads = []
+    with running(Live(read, [folder.table], [], dict)) as server:
+        assert set(data(server)["columns"]["accuracy"]["values"]) == {0.5}
+    assert capsys.readouterr().err == ""
+
+
 def test_many_at_once_while_the_table_is_written(server, folder):
     stop = threading.Event()
     folder.write(points(accuracy=0.5))
