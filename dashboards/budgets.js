@@ -3,8 +3,6 @@
 // The rules are those of dse.skyline, so that the page and the commands give the same rows.
 const Budgets = (() => {
   const STEPS = 200; // of a slider
-  const [SUM_MS, REST_MS] = [8, 150]; // that the hypervolume is summed at a time; after a slider has moved
-  const MAX_FRONTS = 3; // tasks whose hypervolumes are listed
 
   // ---- pure: rows and numbers in, rows and numbers out
 
@@ -31,44 +29,6 @@ const Budgets = (() => {
       else if (at > 0) [best[0], best[at]] = [best[at], best[0]]; // who beats one beats many
     }
     return best.sort((a, b) => a - b);
-  }
-
-  function undominated(points) {
-    const costs = points[0].map((_, k) => points.map((point) => point[k]));
-    return front(costs, points.keys()).map((k) => points[k]);
-  }
-
-  // The parts of the volume between points and (1, ..., 1), so that a long sum can pause between them.
-  // While et al., WFG, IEEE T. Evol. Comput. 16(1), 2012: each point's own volume among those after it.
-  function* parts(points) {
-    const inside = points.filter((point) => point.every((x) => x < 1));
-    if (!inside.length) return;
-    const last = inside[0].length - 1;
-    if (last < 2) {
-      yield area(inside);
-      return;
-    }
-    const order = [...inside].sort((a, b) => b[last] - a[last]);
-    for (const [k, point] of order.entries()) {
-      const limited = order.slice(k + 1).map((other) => point.slice(0, last).map((x, j) => Math.max(x, other[j])));
-      const volume = point.slice(0, last).reduce((product, x) => product * (1 - x), 1);
-      yield (1 - point[last]) * (volume - (limited.length ? hypervolume(last > 2 ? undominated(limited) : limited) : 0));
-    }
-  }
-
-  function area(points) {
-    if (points[0].length === 1) return 1 - Math.min(...points.map(([x]) => x));
-    let [sum, least] = [0, 1];
-    for (const [x, y] of [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1])) {
-      if (y < least) { sum += (1 - x) * (least - y); least = y; }
-    }
-    return sum;
-  }
-
-  function hypervolume(points) {
-    let sum = 0;
-    for (const part of parts(points)) sum += part;
-    return sum;
   }
 
   // Least row by a list of keys, each an array of numbers; what is not finite comes last, ties go to the first row.
@@ -125,6 +85,7 @@ const Budgets = (() => {
     const costs = objectives.map(([column, way]) => costOf(column, way));
     const whole = new Uint8Array(nRows); // rows of any front or budget: all of the table's are here
     for (const row of budgets.whole) whole[row] = 1;
+    const weight = (row) => (whole[row] ? 1 : budgets.stands_for); // how many points a row stands for
     const text = (column) => columns[column]?.values.map(String);
     const [task, family, hardware] = ["task", "family", "hardware"].map(text);
     const tasks = task ? [...new Set(task)] : [""];
@@ -142,7 +103,7 @@ const Budgets = (() => {
 
     const chosenOnly = (names, value) => (names && names.includes(value) ? value : null);
     const filters = (state) => ({
-      task: chosenOnly(task, state.task), family: chosenOnly(family, state.family), hardware: chosenOnly(hardware, state.hardware),
+      task: chosenOnly(task, state.task), family: chosenOnly(family, state.family), hardware: chosenOnly(hardware, state.hardware), oversize: state.oversize === "1",
     });
 
     // The filters of a state: {column, low, high}, where null is no end, or {column, values: Set of texts}.
@@ -161,20 +122,22 @@ const Budgets = (() => {
       return typeof value === "number" && !(value < condition.low && condition.low !== null) && !(condition.high !== null && value > condition.high);
     }
 
-    // Rows of the filters, without those that have seen the labels or do not fit their hardware where others do.
+    const unable = new Set(page.unable);
+    const isUnable = (row) => unable.has(row);
+    const isLarge = (row) => columns.fits?.values[row] === false;
+
+    // Rows of the filters, and apart from them those that do not fit their chip: none of these can be chosen.
     function select(chosen, conditions) {
       const named = conditions.filter((one) => one.values); // as dse pick does: numbers are limits, what fits is judged before them
-      const rows = [];
+      const [rows, misfits] = [[], []];
       for (let row = 0; row < nRows; row += 1) {
         if ((chosen.task === null || task[row] === chosen.task) && (chosen.family === null || family[row] === chosen.family)
           && (chosen.hardware === null || hardware[row] === chosen.hardware)
-          && columns.transductive?.values[row] !== true && named.every((one) => passes(one, row))) rows.push(row);
+          && columns.transductive?.values[row] !== true && named.every((one) => passes(one, row))) {
+          (isUnable(row) || (isLarge(row) && !chosen.oversize) ? misfits : rows).push(row);
+        }
       }
-      // A row that has no answer where others of its hardware have one cannot run there.
-      const answered = new Set(rows.filter((row) => typeof columns.fits?.values[row] === "boolean").map((row) => hardware?.[row]));
-      const fits = (row) => columns.fits?.values[row] ?? !answered.has(hardware?.[row]);
-      const chips = new Set(rows.filter(fits).map((row) => hardware?.[row]));
-      return rows.filter((row) => fits(row) || !chips.has(hardware?.[row]));
+      return { rows, misfits };
     }
 
     function maskOf(rows) {
@@ -186,17 +149,12 @@ const Budgets = (() => {
     // Why a row is compared with none, or "".
     function leftOut(result, row) {
       if (result.admitted[row]) return "";
-      return columns.transductive?.values[row] === true ? "has seen the labels" : `does not fit ${hardware?.[row] ?? "the chip"}`;
+      if (columns.transductive?.values[row] === true) return "has seen the labels";
+      return `${isUnable(row) ? "cannot run on" : "does not fit"} ${hardware?.[row] ?? "the chip"}`;
     }
 
-    // Objectives without a number in a selection, such as the energy of a family that its chip cannot run.
-    const lackingIn = (rows) => (rows.length ? Object.keys(page.objectives).filter((c) => !rows.some((row) => Number.isFinite(values[c][row]))) : []);
-
-    // Whether costs are those of a larger chip, because no row of the selection fits the one that there is.
-    const oversized = (rows) => rows.length > 0 && !rows.some((row) => columns.fits?.values[row] !== false);
-
     function rangesOf(chosen) {
-      const groups = budgets.ranges.filter((group) => Object.entries(chosen).every(([k, v]) => v === null || group[k] === v));
+      const groups = budgets.ranges.filter((group) => ["task", "family", "hardware"].every((k) => chosen[k] === null || group[k] === chosen[k]));
       return Object.fromEntries(Object.keys(values).map((column) => {
         const ends = groups.map((group) => group.ends[column]).filter(Boolean);
         return [column, ends.length ? [Math.min(...ends.map(([low]) => low)), Math.max(...ends.map(([, high]) => high))] : null];
@@ -219,7 +177,7 @@ const Budgets = (() => {
       const chosen = filters(state);
       const conditions = conditionsOf(state);
       const key = JSON.stringify([chosen, conditions.map(({ column, text }) => [column, text])]);
-      const admissible = remembered("admissible", key, () => select(chosen, conditions));
+      const { rows: admissible, misfits } = remembered("admissible", key, () => select(chosen, conditions));
       const admitted = remembered("admitted", key, () => maskOf(admissible));
       const selected = remembered("selected", key, () => admissible.filter((row) => conditions.every((one) => passes(one, row))));
       const limits = limitsOf(state);
@@ -228,14 +186,13 @@ const Budgets = (() => {
       let [count, total] = [0, 0];
       const numbered = values[budgets.maximise];
       for (const row of selected) {
-        const weight = whole[row] ? 1 : budgets.stands_for;
         if (numbered && !Number.isFinite(numbered[row])) continue;
-        total += weight;
+        total += weight(row);
         let [missed, which] = [0, -1];
         for (let k = 0; k < limits.length && missed < 2; k += 1) {
           if (!meets(limits[k], row)) { missed += 1; which = k; }
         }
-        if (missed === 0) { within[row] = 1; count += weight; } else if (missed === 1) alone[which] += weight;
+        if (missed === 0) { within[row] = 1; count += weight(row); } else if (missed === 1) alone[which] += weight(row);
       }
       const rivals = remembered("rivals", key, () => {
         if (conditions.length) return selected; // who decides under any budget does not under any filter
@@ -249,9 +206,9 @@ const Budgets = (() => {
         rivals.filter((row) => costs.every((cost) => Number.isFinite(cost[row])) && beside.every((limit) => meets(limit, row))), costs));
       const isWithin = (row) => within[row] === 1;
       const result = {
-        page, normalised: () => normalised(result), chosen, limits, within, count, total, admitted, conditions, rivals,
+        page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
-        lacking: remembered("lacking", key, () => lackingIn(selected)), oversized: remembered("oversized", key, () => oversized(selected)), front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
+        misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0, front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
         cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
         ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [], relaxed: [], picks: [],
         command: command(state, chosen, limits, conditions),
@@ -280,10 +237,12 @@ const Budgets = (() => {
         if (row >= 0) result.relaxed.push({ row, column, missed: [{ ...limits[k], by: miss(limits[k], row) }] });
       });
       const shortfall = new Float64Array(nRows);
-      let left = selected.filter(known);
+      // Where nothing fits, the nearest are those that a larger chip would hold.
+      let left = (result.noneFits ? misfits.filter((row) => !isUnable(row) && result.matches(row)) : selected).filter(known);
+      const deciding = new Set(budgets.contenders);
       for (const row of left) for (const one of limits) shortfall[row] += miss(one, row) / (Math.abs(one.limit) || 1);
       while (left.length && result.nearest.length < 3) {
-        const among = result.nearest.length ? left : rivals.filter(known);
+        const among = result.nearest.length || conditions.length ? left : left.filter((row) => deciding.has(row));
         const row = least(among, [shortfall, ...ranking]);
         result.nearest.push({ row, missed: limits.map((one) => ({ ...one, by: miss(one, row) })).filter(({ limit, column, way, by }) => by > 0 || !meets({ limit, column, way }, row)) });
         left = left.filter((other) => !sameDesign(other, row));
@@ -306,22 +265,8 @@ const Budgets = (() => {
       }
       const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
-      return ["dse pick", quoted(budgets.results), ...priced, ...(budgets.repeats === "mean" ? [] : [`--repeats ${budgets.repeats}`]), ...expressions.map((one) => `--budget ${quoted(one)}`),
+      return ["dse pick", quoted(budgets.results), ...priced, ...(chosen.oversize ? ["--oversize"] : []), ...(budgets.repeats === "mean" ? [] : [`--repeats ${budgets.repeats}`]), ...expressions.map((one) => `--budget ${quoted(one)}`),
         ...(budgets.maximise === (objectives.find(([, way]) => way === "max")?.[0] ?? "accuracy") ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
-    }
-
-    // Each task's front, normalised over the task's points in the selection: 1 is a design that is best in everything.
-    function normalised(result) {
-      const names = result.chosen.task === null ? tasks : [result.chosen.task];
-      return names.flatMap((name) => {
-        const ranges = rangesOf({ ...result.chosen, task: task ? name : null });
-        const varied = objectives.filter(([c]) => ranges[c] && ranges[c][0] < ranges[c][1]);
-        const point = (row) => varied.map(([c, way]) => {
-          const [low, high] = ranges[c];
-          return (way === "max" ? high - values[c][row] : values[c][row] - low) / (high - low);
-        });
-        return varied.length ? [{ name, points: result.front.filter((row) => !task || task[row] === name).map(point) }] : [];
-      });
     }
 
     // The front over some objectives alone, among what is within the budgets.
@@ -344,7 +289,7 @@ const Budgets = (() => {
 
   // Returns what shows a result of `evaluate`. Inputs last as long as the columns with a budget do, so that a drag
   // or the focus survives new points.
-  function panel(root, { element, clip, number, many, withInterval, change, keyOf }) {
+  function panel(root, { element, clip, number, many, withInterval, beside, nameOf, change, keyOf }) {
     let [inputs, built] = [[], ""];
     const build = ({ columns, budgets }) => Object.entries(budgets.columns).map(([column, way], k) => {
       const { label, unit } = columns[column];
@@ -372,20 +317,32 @@ const Budgets = (() => {
       if (key !== undefined) change({ chosen: key });
     });
     part("#copy").addEventListener("click", () => copy(part("#command"), part("#copied")));
-    let turn = 0;
-    let summed = {}; // what the hypervolume is of: it stays while a design is chosen
 
-    function design({ columns, objectives }, row, missed = []) {
-      const named = columns.trial ? `Trial ${number(columns.trial.values[row])}` : `Point ${row}`;
-      const button = element("button", { type: "button", textContent: clip(named, 40) });
+    // A pick as a card: first what it gains, corrected for having been chosen as the best, then what it costs.
+    function design(page, row, missed = []) {
+      const { columns, objectives, budgets } = page;
+      const button = element("button", { type: "button", textContent: clip(nameOf(row), 40) });
       button.dataset.key = keyOf(row);
-      const shown = Object.keys(objectives).map((c) =>
-        `${clip(columns[c].label, 40)} ${withInterval(c, row)}\u00a0${columns[c].unit}`.trim()).join(" · ");
-      return element("p", {}, button, ` ${shown}`, ...missed.map(({ column, by }) =>
+      const whole = (c) => element("span", { className: "whole", textContent: `${withInterval(c, row)}\u00a0${columns[c].unit}`.trim() });
+      const named = (c) => element("span", {}, `${clip(columns[c].label, 40)} `, whole(c));
+      const line = (nodes) => element("span", { className: "line" }, ...nodes.flatMap((node, k) => (k ? [" · ", node] : [node])));
+      const gain = budgets.maximise;
+      const known = (c) => Object.hasOwn(columns, c) && columns[c].values[row] !== null;
+      const [corrected, test] = [`${gain}_corrected`, `${gain}_test`];
+      const gains = !gain ? [] : [
+        element("strong", {}, `${clip(columns[gain].label, 40)} `, whole(known(corrected) ? corrected : gain)),
+        line([
+          ...(known(corrected) ? ["corrected for being the best of many", element("span", {}, whole(gain), " on validation")]
+            : ["on validation", element("span", { className: "note", textContent: "not corrected for being the best of many" })]),
+          known(test) ? element("span", {}, whole(test), " on test") : "not tested",
+        ]),
+      ];
+      const costs = beside(Object.keys(objectives).filter((c) => c !== gain)).map(named);
+      return element("p", {}, button, " ", ...gains, line(costs), ...missed.map(({ column, by }) =>
         element("span", { className: "note missed", textContent: `misses ${clip(columns[column].label, 40)} by ${number(by, true)}\u00a0${columns[column].unit}`.trim() })));
     }
 
-    function show(state, result, moving) {
+    function show(state, result) {
       const { page } = result;
       const { budgets } = page;
       if (built !== JSON.stringify(budgets.columns)) {
@@ -410,10 +367,10 @@ const Budgets = (() => {
           : limit === "" ? "no limit" : result.count ? `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`
             : easier ? `from ${number(page.columns[column].values[easier.row])}` : "not alone";
       }
-      write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(result.total)} points feasible`);
+      const total = result.noneFits ? result.misfits.reduce((sum, row) => sum + result.weight(row), 0) : result.total;
+      write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(total)} points feasible`);
       write("#n-front", `${many(result.front.length)} on the front${result.sure ? `, in at least ${Math.round(100 * result.sure)}\u202f% of the samples` : ""}`);
       write("#fit", fitOf(page, result));
-      sum(result, moving);
       part("#clear").disabled = result.limits.length === 0;
       const several = result.picks.length > 1;
       const [heading, ...nodes] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
@@ -421,9 +378,8 @@ const Budgets = (() => {
           row >= 0 ? design(page, row) : element("p", { textContent: "nothing is feasible" })])]
           : result.pick >= 0
             ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
-            : result.relaxed.length ? ["Nothing is feasible; relax one budget", ...result.relaxed.map(({ row, missed }) => design(page, row, missed))]
-              : result.nearest.length ? ["Nothing is feasible; nearest", ...result.nearest.map(({ row, missed }) => design(page, row, missed))]
-                : ["Nothing is feasible", element("p", { textContent: "No design has values for all budgets." })];
+            : ["Nothing is feasible", ...(result.noneFits || !result.nearest.length ? [element("p", { textContent: fitOf(page, result) || "No design has values for all budgets." })] : []),
+              ...offered("relax one budget", result.relaxed, page), ...offered(result.noneFits ? "nearest, on a larger chip" : "nearest in all", result.nearest, page)];
       write("#pick h2", heading);
       writePick(nodes);
       part("#export").hidden = result.pick < 0 || !budgets.results; // two studies have no command
@@ -432,14 +388,19 @@ const Budgets = (() => {
       part("#command").textContent = result.command;
     }
 
+    const offered = (words, designs, page) => (designs.length ? [element("h3", { textContent: words }), ...designs.map(({ row, missed }) => design(page, row, missed))] : []);
+
     // What the chip that is shown does with the designs that are shown.
-    function fitOf({ columns, budgets }, { lacking, oversized, chosen, conditions }) {
-      const [chip, family] = [chosen.hardware ?? "the chip", chosen.family ?? "these designs"];
-      if (lacking.length && chosen.hardware !== null) {
-        return `${chip} cannot run ${family}: no ${lacking.map((c) => columns[c].label).join(", ")}. Budgets are not the cause.`;
+    function fitOf({ budgets }, { misfits, isUnable, isMisfit, noneFits, chosen, conditions, admitted }) {
+      const chip = chosen.hardware ?? "the chip";
+      if (noneFits) {
+        const large = misfits.some((row) => !isUnable(row));
+        const unable = misfits.some(isUnable);
+        return !large ? `${chip} cannot run ${chosen.family ?? "these designs"}.`
+          : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`;
       }
-      const sampled = conditions.length && budgets.stands_for > 1 ? "With filters, the front and the pick are the best of the points that this page holds. " : "";
-      return oversized ? `${sampled}No design fits ${chip}: costs assume a larger chip of the same kind.` : sampled;
+      const larger = chosen.oversize && admitted.some((is, row) => is && isMisfit(row)) ? `What does not fit ${chip} is priced as if on a larger chip. ` : "";
+      return conditions.length && budgets.stands_for > 1 ? `${larger}With filters, the front and the pick are the best of the points that this page holds.` : larger;
     }
 
     // What is read aloud when it changes is not written again as it was.
@@ -453,41 +414,6 @@ const Budgets = (() => {
       const focused = [...place.querySelectorAll("button")].indexOf(document.activeElement);
       place.replaceChildren(...nodes);
       place.querySelectorAll("button")[focused]?.focus();
-    }
-
-    // The hypervolume of a large front takes longer than a slider may: it is summed between other work.
-    function sum(result, moving) {
-      const key = JSON.stringify([result.front, result.chosen]);
-      if (summed.page === result.page && summed.key === key) return;
-      summed = { page: result.page, key };
-      turn += 1;
-      const thisTurn = turn;
-      const fronts = result.normalised();
-      const out = part("#hypervolume");
-      if (!fronts.length || fronts.length > MAX_FRONTS) {
-        out.textContent = fronts.length ? "hypervolume: choose a task" : "hypervolume –";
-        return;
-      }
-      const sums = fronts.map(() => 0);
-      const work = fronts.flatMap(({ points }, k) => (points.length ? [[k, parts(points)]] : []));
-      const step = () => {
-        if (thisTurn !== turn) return;
-        const until = performance.now() + SUM_MS;
-        while (work.length && performance.now() < until) {
-          const next = work[0][1].next();
-          if (next.done) work.shift();
-          else sums[work[0][0]] += next.value;
-        }
-        if (work.length) {
-          out.textContent = "hypervolume …";
-          setTimeout(step, 2 * SUM_MS); // what a reader does next comes first
-          return;
-        }
-        const named = fronts.map(({ name }, k) => `${fronts.length > 1 ? `${clip(name, 16)} ` : ""}${number(sums[k], true)}`);
-        out.textContent = `hypervolume ${named.join(", ")}`;
-      };
-      if (moving) setTimeout(step, REST_MS);
-      else step();
     }
 
     return show;
@@ -504,5 +430,5 @@ const Budgets = (() => {
     }
   }
 
-  return { over, front, hypervolume, least, quoted, scale, plain, allowed, panel };
+  return { over, front, least, quoted, scale, plain, allowed, panel };
 })();

@@ -5,8 +5,12 @@ const Figure = (() => {
   const drawings = new WeakMap(); // the last drawing of each node: a promise
   let started;
   let onPaper = false; // while the page is printed: light, whatever the reader's scheme
-  addEventListener("beforeprint", () => { onPaper = true; });
-  addEventListener("afterprint", () => { onPaper = false; });
+  for (const [event, is] of [["beforeprint", true], ["afterprint", false]]) {
+    addEventListener(event, () => {
+      onPaper = is;
+      document.documentElement.classList.toggle("paper", is); // style.css: the page is as wide as paper before anything is drawn
+    });
+  }
 
   // The library is most of a page, so that it starts once the page's numbers have been seen.
   function library() {
@@ -25,7 +29,7 @@ const Figure = (() => {
 
   // The reader's colours; `palette` has a list of colours for light pages and what they become on dark ones.
   function style(palette) {
-    if (onPaper) return { ...print(palette), dark: false };
+    if (onPaper) return { ...print(palette), paper: true };
     const css = getComputedStyle(document.documentElement);
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const colours = ["text", "page", "panel", "rule", "quiet", "focus", "warn"];

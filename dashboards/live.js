@@ -32,13 +32,12 @@
       // Once a connection is back, what was asked for meanwhile can be asked for again.
       if (parts.length || line.className === "note") dispatchEvent(new CustomEvent("live", { detail: page }));
       updated = new Date();
-      setStatus("live", "");
+      setStatus("", "");
     } catch {
       setStatus(`Connection lost. The page shows the study as of ${updated.toLocaleTimeString()}; it keeps trying to reconnect.`, "note");
     }
     setTimeout(ask, EVERY_MS);
   }
 
-  setStatus("live", "");
   setTimeout(ask, EVERY_MS);
 })();

@@ -9,6 +9,7 @@
   const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
   const WARM_ROWS = 2000; // of a page that is warmed
   const SURE = ["", ...Array.from({ length: 19 }, (_, k) => String((k + 1) / 20))]; // shares of the samples
+  const OPEN = 100; // of an interval's ends: beyond it the upper one says nothing
   const MAX_PAST = 100; // changes that can be undone
   const UNDO_MS = 1000; // steps of a slider nearer than this are one change
   const SMALL = matchMedia("(max-width: 800px)");
@@ -67,17 +68,47 @@
 
   const error = (value) => `± ${number(Number(value.toPrecision(1)))}`;
 
+  // The objective that a column is the correction of. The correction keeps the order of a task's points: a front of the
+  // one is a front of the other.
+  const measuredOf = (column) => (column.endsWith("_corrected") && objectives.includes(column.slice(0, -10)) ? column.slice(0, -10) : column);
+  const wayOf = (column) => page.objectives[measuredOf(column)];
+
+  // Fractions whose zeros are written.
+  const isShare = (column) => objectives.includes(column.replace(/_(corrected|test)$/, ""));
+
+  // Whether all that is known of a number is its lower end: the upper one is more than a hundred times that.
+  function isOpen(column, row) {
+    const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null;
+    const value = columns[column].values[row];
+    return ends !== null && value > ends.low[row] && value + ends.high[row] > OPEN * (value - ends.low[row]);
+  }
+
+  // Columns with what is read beside them: a gain corrected for the choice before it and as tested after it, and
+  // an energy at the other pace.
+  function beside(names, paces = true) {
+    const pair = paces && given.period && columns[given.period.energy] ? [given.period.energy, given.period.instead] : [];
+    const all = names.flatMap((name) => [`${name}_corrected`, name, `${name}_test`, ...(pair.includes(name) ? pair : [])]);
+    return [...new Set(all)].filter((name) => Object.hasOwn(columns, name));
+  }
+
   function withInterval(column, row) {
     const value = columns[column].values[row];
     const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null; // a column may be called __proto__
-    const text = number(value, objectives.includes(column));
+    const text = number(value, isShare(column));
     if (!ends || value === null || !(ends.low[row] || ends.high[row])) return text;
     if (Math.abs(ends.low[row] - ends.high[row]) <= 1e-3 * ends.high[row]) {
       return `${text} ${error(ends.high[row])}`;
     }
-    const [low, high] = [value - ends.low[row], value + ends.high[row]].map((end) => number(end, objectives.includes(column)));
+    if (isOpen(column, row)) return `at least ${number(value - ends.low[row])}`;
+    const [low, high] = [value - ends.low[row], value + ends.high[row]].map((end) => number(end, isShare(column)));
     return `${text} (${low}–${high})`;
   }
+
+  // A trial as the reader knows it: on a page of two studies those of the second are numbered on.
+  const isSecond = (trial) => Boolean(page.numbered) && trial >= page.numbered.from;
+  const trialNumber = (trial) => (trial === null ? null : trial - (isSecond(trial) ? page.numbered.from : 0));
+  const trialName = (trial) => `Trial ${number(trialNumber(trial))}${page.numbered ? ` of ${page.numbered[isSecond(trial) ? "second" : "first"]}` : ""}`;
+  const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
   const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
   const colourOf = (task, { palette }) => palette[Math.max(0, tasks.indexOf(task)) % palette.length];
@@ -131,7 +162,8 @@
     nRows = Object.values(columns)[0]?.values.length ?? 0;
     rows = Array.from({ length: nRows }, (_, row) => row);
     byKey = null;
-    axes = [...objectives, ...Object.keys(columns).filter((c) => !objectives.includes(c) && (isNumeric(c) || categories(c).length > 1))];
+    const first = beside(objectives);
+    axes = [...objectives, ...first.filter((c) => !objectives.includes(c) && isNumeric(c)), ...Object.keys(columns).filter((c) => !first.includes(c) && (isNumeric(c) || categories(c).length > 1))];
     filterable = Object.keys(columns).filter((c) => /^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*$/.test(c) && !Object.hasOwn(page.budgets.columns, c)
       && !["task", "family", "hardware"].includes(c) && varies(c) && (isNumeric(c) || categories(c).length > 1));
     tasks = distinct("task");
@@ -142,7 +174,7 @@
       view: ["2", "3", ...(tasks.length > 1 ? ["s"] : [])], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
       task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
       sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
-      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], once: ["0", "1"], colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
+      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], oversize: ["0", "1"], once: ["0", "1"], colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, isFilter])),
     };
     plain = initialState();
@@ -162,7 +194,10 @@
   function initialState() {
     const definition = page.definition;
     const fixed = ["y", "x", "z"].map((axis) => (axes.includes(definition.front[axis]) ? definition.front[axis] : null));
-    const preferred = [...objectives.slice(0, 1), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives];
+    // What is known of a gain, where that is known of every point.
+    const corrected = (name) => columns[`${name}_corrected`]?.values;
+    const leading = (name) => (corrected(name) && columns[name].values.every((value, row) => value === null || corrected(name)[row] !== null) ? `${name}_corrected` : name);
+    const preferred = [...objectives.slice(0, 1).map(leading), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives];
     const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !fixed.includes(column));
     const [y, x, z] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
     const sort = definition.sort ?? objectives[0] ?? "";
@@ -170,7 +205,7 @@
       view: String(definition.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
       task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", once: "0", colour: axes.includes(page.colour) ? page.colour : "", sure: "",
+      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", oversize: "0", once: "0", colour: axes.includes(page.colour) ? page.colour : "", sure: "",
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, ""])), ...Budgets.plain(page),
     };
   }
@@ -275,7 +310,7 @@
   // The rows that are shown stay one list while budgets move, so that views recognise it.
   let listed = { page: null, key: "", rows: [] };
   function shownRows(budgeted) {
-    const key = JSON.stringify([state.task, state.hardware, state.family, state.left, budgeted.conditions.map(({ column, text }) => [column, text])]);
+    const key = JSON.stringify([state.task, state.hardware, state.family, state.left, state.oversize, budgeted.conditions.map(({ column, text }) => [column, text])]);
     if (listed.page !== page || listed.key !== key) {
       listed = { page, key, rows: rows.filter((row) => isShown(row) && budgeted.matches(row) && (state.left === "1" || budgeted.admitted[row])) };
     }
@@ -285,13 +320,14 @@
   // What every view is a function of.
   function selection(moving) {
     const budgeted = engine.evaluate(state);
-    const limited = budgeted.limits.length || budgeted.conditions.length || budgeted.sure || state.family !== BOTH;
+    const limited = budgeted.limits.length || budgeted.conditions.length || budgeted.sure || budgeted.chosen.oversize || state.family !== BOTH;
     return {
       page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front),
       colour: state.colour || ownColour(), rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
       within: (row) => budgeted.limits.length === 0 || budgeted.within[row] === 1,
       // The front over some columns alone, if each has a direction and no two are the same.
-      joined: (named) => {
+      joined: (drawn) => {
+        const named = drawn.map(measuredOf);
         const key = [...named].sort().join("|");
         if (!Object.hasOwn(page.fronts, key)) return null;
         return (limited ? engine.joined(budgeted, named) : page.fronts[key]).filter(isShown);
@@ -316,8 +352,12 @@
   // Some rows with all their columns, as a spreadsheet reads them.
   function csv(name, some) {
     const quoted = (value) => (/[",\r\n]/.test(String(value)) ? `"${String(value).replace(/"/g, '""')}"` : String(value));
-    const cells = (row) => Object.values(columns).map(({ values }) => (values[row] === null || values[row] === undefined ? "" : quoted(values[row])));
-    const lines = [Object.keys(columns).map(quoted), ...some.map(cells)].map((line) => `${line.join(",")}\r\n`);
+    // An error is a column, and so is each end of an interval.
+    const spread = Object.entries(page.intervals).flatMap(([column, { low, high }]) => (low.every((end, row) => end === high[row]) ? [[`${column}_se`, (row) => high[row]]]
+      : [["low", -1, low], ["high", 1, high]].map(([end, sign, by]) => [`${column}_${end}`, (row) => (columns[column].values[row] === null ? null : Number((columns[column].values[row] + sign * by[row]).toPrecision(6)))])));
+    const written = [...Object.entries(columns).map(([name, { values }]) => [name, (row) => values[row]]), ...spread];
+    const cells = (row) => written.map(([, value]) => quoted(value(row) ?? ""));
+    const lines = [written.map(([name]) => quoted(name)), ...some.map(cells)].map((line) => `${line.join(",")}\r\n`);
     const address = URL.createObjectURL(new Blob(lines, { type: "text/csv" }));
     download(`${fileName()}-${name}.csv`, address);
     setTimeout(() => URL.revokeObjectURL(address), 60000);
@@ -335,7 +375,7 @@
   };
 
   const app = {
-    element, clip, number, error, withInterval, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
     toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
@@ -422,6 +462,8 @@
 
   function renderLeftOut(shown) {
     const reasons = new Map();
+    byId("oversize").checked = state.oversize === "1";
+    byId("larger").hidden = !rows.some((row) => isShown(row) && columns.fits?.values[row] === false);
     for (const row of rows) {
       const reason = isShown(row) && shown.budgeted.matches(row) ? shown.leftOut(row) : "";
       if (reason) reasons.set(reason, (reasons.get(reason) ?? 0) + 1);
@@ -528,6 +570,14 @@
     link.href = Details.address("bundle.zip", { trial, point: number, ...chip });
   }
 
+  // What stands where a figure will be. Trials end before the table of points is written.
+  function stateOf({ state: given, progress }) {
+    if (given.title !== "No design yet" || !progress) return given;
+    const { done, running } = progress.trials;
+    if (done > progress.trials.failed) return { title: `${plural(done, "trial")} done`, text: "The points of the first trials are being computed; they are shown as they come." };
+    return running && progress.is_running ? { title: "Training has begun", text: `${plural(running, "design")} in training or waiting; the first point is shown when the first has ended.` } : given;
+  }
+
   function render(moving = false) {
     const empty = page.state !== null;
     const names = page.definition.views;
@@ -542,8 +592,9 @@
     renderFailures(names);
     for (const { name, view, whenEmpty } of views) if (whenEmpty && names.includes(name)) view.render(shown);
     if (empty) {
-      byId("state").querySelector("h2").textContent = page.state.title;
-      byId("state").querySelector("p").textContent = page.state.text;
+      const { title: heading, text } = stateOf(page);
+      byId("state").querySelector("h2").textContent = heading;
+      byId("state").querySelector("p").textContent = text;
       return;
     }
     byId("undo").disabled = past.length === 0;
@@ -570,7 +621,7 @@
     ["front", "points that no other beats in every objective; fronts of tasks and chips are apart"],
     ["φ", "output spikes that a decision needs at least"], ["θ", "fraction of them that must be for one class"],
     ["flat out", "energy of computing as fast as the chip can; at the sensor's period it waits for each step"],
-    ["hypervolume", "share of the space of objectives that the front beats; 1 is best in everything"],
+    ["corrected", "less what being the best of many adds: recordings are drawn anew, and the choice is made again"],
     ["true rate", "spikes per step that training aims at for the right class"],
     ["t_c", "shortest time by which recordings give the best accuracy"], ["t_p", "mean time of a decision at the most accurate φ and θ"],
     ["t_h", "mean time of a decision as accurate as people"],
@@ -657,6 +708,7 @@
   for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
   for (const n of ["2", "3", "s"]) byId(`view-${n}`).addEventListener("click", () => change({ view: n }));
   byId("sure").addEventListener("input", (e) => change({ sure: SURE[Number(e.target.value) / 5] }));
+  byId("oversize").addEventListener("change", (e) => change({ oversize: e.target.checked ? "1" : "0" }));
   byId("left-out").addEventListener("change", (e) => change({ left: e.target.checked ? "1" : "0" }));
   byId("add-filter").addEventListener("change", (e) => {
     opened.push(e.target.value);

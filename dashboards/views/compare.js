@@ -91,7 +91,7 @@ const Compare = (() => {
     const trialOf = (at) => Design.named(shown, at.key)[0] ?? at.value("trial");
     const nameAt = (at) => {
       const trial = trialOf(at);
-      return trial === null ? `Point ${at.key}` : `Trial ${number(trial)}`;
+      return trial === null ? `Point ${at.key}` : app.trialName(trial);
     };
 
     // ---- the table
@@ -154,13 +154,13 @@ const Compare = (() => {
       const plainRow = (column) => row(app.title(column), compared.map((at) => cell(at, column)));
       const known = (column) => compared.some((at) => at.value(column) !== null);
       const ways = { ...page.objectives, ...page.budgets.columns };
-      const numbered = [...new Set([...objectives, ...Object.keys(page.budgets.columns)])].filter(known);
+      const numbered = app.beside([...objectives, ...Object.keys(page.budgets.columns)]).filter(known);
       const parameters = page.design.filter((column) => !PLACES.includes(column) && known(column));
       const differs = (column) => new Set(compared.map((at) => String(at.value(column)))).size > 1;
       table.tHead.replaceChildren(head());
       table.tBodies[0].replaceChildren(
         ...PLACES.slice(1).filter((column) => columns[column] && app.varies(column)).map(plainRow),
-        ...numbered.map((column) => measured(column, ways[column])),
+        ...numbered.map((column) => measured(column, ways[column.replace(/_(corrected|test)$/, "")] ?? "min")),
         ...parameters.filter(differs).map(plainRow),
       );
       const equal = compared.length > 1 ? parameters.filter((column) => !differs(column)) : [];
@@ -204,7 +204,7 @@ const Compare = (() => {
 
     function renderFigures() {
       const { state, compared } = shown;
-      const offered = TABS.filter((tab) => compared.some((at) => Design.figureOf(partAt(at), tab, state.hardware)));
+      const offered = TABS.filter((tab) => compared.some((at) => Design.figureOf(partAt(at), tab, state.hardware, state.pace, at.value)));
       const selected = select.value;
       if ([...select.options].map(({ value }) => value).join() !== offered.join()) {
         select.replaceChildren(...offered.map((tab) => element("option", { value: tab, textContent: tab })));
@@ -213,10 +213,10 @@ const Compare = (() => {
       choice.hidden = offered.length === 0;
       figures.hidden = offered.length === 0;
       const details = compared.map(detailsOf);
-      const key = JSON.stringify([select.value, state.hardware, app.style().dark, compared.map((at) => [trialOf(at), at.value("task")])]);
+      const key = JSON.stringify([select.value, state.hardware, app.style().dark, state.pace, compared.map((at) => [trialOf(at), ...["task", "weight_bits", "pruned_after"].map(at.value)])]);
       if (!offered.length || (drawn.key === key && details.every((one, k) => one === drawn.details[k]))) return;
       drawn = { key, details };
-      const drawings = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware));
+      const drawings = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware, state.pace, at.value));
       const wide = SCALED.includes(select.value) ? scaled(drawings.filter(Boolean)) : drawings.filter(Boolean);
       const high = Math.max(...wide.map(({ layout }) => layout.height ?? 320));
       const nodes = compared.map((at, k) => {

@@ -1,47 +1,19 @@
 "use strict";
-// What helps to decide: what one point of accuracy costs at the pick, and what each chip would make of the budgets.
+// What helps to decide: what a cheaper design gives up, and what each chip would make of the budgets.
 const Decide = (() => {
-  const WINDOW = 0.05; // of accuracy, over which a price is a mean: single steps of a front are noise
-  const DRAWS = 400;
-  const QUANTILES = [0.05, 0.95];
+  const WINDOW = 0.05; // of accuracy, that a cheaper design may give up
+  const Z = 1.645; // of a 90 % interval
   const SETTLED_MS = 150;
 
-  // ---- pure
-
-  function* normals(seed) {
-    let state = seed >>> 0;
-    const uniform = () => { // mulberry32
-      state = (state + 0x6d2b79f5) >>> 0;
-      let t = Math.imul(state ^ (state >>> 15), state | 1);
-      t ^= t + Math.imul(t ^ (t >>> 7), t | 61);
-      return (((t ^ (t >>> 14)) >>> 0) + 0.5) / 4294967296;
-    };
-    for (;;) yield Math.sqrt(-2 * Math.log(uniform())) * Math.cos(2 * Math.PI * uniform());
-  }
-
-  // The least cost of points {gain, cost, se, trial} that gain a level; Infinity where none does.
-  const leastCost = (points, level, shift = () => 0) => points.find((one) => one.gain + shift(one) >= level)?.cost ?? Infinity;
-
-  // What a hundredth more of the gain costs below a point, and its 90 % interval: errors of the gain are drawn anew,
-  // alike for the points of a trial. `points` by rising cost. Null where nothing lies below.
-  function priceOf(points, pick, draws = DRAWS) {
-    const [level, low] = [pick.gain, pick.gain - WINDOW - 1e-9];
-    const per = (from, to) => (to - from) / (100 * WINDOW);
-    const [from, to] = [leastCost(points, low), leastCost(points, level)];
-    if (!Number.isFinite(to) || !points.some(({ gain }) => gain < low)) return null;
-    const [normal, sampled] = [normals(1), []];
-    for (let k = 0; k < draws; k += 1) {
-      const unit = new Map();
-      const shift = ({ trial, se }) => {
-        if (!unit.has(trial)) unit.set(trial, normal.next().value);
-        return se * unit.get(trial);
-      };
-      const own = shift(pick);
-      sampled.push(per(leastCost(points, low + own, shift), leastCost(points, level + own, shift)));
-    }
-    const sorted = sampled.sort((a, b) => a - b);
-    const [least, most] = QUANTILES.map((q) => sorted[Math.min(draws - 1, Math.floor(q * draws))]);
-    return { from, to, price: per(from, to), least, most };
+  // A pick against the cheapest of some designs {gain, cost, se}, by rising cost, that gains at most WINDOW less: the
+  // cost of 0.01 of the gain between these two, over the 90 % interval of their difference. Without an upper end where
+  // they cannot be told apart. No design is chosen anew within the interval: noise would always find a cheaper one.
+  function priceOf(points, pick) {
+    const other = points.find(({ gain }) => gain >= pick.gain - WINDOW - 1e-9);
+    if (!other || other.cost >= pick.cost) return null;
+    const [less, se] = [pick.gain - other.gain, Math.hypot(pick.se, other.se)];
+    const per = (gain) => (gain > 0 ? (pick.cost - other.cost) / (100 * gain) : Infinity);
+    return { other, less, se, price: per(less), least: per(less + Z * se), most: per(less - Z * se) };
   }
 
   function view(root, app) {
@@ -73,7 +45,7 @@ const Decide = (() => {
       return scroll;
     }
 
-    // ---- the price of a point
+    // ---- what a cheaper design gives up
 
     function renderPrice() {
       const { page, columns, budgeted } = shown;
@@ -81,22 +53,29 @@ const Decide = (() => {
       const costs = Object.entries(page.budgets.columns).filter(([, way]) => way === "min").map(([column]) => column);
       const isShare = gain !== null && app.numbers(gain).every((value) => Number.isNaN(value) || (value >= 0 && value <= 1));
       const several = budgeted.picks.length > 1;
-      const lines = !isShare ? [] : budgeted.picks.filter(({ row }) => row >= 0).flatMap(({ task, row }) => {
-        return costs.flatMap((column) => {
-          const points = pointsOf(budgeted, task, column);
-          const pick = points.find((one) => one.row === row);
-          const found = pick ? priceOf(points, pick) : null;
-          if (!found) return [];
-          const unit = columns[column].unit ? `\u202f${columns[column].unit}` : "";
-          return [element("tr", {}, element("th", { scope: "row", className: "text", textContent: `${several ? `${clip(task, 24)}: ` : ""}${columns[column].label}` }),
-            cell(`${number(found.price)}${unit}`, "value"), cell(`${number(found.least)} to ${number(found.most)}`), cell(`${number(found.from)} → ${number(found.to)}${unit}`))];
-        });
-      });
+      const lines = !isShare ? [] : budgeted.picks.filter(({ row }) => row >= 0).flatMap(({ task, row }) => costs.flatMap((column) => {
+        const points = pointsOf(budgeted, task, column);
+        const pick = points.find((one) => one.row === row);
+        const found = pick ? priceOf(points, pick) : null;
+        if (!found) return [];
+        const { other, less, se, price: each, least, most } = found;
+        const unit = columns[column].unit ? `\u202f${columns[column].unit}` : "";
+        const per = Number.isFinite(most) && se > 0 ? `${number(each)} (${number(least)}–${number(most)})` : `${se > 0 ? "at least " : ""}${Number.isFinite(least) ? number(least) : "–"}`;
+        return [element("tr", {}, element("th", { scope: "row", className: "text", textContent: `${several ? `${clip(task, 24)}: ` : ""}${columns[column].label}` }),
+          cell(`${number(other.cost)}${unit}, not ${number(pick.cost)}`, "value"), element("td", {}, choose(other.row)),
+          cell(`−${number(less, true)}${se > 0 ? ` ${app.error(se)}` : ""}`), cell(`${per}${unit}`))];
+      }));
       price.hidden = lines.length === 0;
       if (price.hidden) return;
-      const label = columns[gain].label;
-      price.replaceChildren(element("h2", {}, `What a point of ${label} costs `, element("small", { textContent: `mean from ${WINDOW} below the pick up to it` })),
-        table(["of", "a point costs", "90 % interval", "in all"], lines));
+      const { label } = columns[gain];
+      price.replaceChildren(element("h2", {}, "Could it be cheaper? ", element("small", { textContent: `the cheapest design with at most ${WINDOW} less ${label} than the pick` })),
+        table(["of", "costs", "with", label, `0.01 of ${label} costs`], lines));
+    }
+
+    function choose(row) {
+      const button = element("button", { type: "button", textContent: clip(app.nameOf(row), 40) });
+      button.addEventListener("click", () => app.change({ chosen: app.keyOf(row) }));
+      return button;
     }
 
     // ---- what is as good as the pick
@@ -113,11 +92,9 @@ const Decide = (() => {
         const alike = points.filter((one) => one.trial !== pick.trial && pick.gain - one.gain <= Math.hypot(pick.se, one.se));
         const lead = `${task ? `${clip(task, 24)}: ` : ""}${app.plural(new Set(alike.map(({ trial }) => trial)).size, "other design")} as good as the pick within its error`;
         if (!alike.length) return [element("span", { textContent: `${lead}.` })];
-        const [{ row: cheapest, trial }] = alike;
-        const button = element("button", { type: "button", textContent: `Trial ${number(trial)}` });
-        button.addEventListener("click", () => app.change({ chosen: app.keyOf(cheapest) }));
+        const [{ row: cheapest }] = alike;
         const unit = (column) => (columns[column].unit ? `\u202f${columns[column].unit}` : "");
-        return [element("span", {}, `${lead}; least ${columns[cost].label}: `, button, ` ${app.withInterval(gain, cheapest)}, ${app.withInterval(cost, cheapest)}${unit(cost)}. `)];
+        return [element("span", {}, `${lead}; least ${columns[cost].label}: `, choose(cheapest), ` ${app.withInterval(gain, cheapest)}, ${app.withInterval(cost, cheapest)}${unit(cost)}. `)];
       });
       equals.hidden = lines.length === 0;
       equals.replaceChildren(...lines);
@@ -134,6 +111,7 @@ const Decide = (() => {
       if (chips.hidden) return;
       if (engineOf !== page) [engine, engineOf] = [Budgets.over(page), page];
       const gain = page.budgets.maximise;
+      const headline = app.beside([gain])[0];
       const cost = costOf(page);
       const found = names.map((name) => ({ name, budgeted: engine.evaluate({ ...state, hardware: name }) }));
       const tasks = found[0].budgeted.chosen.task === null && columns.task ? app.distinct("task") : [""];
@@ -151,23 +129,22 @@ const Decide = (() => {
         const bottom = (one) => one.cost - (ends?.low[one.row] ?? 0);
         const wins = best && known.every((one) => one === best || bottom(one) > top(best));
         return ofTask.map(({ name, budgeted, pick }, k) => {
-          const choose = element("button", { type: "button", textContent: clip(name, 32), title: "show this chip" });
-          choose.setAttribute("aria-pressed", String(state.hardware === name));
-          choose.addEventListener("click", () => app.change({ hardware: name }));
-          const note = budgeted.lacking.length ? "cannot run these" : budgeted.oversized ? "none fits" : "";
+          const open = element("button", { type: "button", textContent: clip(name, 32), title: "show this chip" });
+          open.setAttribute("aria-pressed", String(state.hardware === name));
+          open.addEventListener("click", () => app.change({ hardware: name }));
+          const note = budgeted.noneFits ? "none fits" : "";
           const value = least[k] && Number.isFinite(least[k].cost) ? app.withInterval(cost, least[k].row) : "–";
-          return element("tr", {}, element("th", { scope: "row", className: "text" }, choose), ...(tasks.length > 1 ? [cell(clip(task, 24), "text")] : []),
-            cell(note || app.many(budgeted.count)), cell(pick >= 0 ? app.withInterval(gain, pick) : "–"), ...(cost ? [cell(pick >= 0 ? app.withInterval(cost, pick) : "–"),
-              element("td", {}, element(best && least[k] === best && wins && !note ? "strong" : "span", { textContent: value }))] : []));
+          return element("tr", {}, element("th", { scope: "row", className: "text" }, open), ...(tasks.length > 1 ? [cell(clip(task, 24), "text")] : []),
+            cell(note || `${app.many(budgeted.count)}${pick >= 0 && budgeted.isMisfit(pick) ? ", larger chip" : ""}`), cell(pick >= 0 ? app.withInterval(headline, pick) : "–"), ...(cost ? [cell(pick >= 0 ? app.withInterval(cost, pick) : "–"),
+              element("td", {}, element(best && least[k] === best && wins ? "strong" : "span", { textContent: value }))] : []));
         });
       });
-      const chosen = title(gain);
-      const headings = ["chip", ...(tasks.length > 1 ? ["task"] : []), "feasible", `pick: ${chosen}`, ...(cost ? [`pick: ${title(cost)}`, `${title(cost)} at what all reach`] : [])];
+      const headings = ["chip", ...(tasks.length > 1 ? ["task"] : []), "feasible", `pick: ${title(headline)}`, ...(cost ? [`pick: ${title(cost)}`, `${title(cost)} at what all reach`] : [])];
       chips.replaceChildren(element("h2", {}, "Chips ", element("small", { textContent: "under these budgets; strong: less than every other beyond both intervals" })), table(headings, lines));
     }
 
     function draw() {
-      waiting = 0;
+      isStale = false;
       const focused = root.contains(document.activeElement) ? document.activeElement.textContent : null;
       renderPrice();
       renderEquals();
@@ -176,11 +153,19 @@ const Decide = (() => {
       if (focused !== null) [...root.querySelectorAll("button")].find((one) => one.textContent === focused)?.focus({ preventScroll: true });
     }
 
+    // While a budget moves, what nobody sees waits until it is seen.
+    let [isSeen, isStale] = [true, false];
+    new IntersectionObserver(([{ isIntersecting }]) => {
+      isSeen = isIntersecting || root.hidden;
+      if (isSeen && isStale) draw();
+    }).observe(root);
+
     function render(next) {
       shown = next;
       clearTimeout(waiting);
-      if (next.moving) waiting = setTimeout(draw, SETTLED_MS);
-      else draw();
+      isStale = true;
+      if (!next.moving) draw();
+      else waiting = setTimeout(() => { if (isSeen) draw(); }, SETTLED_MS);
     }
 
     return { render };

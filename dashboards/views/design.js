@@ -8,10 +8,10 @@ const Design = (() => {
   };
   // What the figures are of: all but the raster and the surface stay as they are when φ and θ move.
   const OF = {
-    confusion: "Answers at the end of the recording, as trained; all repeats.", energy: "An answer at the end of the recording, as trained.",
-    cores: "As trained.", bits: "Answers at the end of the recording.", power: "As trained.",
-    recognition: "Answers after shorter recordings, as trained; mean of all repeats. The ring is t_c.",
-    first_spike: "Recordings of the first repeat: median of each class, from its least to its largest time.",
+    confusion: "Answers at the end of the recording; all repeats.", energy: "An answer at the end of the recording.",
+    bits: "Answers at the end of the recording.",
+    recognition: "Answers after shorter recordings; mean of all repeats. The ring is t_c.",
+    first_spike: "Validation recordings of the first repeat: median of each class, from its least to its largest time.",
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
   const SETTLED_MS = 150;
@@ -191,11 +191,17 @@ const Design = (() => {
     },
   };
 
-  // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none.
-  function figureOf(part, tab, hardware, pace = "flat") {
-    const figure = (tab === "energy" && pace === "period" ? entryOf(part.figures, "energy_at_period") : undefined) ?? entryOf(part.figures, tab);
-    return tab === "energy" || tab === "cores" ? entryOf(figure, hardware) : figure;
+  // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none. That of its own
+  // precision, or else that of the network as trained: `isOwn` tells which.
+  function figureOf(part, tab, hardware, pace = "flat", precision = () => null) {
+    const on = (figures) => {
+      const figure = (tab === "energy" && pace === "period" ? entryOf(figures, "energy_at_period") : undefined) ?? entryOf(figures, tab);
+      return tab === "energy" || tab === "cores" ? entryOf(figure, hardware) : figure;
+    };
+    const own = on(ownPrecision(part, precision)?.figures);
+    return own ?? on(part.figures);
   }
+  const ownPrecision = (part, precision) => (part.precisions ?? []).find((one) => isOf(one, precision));
 
   function tabsOf(part, hardware, order) {
     const has = { surface: () => (part.surfaces ?? []).some((one) => columnsOn(one, hardware)), raster: () => (part.examples ?? []).length > 0 };
@@ -222,10 +228,11 @@ const Design = (() => {
     const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
     const strip = set(element("div", { className: "tabs" }), { role: "tablist", "aria-label": "What its runs recorded" });
     const pane = set(element("div", { className: "pane", id: "design-pane", tabIndex: 0 }), { role: "tabpanel" });
+    const owner = element("p", { className: "owner" });
     const notes = element("div", { className: "quiet" });
     const save = element("span", { className: "save" });
     const hint = element("p", { className: "quiet" });
-    const body = element("div", {}, standing, win, misfit, objectives, parameters, everything, strip, pane, notes, save, line);
+    const body = element("div", {}, standing, win, misfit, objectives, parameters, everything, strip, owner, pane, notes, save, line);
     set(command, { "aria-label": "Command that exports this design" });
     root.append(element("div", { className: "head" }, heading, bundle, compare), hint, body);
 
@@ -253,13 +260,14 @@ const Design = (() => {
         return value !== null && (way === "max" ? value >= limit : value <= limit);
       };
       const isWithin = isRow(shown, chosen.row) ? within(chosen.row) : budgeted.limits.every(meets);
-      const reason = isRow(shown, chosen.row) ? shown.leftOut(chosen.row) : chosen.value("fits") === false ? `does not fit ${chosen.value("hardware")}` : "";
+      const isLarge = chosen.value("fits") === false;
+      const reason = isRow(shown, chosen.row) ? shown.leftOut(chosen.row) : isLarge && !budgeted.chosen.oversize ? `does not fit ${chosen.value("hardware")}` : "";
       if (reason) return reason;
       if (!isWithin) return "outside the budgets";
       if (!isRow(shown, chosen.row) || !onFront.has(chosen.row)) return "dominated";
       const [share, of] = [[chosen.value("front_probability"), "samples of recordings, seeds and chip"], [chosen.value("front_share"), "samples of the chip's numbers"]]
         .find(([value]) => typeof value === "number") ?? [null];
-      return `on the front${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
+      return `on the front${isLarge ? " of a larger chip" : ""}${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
     }
 
     // The parts of a latency: waiting for the decision, and what the chip still computes then.
@@ -322,12 +330,12 @@ const Design = (() => {
       const { chosen, columns, page, state, objectives: aims } = shown;
       const has = (column) => chosen.value(column) !== null;
       const trial = chosen.value("trial") ?? named(shown, chosen.key)[0];
-      heading.textContent = clip(trial === null ? `Point ${chosen.key}` : `Trial ${number(trial)}`, 60);
+      heading.textContent = clip(trial === null ? `Point ${chosen.key}` : app.trialName(trial), 60);
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
       win.textContent = [winning(shown), picking(shown)].filter(Boolean).join(" ");
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
-      const measured = [...new Set([...aims, ...Object.keys(page.budgets.columns)])];
+      const measured = app.beside([...aims, ...Object.keys(page.budgets.columns)]);
       list(objectives, measured.filter(has));
       const inHead = ["trial", "task", "hardware"];
       list(parameters, page.design.filter((column) => !inHead.includes(column) && has(column)));
@@ -370,6 +378,7 @@ const Design = (() => {
 
     function showText(text) {
       drawn = null;
+      owner.textContent = "";
       save.hidden = true;
       Figure.replace(pane, element("p", { className: "quiet", textContent: text }));
     }
@@ -392,7 +401,8 @@ const Design = (() => {
       const surface = surfaceOf(part, named(shown, chosen.key)[1], chosen.value, state.hardware);
       const misfits = entryOf(part.misfits, state.hardware) ?? [];
       misfit.replaceChildren(...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })));
-      const key = JSON.stringify([open, chosen.value("task"), state.hardware, open === "energy" && state.pace, surface?.first_point, app.style().dark]);
+      owner.textContent = ownerOf(part, surface, open);
+      const key = JSON.stringify([open, chosen.value("task"), state.hardware, open === "energy" && state.pace, surface?.first_point, owner.textContent, app.style().dark]);
       if (drawn?.key === key && drawn.details === details) {
         drawn.move();
         return;
@@ -411,8 +421,19 @@ const Design = (() => {
       drawn.draw();
     }
 
+    // Which network a tab is of, where the design is another than the one that was trained.
+    function ownerOf(part, surface, tab) {
+      const trained = part.surfaces?.[0];
+      const { value } = shown.chosen;
+      if (!trained || isOf(trained, value) || tab === "bits") return "";
+      const isOwn = tab === "surface" ? isOf(surface, value) : ownPrecision(part, value)?.figures[tab] !== undefined;
+      return isOwn ? `This design: ${inBits(value)}` : `The parent network, as trained: ${inBits((name) => trained[name])}`;
+    }
+    const inBits = (value) => `${number(value("weight_bits"))} bits per weight${value("pruned_after") ? `, ${number(100 * value("pruned_after"))}\u00a0% of them removed` : ""}`;
+
     function absent(page) {
       if (Details.isServed(page) || page.details?.[loaded.trial]) return Details.absent(page, loaded.trial);
+      if (!page.budgets.results) return "This page of two studies has no details of designs; the page of each study has.";
       const n = Object.keys(page.details ?? {}).length;
       const carried = n ? `the details of ${app.plural(n, "design")}` : "no details of designs";
       return `This file carries ${carried}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;
@@ -467,23 +488,22 @@ const Design = (() => {
     }
 
     function figurePane(part, surface, tab) {
-      const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace);
+      const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace, shown.chosen.value);
       const node = figureNode(tab, figure.layout.height ?? 320);
       node.setAttribute("aria-label", WORDS[tab](figure, number));
+      const told = (...texts) => texts.filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent }));
       return {
-        nodes: [
-          node, ...[OF[tab], tab === "energy" ? apart() : ""].filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent })),
-        ],
+        nodes: [...told(tab === "energy" ? apart() : ""), node, ...told(OF[tab])],
         node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), fitted), move() {},
       };
     }
 
-    // The point's energy, where it does not answer at the end of the recording as the figure does.
+    // The design's own energy, where the figure is of another answer or network.
     function apart() {
       const { chosen, columns, page, state } = shown;
       const column = state.pace === "period" ? page.period.instead : page.period?.energy ?? "energy_uj";
-      const isEnd = ["phi", "read_out_ms"].every((name) => chosen.value(name) === null);
-      return isEnd || chosen.value(column) === null || !columns[column] ? "" : `The point above: ${withUnit(app, shown, chosen, column)}.`;
+      const isEnd = ["phi", "read_out_ms"].every((name) => chosen.value(name) === null) && !owner.textContent.startsWith("The parent");
+      return isEnd || chosen.value(column) === null || !columns[column] ? "" : `This design: ${withUnit(app, shown, chosen, column)}.`;
     }
 
     // ---- φ and θ
@@ -772,11 +792,10 @@ const Design = (() => {
         draw();
       });
       const drawnParts = "Output spikes, share of the leading class, spikes per layer";
-      const asTrained = !part.surfaces?.length || isOf(part.surfaces[0], shown.chosen.value);
       return {
         nodes: [
           select, ...(sliders?.nodes ?? []), summary, node,
-          element("p", { className: "quiet", textContent: `${drawnParts}; first repeat${asTrained ? "" : ", as trained"}.` }),
+          element("p", { className: "quiet", textContent: `${drawnParts}; first repeat.` }),
         ],
         node, figure, draw, move: () => (sliders ? sliders.move() : follow(-1)),
       };

@@ -4,6 +4,7 @@
 const Front = (() => {
   const BARS = 14; // intervals on a front: more would hide its points
   const SPACE_POINTS = 2000; // dominated points drawn in space
+  const ARROW_PX = 20;
   const NEAR_PX = 16; // how far from a point a pointer means it
   const SETTLED_MS = 150; // after a budget's last step: until then the canvas draws what plotly is too slow for
   const FADE_MS = 1200; // of points that a running study adds
@@ -63,13 +64,23 @@ const Front = (() => {
     // On a crowded front every n-th point carries its interval.
     function bars(some, colour) {
       const step = Math.ceil(some.length / BARS);
-      const thinned = (values) => some.map((row, k) => (k % step === 0 ? values[row] : null));
+      const thinned = (values, column) => some.map((row, k) => (k % step === 0 && !(column && app.isOpen(column, row)) ? values[row] : null));
       return Object.fromEntries(axes().flatMap((column, k) => {
         const interval = Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : undefined;
         return !interval ? [] : [[`error_${letters()[k]}`, {
           type: "data", symmetric: false, color: `${colour}99`, thickness: 1, width: 2,
-          array: thinned(interval.high), arrayminus: thinned(interval.low),
+          array: thinned(interval.high, column), arrayminus: thinned(interval.low),
         }]];
+      }));
+    }
+
+    // Of an interval whose upper end says nothing, an arrow.
+    function arrows(some, look, suffix) {
+      const step = Math.ceil(some.length / BARS);
+      return axes().flatMap((column, axis) => some.filter((row, k) => k % step === 0 && app.isOpen(column, row)).map((row) => {
+        const at = axes().map((name, k) => (shown.state[`l${"xy"[k]}`] === "1" ? Math.log10(app.numbers(name)[row]) : app.numbers(name)[row]));
+        const along = axis === 0 ? { xshift: ARROW_PX, ax: -ARROW_PX, ay: 0 } : { yshift: ARROW_PX, ax: 0, ay: ARROW_PX };
+        return { x: at[0], y: at[1], xref: `x${suffix}`, yref: `y${suffix}`, text: "", showarrow: true, arrowhead: 2, arrowwidth: 1, arrowcolor: look.quiet, ...along };
       }));
     }
 
@@ -85,7 +96,7 @@ const Front = (() => {
       const reason = shown.leftOut(row);
       const lines = page.design.filter((column) => columns[column].values[row] !== null)
         .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
-      const measured = [...new Set([...objectives, ...axes()])].filter((column) => !page.design.includes(column));
+      const measured = app.beside([...objectives, ...axes()]).filter((column) => !page.design.includes(column));
       return [...(reason ? [reason] : []), ...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
         .map((line) => clip(line, HOVER_CHARACTERS));
     }
@@ -188,13 +199,13 @@ const Front = (() => {
     }
 
     const published = () => (shown.page.marks).filter(({ task, values }) =>
-      (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[column])));
+      (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[app.measuredOf(column)])));
 
     // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
     function planeTraces(look, whole) {
       const { state, page } = shown;
       const tint = tintOf(look);
-      const traces = keyTraces(tint);
+      const traces = shown.rows.length ? keyTraces(tint) : [];
       for (const panel of panels) {
         const on = { xaxis: `x${panel.suffix}`, yaxis: `y${panel.suffix}` };
         const add = (trace) => traces.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
@@ -219,7 +230,7 @@ const Front = (() => {
           if (!line.length) continue;
           // The staircase is what the front attains: nothing lies beyond it.
           add({ mode: "lines", ...coordinates(line), line: {
-            color: tint ? look.text : colour, width: 1.5, shape: page.objectives[state.x] === "min" ? "hv" : "vh", dash: tint ? DASHES[panel.tasks.indexOf(name) % DASHES.length] : "solid",
+            color: tint ? look.text : colour, width: 1.5, shape: app.wayOf(state.x) === "min" ? "hv" : "vh", dash: tint ? DASHES[panel.tasks.indexOf(name) % DASHES.length] : "solid",
           } });
           add({
             ...coordinates(line), customdata: line, ...bars(line, tint ? look.quiet : colour), name: escaped(clip(name, 40)), showlegend: panel.tasks.length > 1 && !tint,
@@ -230,7 +241,7 @@ const Front = (() => {
         const cited = published().filter(here);
         if (cited.length) {
           add({
-            ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[column])])),
+            ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[app.measuredOf(column)])])),
             marker: { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } },
             hoverinfo: "text", hovertext: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`),
             name: "published", showlegend: true,
@@ -270,9 +281,6 @@ const Front = (() => {
         add(dim, { color: painted(dim, colour), size: 3, opacity: 0.22, line: { width: 0 } });
         const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
         add(best, { color: best.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look)), size: 3.5, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
-        if (line.length > 3) {
-          traces.push({ type: "mesh3d", ...coordinates(line), color: colour, opacity: 0.14, hoverinfo: "skip", delaunayaxis: "z" });
-        }
         const shaded = line.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look));
         add(line, { color: shaded, size: 4.5, line: { color: look.page, width: 1 } },
           { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 && !tint });
@@ -281,7 +289,7 @@ const Front = (() => {
       const cited = published();
       if (cited.length) {
         traces.push({
-          type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[column])), name: "published",
+          type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[app.measuredOf(column)])), name: "published",
           text: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`), hovertemplate: "%{text}<extra></extra>",
           marker: { symbol: "cross", size: 4, color: look.quiet }, showlegend: true,
         });
@@ -325,7 +333,7 @@ const Front = (() => {
       const words = names.length ? { tickmode: "array", tickvals: names.map((_, k) => k), ticktext: names.map((name) => escaped(clip(name, 24))), range: [-0.5, names.length - 0.5] } : {};
       return {
         title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
-        ...Figure.NOTATION, gridcolor: look.rule, linecolor: look.rule, zeroline: false, showbackground: false, color: look.text,
+        ...Figure.NOTATION, showticklabels: shown.rows.length > 0, gridcolor: look.rule, linecolor: look.rule, zeroline: false, showbackground: false, color: look.text,
         ...(!flat() ? ticksInSpace(state[letter], log) : log ? decadesOf(state[letter]) : {}), ...words,
       };
     }
@@ -344,6 +352,7 @@ const Front = (() => {
         ...Figure.face(look, narrow),
         margin: flat() ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
         legend: { orientation: "h", x: 0, y: !flat() ? 1.08 : panels.length > 1 ? 1.07 : 1, yanchor: flat() ? "bottom" : "top", itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
+        ...(look.paper ? { width: plot.clientWidth, height: plot.clientHeight } : {}),
         uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
       };
       if (!flat()) {
@@ -353,14 +362,19 @@ const Front = (() => {
         };
         return figureLayout;
       }
+      figureLayout.annotations = panels.some(({ points }) => points.length) ? [] : [{
+        text: shown.budgeted.noneFits ? escaped(`No design fits ${clip(shown.state.hardware || "the chip", 40)}`) : "No point has both numbers",
+        xref: "paper", yref: "paper", x: 0.5, y: 0.5, showarrow: false, font: { size: 16, color: look.quiet },
+      }];
       panels.forEach(({ suffix, tasks }, k) => {
         const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
         const room = Math.max(4, Math.floor(plot.clientWidth / panels.length / CHARACTER_PX));
         figureLayout[`xaxis${suffix}`] = { ...axis("x", look), showgrid: whole, domain: [low, high], anchor: `y${suffix}` };
         if (k && clip(title(state.x), 48).length > room) figureLayout[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
         figureLayout[`yaxis${suffix}`] = { ...axis("y", look), showgrid: whole, anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
+        figureLayout.annotations.push(...arrows(panels[k].line, look, suffix));
         if (panels.length > 1) {
-          (figureLayout.annotations ??= []).push({
+          figureLayout.annotations.push({
             text: escaped(clip(tasks[0], Math.min(40, room))), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
             showarrow: false, font: { color: colourOf(tasks[0], look) },
           });
@@ -492,7 +506,7 @@ const Front = (() => {
         line.forEach((row, k) => {
           const [x, y] = [toX(xs[row]), toY(ys[row])];
           if (k === 0) brush.moveTo(x, y);
-          else if (page.objectives[state.x] === "min") brush.lineTo(x, toY(ys[line[k - 1]]));
+          else if (app.wayOf(state.x) === "min") brush.lineTo(x, toY(ys[line[k - 1]]));
           else brush.lineTo(toX(xs[line[k - 1]]), y);
           brush.lineTo(x, y);
         });
@@ -658,7 +672,7 @@ const Front = (() => {
       Figure.library().then(() => {
         if (current !== shown) return;
         const look = app.style();
-        const space = String(!flat());
+        const space = `${!flat()} ${look.paper}`; // as wide as it was drawn
         if (plot.dataset.space !== space) Plotly.purge(plot);
         plot.dataset.space = space;
         plot.dataset.view = drawnView();
@@ -699,6 +713,7 @@ const Front = (() => {
     function render(next) {
       const isNew = shown?.page !== next.page;
       shown = next;
+      if (!next.moving) size = [plot.clientWidth, plot.clientHeight]; // the observer is late for paper
       if (isNew) fresh();
       panels = flat() ? panelsOf() : [];
       ring.hidden = tip.hidden = true;

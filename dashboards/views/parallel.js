@@ -128,7 +128,8 @@ const Parallel = (() => {
     marks.setAttribute("aria-hidden", "true");
     scroll.setAttribute("role", "group");
     scroll.setAttribute("aria-label", "Axes, which scroll sideways");
-    root.append(element("h2", { textContent: "Parallel coordinates " }, count), scroll, caption);
+    const onPaper = element("div");
+    root.append(element("h2", { textContent: "Parallel coordinates " }, count), scroll, onPaper, caption);
 
     let shown = null;
     // Of the points and the filters: {page, key, turn, axes, unplaced: columns without one, order: rows, heights: px, tasks}.
@@ -541,6 +542,10 @@ const Parallel = (() => {
 
     function draw() {
       look = app.style();
+      // Printers leave canvases empty.
+      onPaper.replaceChildren(...(look.paper ? [new DOMParser().parseFromString(svg(), "image/svg+xml").documentElement] : []));
+      scroll.hidden = look.paper === true;
+      if (look.paper) return describe();
       marking = marked(look);
       paint();
       paintMarks();
@@ -554,8 +559,10 @@ const Parallel = (() => {
 
     function render(next) {
       shown = next;
-      width ||= scroll.clientWidth;
-      if (prepare()) arrange();
+      const before = width;
+      scroll.hidden = false;
+      if (!next.moving || !width) width = scroll.clientWidth || width; // the observer is late for paper
+      if (prepare() || width !== before) arrange();
       pointed = -1;
       moveHandles();
       draw();

@@ -3,6 +3,7 @@
 const Progress = (() => {
   const [WIDTH, HEIGHT] = [560, 240]; // of the figure, in px, at least
   const FAR = "\u202f"; // between a number and its unit
+  const AGE_MS = 5000; // after which the age of the last sign of life is written anew
 
   function duration(seconds) {
     if (seconds < 60) return `${Math.ceil(seconds)}${FAR}s`;
@@ -15,7 +16,22 @@ const Progress = (() => {
   const grouped = (n) => n.toLocaleString("en").replace(/,/g, FAR);
   const share = (done, total) => (total === null ? grouped(done) : `${grouped(done)}/${grouped(total)}`);
 
-  // A study that nobody serves may have been stopped: what it had begun is then not running.
+  const clock = (iso) => {
+    const at = new Date(iso);
+    return at.toDateString() === new Date().toDateString() ? at.toLocaleTimeString() : at.toLocaleString();
+  };
+
+  // What a study does as its server sees it, with the last that was heard of it in the reader's time.
+  function stateOf({ trials, is_running: isRunning, sign }, now) {
+    const isDone = trials.total !== null && trials.done >= trials.total && !trials.running;
+    const heard = sign ? `last sign of life ${duration(Math.max(0, now - Date.parse(sign)) / 1000)} ago` : "";
+    if (isRunning) return heard ? `running, ${heard}` : "running";
+    const at = sign ? ` at ${clock(sign)}` : "";
+    if (isDone) return `finished${at}`;
+    return isRunning === false && sign ? `stopped, last sign of life${at}` : isRunning === false ? "not running" : heard;
+  }
+
+  // A study that nobody runs has begun what it has not finished.
   function summary({ trials, runs, hours, time_left_s: left }, isLive) {
     const repeated = runs.total === null ? runs.done > trials.done : runs.total > trials.total;
     return [
@@ -39,7 +55,7 @@ const Progress = (() => {
     const lists = element("div", { className: "lists" });
     const box = element("details", {}, line, element("div", { className: "body" }, figure, lists));
     root.append(box);
-    let [shown, drawn, listed, isFirst] = [null, "", null, true];
+    let [shown, drawn, listed, isEmpty] = [null, "", null, null];
     box.addEventListener("toggle", () => draw());
 
     const isChosen = ({ task, hardware }, { state }) =>
@@ -95,7 +111,7 @@ const Progress = (() => {
 
     function running({ trials, running: begun }) {
       if (!trials.running) return [];
-      const heading = Details.isServed(shown.page) ? "running, or waiting for a worker" : "begun and not finished";
+      const heading = isLive(shown.page) ? "running, or waiting for a worker" : "begun and not finished";
       const items = begun.map(({ trial, design }) => {
         const text = Object.entries(design).map(([key, value]) => `${key} ${setting(value)}`).join(", ");
         return element("li", { title: text }, element("b", { textContent: `trial ${trial} ` }), clip(text, 160));
@@ -111,19 +127,29 @@ const Progress = (() => {
         ...reasons("failed", progress.trials.failed, progress.failed),
         ...reasons("stopped early", progress.trials.stopped, progress.stopped),
         ...running(progress),
-        ...(progress.last ? [element("p", { className: "last", textContent: `A run last ended at ${progress.last.replace("T", " ").replace("+00:00", " UTC")}.` })] : []),
       );
       for (const node of lists.querySelectorAll("details > summary")) node.parentElement.open = open.has(node.title);
     }
+
+    const isLive = (page) => Details.isServed(page) && page.progress.is_running !== false;
+
+    function name() {
+      const { page } = shown;
+      const state = Details.isServed(page) ? stateOf(page.progress, Date.now()) : "";
+      const text = [state, summary(page.progress, isLive(page))].filter(Boolean).join(" · ");
+      if (line.textContent !== text) line.textContent = text;
+    }
+    setInterval(() => { if (shown?.page.progress) name(); }, AGE_MS);
 
     function render(now) {
       shown = now;
       const { progress, state } = shown.page;
       root.hidden = !progress;
       if (!progress || shown.moving) return;
-      if (isFirst) box.open = state !== null; // where nothing else is there to look at
-      isFirst = false;
-      line.textContent = summary(progress, Details.isServed(shown.page));
+      // Open where nothing else is there to look at, until there is.
+      if (isEmpty !== (state !== null)) box.open = state !== null;
+      isEmpty = state !== null;
+      name();
       if (listed !== progress) list(progress);
       listed = progress;
       draw();
@@ -142,6 +168,6 @@ const Progress = (() => {
     return { render, hover() {}, image };
   }
 
-  return { view, duration, summary };
+  return { view, duration, summary, stateOf };
 })();
 Views.progress = { ...Progress, whenEmpty: true };

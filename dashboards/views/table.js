@@ -16,9 +16,9 @@ const Table = (() => {
       const { page, columns, objectives } = shown;
       const defined = page.definition.table ?? [];
       const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && new Set(rows.map((row) => columns[column].values[row])).size > 1));
-      const several = columns.task && app.distinct("task").length > 1 ? ["task"] : [];
+      const several = ["study", "task"].filter((column) => columns[column] && app.distinct(column).length > 1);
       const first = parameters.filter((column) => column === "trial");
-      return [...new Set([...first, ...several, ...(defined.length ? defined : [...objectives, ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
+      return [...new Set([...first, ...several, ...(defined.length ? app.beside(defined, false) : [...app.beside(objectives, false), ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
     }
 
     function order(column, way) {
@@ -48,7 +48,7 @@ const Table = (() => {
 
     function lineFor(row, named) {
       const line = element("tr", { tabIndex: 0 }, ...named.map((column) => element("td", {
-        textContent: withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
+        textContent: column === "trial" ? app.number(app.trialNumber(shown.columns.trial.values[row])) : withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
         title: String(shown.columns[column].values[row] ?? "not measured"),
       })));
       line.dataset.key = app.keyOf(row);

@@ -44,7 +44,7 @@ from dse.measure.run import read_out
 from dse.records import Array, DecisionSurface, Operations, Parameters, Workload
 from dse.store import StoreError
 from dse.study import pricing
-from dse.study.precision import AS_TRAINED
+from dse.study.precision import AS_TRAINED, common
 from dse.study.results import Study
 
 if TYPE_CHECKING:
@@ -88,20 +88,24 @@ class _Head:
 class _Run:
     """One training run of a trial: the part of its record that details need.
 
-    folder: of the run. files: names of its artefacts. classes, heads: of its answers.
+    folder: of the run. files: names of its artefacts. classes, heads: of its answers. evaluated: name of a
+    file -> its arrays, at another precision than the trained one.
     """
 
     folder: Path
     files: frozenset[str]
     classes: list[str]
     heads: Mapping[str, _Head]
+    evaluated: Mapping[str, Mapping[str, Array]] | None = None
 
-    def arrays(self, name: str) -> dict[str, Array] | None:
+    def arrays(self, name: str) -> Mapping[str, Array] | None:
         """Return the arrays of a file, None if the run has no file of this name.
 
         Raises:
             StoreError: the file is damaged or missing.
         """
+        if self.evaluated is not None:
+            return self.evaluated.get(name)
         return store.load_arrays(self.folder / name) if name in self.files else None
 
 
@@ -132,6 +136,8 @@ def gather_details(
         tasks: {task: figures, surfaces, examples}, each only if it was recorded;
         targets: verdicts on targets, for each its `point` and `text`, if any bundle has them.
 
+        precisions: figures of its other precisions, each with its `weight_bits` and `pruned_after`:
+        confusion, recognition, energy and cores.
         figures: `confusion` (counts of the full read-out, summed over repeats), `recognition` (after shorter
         recordings, mean over repeats), `first_spike` and `histograms` (of the first repeat), `power` (on all
         hardware), `learning`, `bits`, and per hardware `energy` and `cores`, both of the full read-out as
@@ -157,7 +163,7 @@ def packed_details(
 ) -> dict[str, str]:
     """Return the details of the first trials that fit into the room, in their order.
 
-    The only surfaces are those at the trained precision: a dozen more would leave room for few designs.
+    Surfaces and figures are those of the trained precision: a dozen more would leave room for few designs.
 
     Args:
         study: the study of the trials.
@@ -179,6 +185,7 @@ def packed_details(
             continue
         for task in document["tasks"].values():
             task["surfaces"] = [surface for surface in task["surfaces"] if _is_trained(surface)]
+            task.pop("precisions", None)
         text = packed(document)
         room -= len(text)
         if room < 0:
@@ -284,35 +291,48 @@ def _of_task(
     }
     misfits: dict[str, Sequence[str]] = {}
     examples: list[dict[str, Any]] = []
+    precisions: list[dict[str, Any]] = []
     if runs:
         heads = runs[0].heads
         head = task if task in heads else ""
         classes = heads[head].classes if head else runs[0].classes
-        figures["confusion"] = attempted("The confusion matrix", _confusion, runs, head, classes)
-        figures["recognition"] = attempted("Accuracy over time", _recognition, runs, head)
+        hardware = list(map(str, rows["hardware"].unique())) if "hardware" in rows else []
+
+        def measured(at: Sequence[_Run]) -> tuple[dict[str, Any], dict[str, Sequence[str]]]:
+            """Return the figures of what networks of one precision answer and cost, and what does not fit."""
+            drawn: dict[str, Any] = {
+                "confusion": attempted("The confusion matrix", _confusion, at, head, classes),
+                "recognition": attempted("Accuracy over time", _recognition, at, head),
+            }
+            loads = attempted("Energy by cause", _loads, at, head) or []
+            priced = {
+                name: on
+                for name in hardware
+                if loads and (on := attempted(f"Energy on {name}", _on, source.chip, name, loads))
+            }
+            for part in ("energy", "energy_at_period", "cores"):
+                drawn[part] = {name: made for name, on in priced.items() if (made := getattr(on, part))}
+            return drawn, {name: on.misfits for name, on in priced.items() if on.misfits}
+
+        of_trained, misfits = measured(runs)
+        figures |= of_trained
+        evaluated = attempted("Other precisions", common, [run.folder for run in runs]) or []
+        for (weight_bits, pruned), each in evaluated:
+            at = [replace(run, evaluated=one.files) for run, one in zip(runs, each, strict=True)]
+            drawn = {name: figure for name, figure in measured(at)[0].items() if figure}
+            precisions.append({"weight_bits": weight_bits, "pruned_after": pruned, "figures": drawn})
         if not heads:
             figures["first_spike"] = attempted("The first output spike", _first_spike, runs[0])
             if np.isfinite(numbers(rows, _OF_HOTS)).any():  # the weights of other families may be large
                 figures["histograms"] = attempted("Class histograms", _histograms, runs[0])
         figures["learning"] = attempted("The learning curve", _learning, runs)
-        loads = attempted("Energy by cause", _loads, runs, head) or []
-        names = map(str, rows["hardware"].unique()) if loads and "hardware" in rows else ()
-        priced = {
-            name: on
-            for name in names
-            if (on := attempted(f"Energy on {name}", _on, source.chip, name, loads))
-        }
-        figures["energy"] = {name: on.energy for name, on in priced.items() if on.energy}
-        paced = {name: on.energy_at_period for name, on in priced.items() if on.energy_at_period}
-        figures["energy_at_period"] = paced
-        figures["cores"] = {name: on.cores for name, on in priced.items() if on.cores}
-        misfits = {name: on.misfits for name, on in priced.items() if on.misfits}
         examples = attempted("An example", _examples, runs[0], head, classes, _best(surfaces)) or []
     return {
         "figures": {name: figure for name, figure in figures.items() if figure},
         "surfaces": surfaces,
         **({"misfits": misfits} if misfits else {}),
         **({"examples": examples} if examples else {}),
+        **({"precisions": precisions} if precisions else {}),
     }
 
 

@@ -15,7 +15,7 @@ from dse.figures.front import design_columns, interval, numbers
 from dse.figures.importance import gather_importance
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT, label, short
 from dse.records import Array
-from dse.skyline.admissible import admissible, honest
+from dse.skyline.admissible import admissible, fitting, honest
 from dse.skyline.front import front_mask
 from dse.skyline.table import group_numbers
 from dse.store import plain_cell
@@ -57,6 +57,7 @@ def gather_page(
         objectives: {column: direction} of the objectives in the table;
         columns: {column: {label, unit, values}}; `design` names the columns that define a design;
         intervals: {column: {low, high}}, distances from the value;
+        unable: numbers of the rows that their hardware cannot run;
         fronts: {columns joined by '|': numbers of the rows that no row of the same task and hardware
         dominates in these columns}, for all objectives (key 'all') and each two or three of them;
         period: the same page with energies at the sensor's period: `energy` names the column that `instead`
@@ -110,6 +111,7 @@ def gather_page(
     ]
     exact = {*present, *budgets["columns"], *dict(budgets["ties"]), budgets["maximise"], *at_period}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
+    corrected = [name for name in columns if name == f"{budgets['maximise']}_corrected"]
     if at_period and ENERGY in present:
         columns[INSTEAD]["label"] = "energy at the sensor's period"
     defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
@@ -122,6 +124,7 @@ def gather_page(
         "design": _design(points, measured),
         "columns": columns,
         "intervals": _intervals(shown, measured),
+        "unable": np.flatnonzero(_unable(points)[keep]).tolist(),
         "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
         "budgets": budgets
         | {
@@ -139,7 +142,7 @@ def gather_page(
         }
         if at_period
         else None,
-        "bins": gather_bins(points, list(dict.fromkeys([*budgets["columns"], *at_period])))
+        "bins": gather_bins(points, [*dict.fromkeys([*budgets["columns"], *at_period]), *corrected])
         if len(keep) < len(points)
         else [],
         "failures": _failures(frame[failed]),
@@ -179,6 +182,14 @@ def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str
         return {"all": np.zeros(0, np.int64)}
     subsets = [*itertools.combinations(objectives, 2), *itertools.combinations(objectives, 3)]
     return {"all": rows(list(objectives))} | {"|".join(sorted(columns)): rows(columns) for columns in subsets}
+
+
+def _unable(points: pandas.DataFrame) -> Array:
+    """Return which points their hardware cannot run; the others that it does not hold have an answer."""
+    if "fits" not in points.columns:
+        return np.zeros(len(points), bool)
+    unable: Array = ~fitting(points) & np.asarray(points["fits"].isna())
+    return unable
 
 
 def _at_period(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, str]:
@@ -267,7 +278,7 @@ def _state(
     if not len(points):
         return {
             "title": "No design yet",
-            "text": "This study has no finished trial. Run it, or wait for the first trial.",
+            "text": "This study has no finished trial; `dse run` trains its designs.",
         }
     if not present:
         return {

@@ -27,7 +27,8 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         failed, stopped: [{reason, count, trials}], the most frequent reason first, each with first trials;
         hours: total length of all sessions, without the time between them;
         time_left_s: None if there is no estimate or no run is missing;
-        last: end of the last run, ISO 8601 in UTC, None before the first end;
+        sign: the last that was heard of a session, ISO 8601 in UTC, None before the first;
+        is_running: whether a process holds the study, None if nobody can tell;
         hypervolume: [{task, hardware, hypervolume, trials, hours}] at the ends of the figure's curves;
         figure: `dse.figures.progress.draw_progress` as JSON, None if it has no curve.
 
@@ -35,7 +36,7 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         StoreError: the folder has no search space, or one that no study wrote.
     """
     now = status(folder)
-    last = None if now.last_s is None else datetime.fromtimestamp(now.last_s, UTC)
+    sign = None if now.sign_s is None else datetime.fromtimestamp(now.sign_s, UTC)
     return {
         "trials": {"total": now.n_trials, "done": now.n_done, "running": len(now.running)}
         | {how: sum(outcome.status == how for outcome in now.outcomes.values()) for how in ENDED_EARLY},
@@ -46,7 +47,8 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         **{how: _by_reason(now, how) for how in ENDED_EARLY},
         "hours": now.hours,
         "time_left_s": now.time_left_s,
-        "last": None if last is None else last.isoformat(timespec="seconds"),
+        "sign": None if sign is None else sign.isoformat(timespec="seconds"),
+        "is_running": now.is_running,
         "hypervolume": [
             {
                 "task": curve.task,

@@ -173,6 +173,7 @@ class Live:
         required: Sequence[Path],
         optional: Sequence[Path],
         waiting: Callable[[], Page],
+        beside: Callable[[], object] = lambda: None,
     ) -> None:
         """Store the files and the functions; nothing is read yet.
 
@@ -182,14 +183,16 @@ class Live:
             required: files that a page needs. Every request checks all files; they are read after a change.
             optional: files that may be absent.
             waiting: gathers the page before the files can be read for the first time.
+            beside: what else the page depends on: the files are read again when it changes.
         """
         self._read = read
         self._required = required
         self._files = [*required, *optional]
         self._good: Page | None = None
         self._waiting = waiting
+        self._beside = beside
         self._read_at = ""
-        self._stamps: list[Stamp | None] = []
+        self._stamps: list[object] = []
         self._version: PageVersion | None = None
         self._reading = threading.Lock()
 
@@ -199,7 +202,7 @@ class Live:
             assert self._version is not None
             return self._version
         try:
-            stamps = [stamp(path) for path in self._files]
+            stamps = self._now()
             if self._version is None or stamps != self._stamps:
                 self._version = _version(self._page(), self._version)
                 self._stamps = stamps  # files that change during the reading are read again next time
@@ -207,10 +210,16 @@ class Live:
         finally:
             self._reading.release()
 
-    def _page(self) -> Page:
+    def _now(self) -> list[object]:
+        return [*map(stamp, self._files), self._beside()]
+
+    def _page(self, tries: int = 3) -> Page:
+        stamps = self._now()
         try:
             page = self._read()
         except Exception as error:  # a file cut short raises nearly anything, and the server goes on
+            if tries > 1 and self._now() != stamps:  # replaced meanwhile: parts of two files were read
+                return self._page(tries - 1)
             missing = [path.name for path in self._required if not path.exists()]
             if self._good is None and missing:
                 return self._waiting()

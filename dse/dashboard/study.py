@@ -98,7 +98,8 @@ def write_comparison(
 ) -> Path:
     """Write the page of two studies: the points of both, coloured by study; return the path.
 
-    Trials of the second study are numbered on from a power of ten above those of the first.
+    Trials of the second study are numbered on after those of the first; `numbered` tells from where, so that
+    readers see the number that each has in its study.
 
     Args:
         compared: `dse.study.comparison.compare_studies`.
@@ -114,25 +115,25 @@ def write_comparison(
     from dse.skyline.compare import STUDY
     from dse.store import plain_cell
 
-    first, second = tables.values()
-    notes = list(compared.notes)
+    (one, first), (other, second) = tables.items()
+    numbered = None
     if {"trial"} <= set(first) & set(second):
-        start = 10 ** len(str(int(first["trial"].max())))
+        start = int(first["trial"].max()) + 1
         second = second.assign(trial=second["trial"] + start)
-        notes.append(f"Trial {start} of this page is trial 0 of {list(tables)[1]}, and so on.")
+        numbered = {"from": start, "first": one, "second": other}
     named = zip(tables, (first, second), strict=True)
     frame = pandas.concat([table.assign(**{STUDY: name}) for name, table in named], ignore_index=True)
     page = gather_page(
         frame,
         name=" and ".join(tables),
         objectives=list(objectives),
-        notes=notes,
+        notes=compared.notes,
         results="",
         definition=load(),
     )
     sections = {"studies": compared.summary, "gains": compared.gains}
     plain = {key: [plain_cell(row) for row in table.to_dict("records")] for key, table in sections.items()}
-    return write_filled("page", page | plain | {"colour": STUDY}, path)
+    return write_filled("page", page | plain | {"colour": STUDY, "numbered": numbered}, path)
 
 
 def page_server(folder: Path, host: str, port: int, request: PageRequest | None = None) -> Server:
@@ -185,7 +186,8 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     empty = _gathered(Study(folder), pandas.DataFrame(), request)
     going_on = [folder / "journal.log", folder / "artefacts", tables[-1]]
     going_on += [folder / notes.FILE, folder / saved_views.FILE]
-    live = Live(read, tables[:-1], going_on, lambda: {**empty, **_progress(folder)})
+    waiting = lambda: {**empty, **_progress(folder)}  # noqa: E731
+    live = Live(read, tables[:-1], going_on, waiting, lambda: store.is_held(folder))
     return Server(
         live,
         host,

@@ -1,8 +1,7 @@
-"""What a point of accuracy costs at the pick: the slope of the front in each cost, with its interval.
+"""What 0.01 of accuracy costs at the pick: the pick against a cheaper point, in each cost, with its interval.
 
-A price is a mean over the accuracies from `WINDOW` below the pick up to it, because single steps of a front
-are noise: the least cost at the pick's accuracy, minus the least cost at `WINDOW` less, per hundredth. Its
-interval samples the standard errors of the accuracies, alike for the points of a trial.
+The cheaper point is the cheapest with at most `WINDOW` less. Its interval is that of the difference of these
+two: no point is chosen anew within it, because noise would always find a cheaper one.
 """
 
 from __future__ import annotations
@@ -28,11 +27,10 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 WINDOW = 0.05
-"""Of accuracy, over which a price is a mean."""
+"""Of accuracy, that a cheaper point may give up."""
 
 _SPIKES = "spikes_per_inference"
-_DRAWS = 400
-_QUANTILES = (0.05, 0.95)
+_Z = 1.645  # of a 90 % interval
 _ROW_PX, _MARGIN_PX = 44, 110
 
 
@@ -41,9 +39,9 @@ class Prices:
     """What a hundredth more of what is maximised costs.
 
     gain: its column. task, trial: of the pick.
-    columns: of the costs. price, low, high: (cost,) per hundredth, and its 90 % interval, infinite where
-        a sample has no point of the accuracy.
-    before, at: (cost,) least cost at `WINDOW` less, and at the pick's own.
+    columns: of the costs. price, low, high: (cost,) per hundredth, and its 90 % interval, without an upper
+        end where the two points cannot be told apart.
+    before, at: (cost,) of the cheaper point, and of the pick.
     """
 
     gain: str
@@ -60,7 +58,7 @@ class Prices:
 @register("figures", "price")
 @dataclass(frozen=True)
 class PriceFigure:
-    """What a point of accuracy costs at the pick, in each cost, with its 90 % interval."""
+    """What 0.01 of accuracy costs at the pick, in each cost, with its 90 % interval."""
 
     hardware: str = hardware_key()
     task: str = param("", doc="what is predicted (default: the first task)", axis=False)
@@ -81,7 +79,7 @@ def gather_prices(points: pandas.DataFrame, goals: Sequence[Goal]) -> Prices:
         goals: objectives; the first that is maximised is what is paid for.
 
     Raises:
-        ValueError: nothing is maximised, it is no fraction, or no point lies a window below the pick.
+        ValueError: nothing is maximised, it is no fraction, or no point with little less is cheaper.
     """
     gain = next((goal.column for goal in goals if goal.direction == "max" and goal.column in points), None)
     if gain is None:
@@ -98,7 +96,6 @@ def gather_prices(points: pandas.DataFrame, goals: Sequence[Goal]) -> Prices:
     assert picked is not None  # no budget excludes anything
     costs = [goal.column for goal in [*ties, *economy(frame)] if goal.direction == "min"]
     costs += [_SPIKES] if np.isfinite(numbers(frame, _SPIKES)).any() else []
-    trial = frame["trial"].to_numpy() if "trial" in frame else np.arange(len(frame))
     errors = np.nan_to_num(numbers(frame, f"{gain}_se"))
     rows = []
     for column in dict.fromkeys(costs):
@@ -107,77 +104,70 @@ def gather_prices(points: pandas.DataFrame, goals: Sequence[Goal]) -> Prices:
             continue
         use = np.isfinite(values) & np.isfinite(cost)
         place = int(np.flatnonzero(frame.index[use] == picked.name)[0])
-        price = price_of(values[use], cost[use], errors[use], trial[use], place)
+        price = price_of(values[use], cost[use], errors[use], place)
         if price is not None:
             rows.append((column, *price))
     if not rows:
-        raise ValueError(f"no point has {gain} more than {WINDOW} below the pick's {picked[gain]:.3f}")
+        raise ValueError(f"no point with {gain} at most {WINDOW} below {picked[gain]:.3f} is cheaper")
     columns, *parts = zip(*rows, strict=True)
     task = str(picked["task"]) if "task" in frame else ""
     return Prices(gain, task, int(picked.get("trial", 0)), columns, *(np.array(part) for part in parts))
 
 
 def price_of(
-    gain: Array, cost: Array, error: Array, trial: Array, pick: int
+    gain: Array, cost: Array, error: Array, pick: int
 ) -> tuple[float, float, float, float, float] | None:
-    """Return price, low and high end, and the least costs before and at a pick; None if nothing lies below.
+    """Return price, low and high end, and the costs of a cheaper point and of the pick; None without one.
 
     Args:
         gain: (point,) what is maximised.
         cost: (point,).
         error: (point,) standard error of the gain.
-        trial: (point,) points of one trial err alike.
         pick: place of the pick.
     """
     order = np.lexsort((-gain, cost))
-    gain, cost, error, trial = gain[order], cost[order], error[order], trial[order]
-    pick = int(np.flatnonzero(order == pick)[0])
-    level, low = gain[pick], gain[pick] - WINDOW - 1e-9
-    if not (gain < low).any():
+    other = int(order[np.argmax(gain[order] >= gain[pick] - WINDOW - 1e-9)])
+    saved, less = float(cost[pick] - cost[other]), float(gain[pick] - gain[other])
+    if saved <= 0:
         return None
-
-    def per_hundredth(gains: Array) -> tuple[Array, Array, Array]:
-        shift = (gains[:, pick] - gain[pick])[:, None]
-        ends = []
-        for wanted in (low + shift, level + shift):
-            reached = gains >= wanted
-            ends.append(np.where(reached.any(axis=1), cost[reached.argmax(axis=1)], np.inf))
-        before, at = ends
-        return (
-            np.where(np.isinf(at), np.inf, (at - np.where(np.isinf(at), 0, before)) / (100 * WINDOW)),
-            before,
-            at,
-        )
-
-    price, before, at = (float(part[0]) for part in per_hundredth(gain[None]))
-    _, code = np.unique(trial, return_inverse=True)
-    unit = np.random.default_rng(1).standard_normal((_DRAWS, int(code.max()) + 1))
-    sampled, _, _ = per_hundredth(gain + error * unit[:, code])
-    least, most = np.quantile(sampled, _QUANTILES, method="inverted_cdf")
-    return price, float(least), float(most), before, at
+    spread = _Z * float(np.hypot(error[pick], error[other]))
+    price, low, high = (
+        saved / (100 * gained) if gained > 0 else np.inf for gained in (less, less + spread, less - spread)
+    )
+    return price, low, high, float(cost[other]), float(cost[pick])
 
 
 def draw_prices(prices: Prices) -> plotly.graph_objects.Figure:
     """Draw the price in each cost as a share of what the pick costs, with its interval and its numbers."""
     import plotly.graph_objects as go
 
-    share, low, high = (100 * part / prices.at for part in (prices.price, prices.low, prices.high))
-    top = float(np.max(np.where(np.isfinite(high), high, share)))
-    beyond = np.where(np.isfinite(high), high, top)
+    known = np.isfinite(prices.high)
+    low, high = (100 * part / prices.at for part in (prices.low, prices.high))
+    share = np.where(known, 100 * prices.price / prices.at, low)
+    top = 1.2 * float(np.max(np.where(known, high, low)))
+    beyond = np.where(known, high, top)
     names = [html.escape(label(column)[0], quote=False) for column in prices.columns]
     words = []
-    for k, column in enumerate(prices.columns):
+    for column, is_known, *numbers_of in zip(
+        prices.columns, known, prices.price, prices.low, prices.high, strict=True
+    ):
+        price, least, most = (short(float(x)) for x in numbers_of)
         unit = label(column)[1]
-        ends = " to ".join(
-            short(float(part[k])) if np.isfinite(part[k]) else "∞" for part in (prices.low, prices.high)
+        words.append(
+            f"{price} {unit}".strip() + f" ({least} to {most})"
+            if is_known
+            else f"at least {least} {unit}".strip()
         )
-        words.append(f"{short(float(prices.price[k]))} {unit}".strip() + f" ({ends})")
     figure = go.Figure(
         go.Scatter(
             x=share,
             y=names,
             mode="markers",
-            marker={"size": 9, "color": OKABE_ITO_LIGHT[0]},
+            marker={
+                "size": 9,
+                "color": OKABE_ITO_LIGHT[0],
+                "symbol": ["circle" if is_known else "triangle-right" for is_known in known],
+            },
             error_x={
                 "type": "data",
                 "symmetric": False,
@@ -186,13 +176,13 @@ def draw_prices(prices: Prices) -> plotly.graph_objects.Figure:
                 "thickness": 1,
             },
             customdata=words,
-            hovertemplate="%{y}: %{customdata} per point<extra></extra>",
+            hovertemplate="%{y}: %{customdata} per 0.01<extra></extra>",
         )
     )
     for name, text in zip(names, words, strict=True):
         figure.add_annotation(x=0, y=name, text=text, showarrow=False, xanchor="left", yshift=12)
     of = html.escape(
-        f"{prices.task + ': ' if prices.task else ''}price of a point of {label(prices.gain)[0]}", quote=False
+        f"{prices.task + ': ' if prices.task else ''}price of 0.01 of {label(prices.gain)[0]}", quote=False
     )
     figure.update_layout(
         xaxis={

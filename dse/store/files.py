@@ -10,6 +10,7 @@ import json
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from dse.store.sealed import REMEDY, Damaged, StoreError, blank, damaged, is_sea
 WARNINGS = "warnings.json"
 TEMPORARY = ".writing-"
 """Begins the names of files and folders that are being written."""
+_GLANCES, _GLANCE_S = 4, 0.05  # times that a lock is asked for, and between them
 _SEAL = "seal"
 _COMMENT = "# "
 _ROWS = "rows"
@@ -62,7 +64,7 @@ def exclusive(folder: Path) -> Iterator[None]:
                 handle = os.open(path, flags, 0o644)
             held.callback(os.close, handle)
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _lock(handle)
             except BlockingIOError:
                 raise StoreError(f"{folder}: another process is running this study") from None
             except OSError as error:
@@ -70,6 +72,41 @@ def exclusive(folder: Path) -> Iterator[None]:
                     text = f"cannot be locked ({error.strerror}); use a --results folder on another disk"
                     raise StoreError(f"{folder}: {text}") from None
         yield
+
+
+def is_held(folder: Path) -> bool | None:
+    """Return whether a process holds the lock of a study folder (`exclusive`); None if nobody can tell."""
+    try:
+        handle = os.open(folder / ".lock", os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return None
+    finally:
+        os.close(handle)
+    return False
+
+
+def _lock(handle: int) -> None:
+    """Lock an open file; who looks whether it is locked (`is_held`) has it for an instant.
+
+    Raises:
+        OSError: it is locked, or cannot be.
+    """
+    for left in reversed(range(_GLANCES)):
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if not left:
+                raise
+            time.sleep(_GLANCE_S)
 
 
 @contextlib.contextmanager

@@ -62,8 +62,8 @@ def compare_studies(
         notes += note
     tables = dict(zip(names, frames, strict=True))
     result = compare(tables, goals, where)
-    notes += _other_recordings(paths)
-    return Comparison(result.summary, result.front, result.gains, [*result.notes, *notes]), tables, goals
+    all_notes = [*_other_recordings(paths), *result.notes, *notes]
+    return Comparison(result.summary, result.front, result.gains, all_notes), tables, goals
 
 
 def _objectives(paths: Sequence[Path]) -> list[Goal]:

@@ -47,7 +47,7 @@ from dse.study.workers import Workers
 if TYPE_CHECKING:
     import pandas
 
-_REFRESH_S = 60.0
+_REFRESH_S = 2.0
 _REFRESH_SHARE = 0.05
 _STOPPED = "the search stopped: "
 # Designs of a grid whose data sets are prepared together, and excluded ones that are written down.
@@ -203,7 +203,7 @@ class _Tables:
         self._folder = folder
         self._profiles = profiles
         self._runs = runs
-        self._due = time.monotonic() + _REFRESH_S
+        self._due = time.monotonic()
         self._on_trial = on_trial
         self._ended: set[int] = set()
 

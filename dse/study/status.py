@@ -19,7 +19,7 @@ from dse.config import ConfigError, load_space
 from dse.figures.progress import Progress, gather_progress
 from dse.records import Floats
 from dse.skyline.admissible import COST
-from dse.store import RECORD, StoreError, read_json, read_record, run_folder, runs_in, verify
+from dse.store import RECORD, StoreError, is_held, read_json, read_record, run_folder, runs_in, verify
 from dse.study.fronts import GROUPS, fronts
 from dse.study.journal import Entry, read_journal, seconds
 from dse.study.record import STOPPED
@@ -60,7 +60,9 @@ class Status:
     n_runs_done: runs that have ended.
     hours: total length of all sessions, without the time between them.
     time_left_s: None if there is no estimate (`dse.study.time_left`) or no run is missing.
-    last_s: end of the last run, in seconds since 1970; None before the first end.
+    sign_s: the last that was heard of a session, in seconds since 1970: its start, a proposal, the end of a
+        run; None before the first.
+    is_running: whether a process holds the study; None if nobody can tell.
     growth: hypervolume of each front over time.
     """
 
@@ -72,7 +74,8 @@ class Status:
     n_runs_done: int
     hours: float
     time_left_s: float | None
-    last_s: float | None
+    sign_s: float | None
+    is_running: bool | None
     growth: Progress
 
     def trials_by_reason(self, status: str) -> list[tuple[str, list[int]]]:
@@ -101,10 +104,14 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Sessions:
-    """The sessions of a study: (session,) starts in seconds since 1970, and lengths up to the last event."""
+    """The sessions of a study: (session,) starts in seconds since 1970, and lengths up to the last event.
+
+    sign_s: the last start or event; None without any.
+    """
 
     start_s: Floats
     length_s: Floats
+    sign_s: float | None
 
     def hours(self, at_s: Floats) -> Floats:
         """Return the time spent until some moments, without the time between sessions; NaN for NaN."""
@@ -160,7 +167,8 @@ def status(folder: Path | str) -> Status:
         n_runs_done=n_runs_done,
         hours=float(sessions.length_s.sum()) / 3600,
         time_left_s=_time_left_s(sessions, moments, n_missing, search.n_workers),
-        last_s=moments[-1] if moments else None,
+        sign_s=sessions.sign_s,
+        is_running=is_held(study.folder),
         growth=gather_progress(points, dict(goals), order, hours.tolist()),
     )
 
@@ -284,7 +292,7 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
     start_s = np.array(starts or events[:1].tolist())
     last = np.searchsorted(events, np.append(start_s[1:], np.inf)) - 1  # the last event of each
     length_s = np.maximum(events[last] - start_s, 0) if len(events) else np.zeros(len(start_s))
-    return _Sessions(start_s, length_s)
+    return _Sessions(start_s, length_s, max((*starts, *events.tolist()), default=None))
 
 
 def session_hours(folder: Path, entries: Sequence[Entry]) -> float:

@@ -28,14 +28,7 @@ from tests.report.made import write
 from tests.waiting import PATIENCE_MS, PATIENCE_S, until
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-# Tables are written at most once a minute; here after each run.
-RUN = """
-import sys
-from dse.study import explore
-from tests.tiny_study import run_folder
-explore._REFRESH_S, explore._REFRESH_SHARE = 0.0, float("inf")
-sys.exit(run_folder(sys.argv[1]))
-"""
+RUN = "import sys; from tests.tiny_study import run_folder; sys.exit(run_folder(sys.argv[1]))"
 
 
 @pytest.fixture
@@ -110,7 +103,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(
                 "window.seen = []; addEventListener('live', (e) => seen.push(e.detail.counts))"
             )
             tab.goto(url)
-            assert "No design yet" in tab.inner_text("main")
+            tab.wait_for_function("document.querySelector('#state').innerText.includes('Training has begun')")
             gate.touch()
             tab.wait_for_function("window.seen.some((counts) => counts.finished === 3)")
             assert run.wait(PATIENCE_S) == 0
@@ -134,6 +127,33 @@ def test_a_page_from_before_the_first_trial_to_the_last(
     assert "unknown model.kind 'fake'" in note
     assert page.pop("note_token")  # a file takes no notes
     assert page == written
+
+
+def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(
+    fake_model: None, chromium: Any, tmp_path: Path
+) -> None:
+    gate = tmp_path / "gate"
+    model = {"kind": "fake", "hidden": {"choice": [[8], [4]]}, "gate": str(gate)}
+    space = tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
+    folder = tmp_path / "results" / space.study
+    run = subprocess.Popen([sys.executable, "-c", RUN, str(tmp_path)], cwd=ROOT, stderr=subprocess.PIPE)
+    state = "document.querySelector('#progress summary').textContent"
+    with ending(run):
+        until(lambda: run.poll() is not None or (folder / "search_space.yaml").exists(), "the study begins")
+        with shown(str(folder), "--port", "0") as (_, url):
+            tab = chromium.new_page()
+            tab.set_default_timeout(PATIENCE_MS)
+            tab.goto(url)
+            # The other design waits: its trial does not end before the points of the first are shown.
+            tab.wait_for_function("document.querySelectorAll('#front tbody tr').length > 0")
+            assert not tab.is_visible("#state")
+            tab.wait_for_function(f"{state}.startsWith('running, last sign of life ')")
+            assert " · 1 done · 1 running" in tab.inner_text("#progress summary")
+            run.kill()
+            tab.wait_for_function(f"{state}.startsWith('stopped, last sign of life at ')")
+            assert "running" not in tab.inner_text("#progress summary")
+            tab.close()
+        gate.touch()  # for a worker that has outlived its coordinator
 
 
 def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:

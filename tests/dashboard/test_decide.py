@@ -199,7 +199,8 @@ def test_a_family_that_a_chip_cannot_run_does_not_blame_the_budgets(opened):
     page = opened(
         pd.concat([frame, other.drop(columns=["status", "reason"])]), "family=knn&hardware=small+chip"
     )
-    assert page.tab.inner_text("#fit").startswith("small chip cannot run knn: no energy")
+    assert page.tab.inner_text("#fit") == "small chip cannot run knn."
+    assert page.tab.inner_text("#feasible") == "0 of 5 points feasible"
 
 
 def test_energy_at_the_period_is_one_switch_for_every_number(opened):
@@ -230,6 +231,92 @@ def test_all_tasks_have_a_pick_each_and_no_command(opened):
     assert not page.tab.is_visible("#command") and page.tab.is_visible("#which")
 
 
+def test_what_fits_no_chip_is_feasible_on_none_but_on_demand(opened):
+    frame = designs()
+    frame["fits"] = frame["fits"].astype(object)
+    small = frame["hardware"] == "small chip"
+    frame.loc[small, "fits"] = False
+    unable = small & (frame["encoder.kind"] == "threshold")
+    frame.loc[unable, ["fits", "energy_uj"]] = None, np.nan
+    page = opened(frame, "task=texture&hardware=small+chip")
+    n = int((small & (frame["task"] == "texture")).sum())
+    assert page.tab.inner_text("#feasible") == f"0 of {n} points feasible"
+    assert page.tab.inner_text("#n-front") == "0 on the front"
+    assert page.tab.inner_text("#pick h2") == "Nothing is feasible"
+    assert "No design fits small chip: it cannot run some" in page.tab.inner_text("#pick")
+    assert not page.tab.is_visible("#command")
+    assert page.cells(1) == []
+    [large, row] = [
+        line.split("\t") for line in page.tab.locator("#view-decide .chips tbody tr").all_inner_texts()
+    ]
+    assert row == ["small chip", "none fits", "–", "–", "–"] and large[2] != "–"
+    page.tab.check("#oversize")
+    held = frame[small & ~unable & (frame["task"] == "texture")]
+    assert page.tab.inner_text("#feasible") == f"{len(held)} of {len(held)} points feasible"
+    words = shlex.split(page.tab.text_content("#command"))
+    assert "--oversize" in words
+    picked = pick(frame, budgets_of(page), "accuracy", TIES, oversize=True).row
+    assert page.tab.inner_text("#pick button >> nth=0") == f"Trial {picked['trial']}"
+    assert "on the front of a larger chip" in page.tab.inner_text("#design")
+    page.open(page.link())
+    assert page.tab.is_checked("#oversize")
+
+
+def test_the_corrected_accuracy_leads_and_what_was_measured_stands_beside_it(opened):
+    frame = points(accuracy_test=[0.9, 0.85, 0.8, 0.5, 0.86])
+    alone = opened(frame)
+    text = alone.tab.inner_text("#pick")
+    assert "accuracy 0.950 ± 0.02" in text and "not corrected" in text and "0.900 on test" in text
+    assert alone.tab.input_value("#y") == "accuracy"
+    value = [0.9, 0.88, 0.84, 0.6, 0.87]
+    ends = {f"accuracy_corrected_{end}": np.add(value, by) for end, by in (("low", -0.06), ("high", 0.04))}
+    page = opened(frame.assign(accuracy_corrected=value, **ends))
+    pick_text = page.tab.inner_text("#pick").replace("\u00a0", " ")
+    assert page.tab.inner_text("#pick strong") == "accuracy 0.900 (0.840–0.940)"
+    assert "0.950 ± 0.02 on validation" in pick_text and "0.900 on test" in pick_text
+    assert page.tab.input_value("#y") == "accuracy_corrected"
+    assert page.traces()[2]["y"] == [0.6, 0.88, 0.9], "the front of what was measured, where it is expected"
+    assert page.cells(2)[0] == "0.900 (0.840–0.940)" and page.cells(3)[0] == "0.950 ± 0.02"
+    page.point_at(20, 0.88)
+    page.tab.wait_for_selector("#tip", state="visible")
+    tip = page.tab.text_content("#tip")
+    assert "accuracy corrected  0.880 (0.820–0.920)" in tip and "accuracy test  0.850" in tip
+    with page.tab.expect_download() as waiting:
+        page.tab.click("#front .save button")
+    first = next(csv.DictReader(io.StringIO(waiting.value.path().read_text(encoding="utf-8"))))
+    written = [float(first[f"accuracy_corrected{end}"]) for end in ("", "_low", "_high")]
+    assert written == [0.9, pytest.approx(0.84), pytest.approx(0.94)] and float(first["accuracy_se"]) == 0.02
+    # A point of which it is not known is no reason to hide it: all are drawn as measured.
+    page = opened(frame.assign(accuracy_corrected=[np.nan, *value[1:]]))
+    assert page.tab.input_value("#y") == "accuracy" and "not corrected" in page.tab.inner_text("#pick")
+
+
+def test_an_interval_without_an_upper_end_is_at_least_its_lower_one(opened):
+    open_ended = points().assign(energy_uj_high=lambda f: f["energy_uj"] * 90)
+    page = opened(open_ended)
+    assert "energy at least 40\u00a0µJ" in page.tab.inner_text("#pick").replace(" µ", "\u00a0µ")
+    assert page.cells(3)[0] == "at least 40"
+    arrows = page.tab.evaluate("document.getElementById('plot').layout.annotations")
+    assert sorted(arrow["x"] for arrow in arrows) == [5, 20, 50]
+    assert opened(points()).tab.evaluate("document.getElementById('plot').layout.annotations") == []
+
+
+def test_a_price_lies_in_its_own_interval(opened):
+    rng = np.random.default_rng(7)
+    fronts = []
+    for _ in range(200):
+        gain = rng.uniform(0.8, 0.95, 60)
+        cost = np.sort(np.exp(8 * gain + rng.normal(0, 0.5, 60)))
+        se = rng.uniform(0.002, 0.04, 60)
+        fronts.append([{"gain": g, "cost": c, "se": s} for g, c, s in zip(gain, cost, se, strict=True)])
+    priced = """(fronts) => fronts
+      .map((some) => Decide.priceOf(some, some.reduce((a, b) => (b.gain > a.gain ? b : a))))
+      .filter(Boolean).map(({ price, least, most }) => [least, price, most ?? null])"""
+    found = opened(points()).tab.evaluate(priced, fronts)
+    assert len(found) > 50
+    assert all(least <= price <= (np.inf if most is None else most) for least, price, most in found)
+
+
 def test_prices_by_hand(opened):
     page = opened(points(), "b.energy_uj=40")
     found = page.tab.evaluate(
@@ -242,15 +329,22 @@ def test_prices_by_hand(opened):
         }"""
     )
     exact, noisy, alone = found
-    # From 0.95 - 0.05 = 0.90 at 30 to 0.95 at 60: five points for 30.
-    assert exact == {"from": 30, "to": 60, "price": 6, "least": 6, "most": 6}
-    assert noisy["least"] < 6 <= noisy["most"] <= 10 and noisy["price"] == 6
-    assert alone is None, "nothing lies below"
-    # The pick is trial 1, 0.90 with 40 000 weights; trial 2 has 0.85 with 10 000: 30 000 / 5 a point.
-    lines = dict(
-        line.split("\t")[:2] for line in page.tab.locator("#view-decide .price tbody tr").all_inner_texts()
+    # 0.95 at 60 against 0.90 at 30: 0.05 for 30, so 6 for 0.01.
+    assert [exact[name] for name in ("price", "least", "most")] == pytest.approx([6, 6, 6])
+    assert exact["other"]["cost"] == 30
+    # 0.05 is not told from nothing where each is known to 0.06: at least 30 / (5 + 1.645 * 6 * sqrt(2)).
+    assert noisy["least"] == pytest.approx(30 / (5 + 1.645 * 6 * 2**0.5)) and noisy["price"] == pytest.approx(
+        6
     )
-    assert lines["weights"] == "6\u202f000"
+    assert noisy["most"] == np.inf
+    assert alone is None, "nothing lies below"
+    # The pick is trial 1, 0.90 with 40 000 weights; trial 2 has 0.85 with 10 000.
+    lines = {
+        line.split("\t")[0]: line.split("\t")[1:]
+        for line in page.tab.locator("#view-decide .price tbody tr").all_inner_texts()
+    }
+    assert lines["weights"][:3] == ["10\u202f000, not 40\u202f000", "Trial 2", "−0.050 ± 0.03"]
+    assert lines["weights"][3] == "6\u202f000 (3\u202f110–86\u202f400)"
 
 
 def test_chips_side_by_side(opened):

@@ -187,6 +187,27 @@ def test_a_surface_of_another_precision_than_the_point_says_so(opened):
     assert page.tab.evaluate(RINGS_SHOWN) == 0
 
 
+def test_tabs_are_of_the_design_s_own_precision_or_name_its_parent(opened):
+    frame = table().assign(weight_bits=4, pruned_after=0.5)
+    own = {"confusion": details(2)["tasks"]["texture"]["figures"]["confusion"]}
+    both = {
+        "surfaces": [surface(weight_bits=8, pruned_after=0, first_point=90)],
+        "precisions": [{"weight_bits": 4, "pruned_after": 0.5, "figures": own}],
+    }
+    page = opened({0: details(0, **both)}, "chosen=0.1&tab=confusion", frame=frame)
+    drawn(page, "confusion")
+    assert (
+        page.tab.inner_text("#design .owner") == "This design: 4 bits per weight, 50\u00a0% of them removed"
+    )
+    assert "16 of 22 right" in figure_says(page), "3 + 2 of the parent's 8 + 1 and 3 + 8 are wrong here"
+    page.tab.click("#tab-learning")
+    drawn(page, "learning")
+    assert page.tab.inner_text("#design .owner") == "The parent network, as trained: 8 bits per weight"
+    page = opened({0: details(0)}, "chosen=0.1&tab=confusion")
+    drawn(page, "confusion")
+    assert page.tab.inner_text("#design .owner") == ""
+
+
 RULE = """(cases) => cases.map(([spikes, steps, classes, phi, theta]) => {
   const { label, step, decided } = Design.decide(spikes, steps, classes, phi, theta);
   return [label, step, decided];

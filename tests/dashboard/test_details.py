@@ -24,6 +24,7 @@ from dse.measure.objectives.first_spike import first_spike_ms
 from dse.records import Parameters
 from dse.store import StoreError
 from dse.study import explore, results
+from dse.study.precision import Evaluation
 from tests import tiny_study
 
 NAMES = ["felt", "silk", "wool"]
@@ -119,6 +120,33 @@ def test_other_precisions_have_surfaces_and_a_figure(found):
     assert numbers(line["x"]).tolist() == [4, 8]
     full = own[own["phi"].isna() & own["read_out_ms"].isna()]["accuracy"].iloc[0]
     assert numbers(line["y"]).tolist() == [full / 2, full]
+
+
+def test_other_precisions_have_their_own_confusion_and_energy(found, monkeypatch):
+    points, trial = found.points(), trial_of(found, "fake")
+
+    def evaluated(folders):
+        """Return an evaluation of each run in which half of the spikes of its layers are gone."""
+        files = [
+            {name: dict(store.load_arrays(folder / name)) for name in ("confusion.npz", "read_out.npz")}
+            for folder in folders
+        ]
+        for of_run in files:
+            of_run["confusion.npz"]["validation"] = 2 * of_run["confusion.npz"]["validation"]
+            of_run["read_out.npz"]["work/spikes"] = of_run["read_out.npz"]["work/spikes"] / 2
+        return [((4, 0.5), [Evaluation(4, 0.5, None, of_run) for of_run in files])]
+
+    monkeypatch.setattr("dse.dashboard.details.common", evaluated)
+    [task] = gather_details(found, points, trial)["tasks"].values()
+    [fewer] = task["precisions"]
+    assert (fewer["weight_bits"], fewer["pruned_after"]) == (4, 0.5)
+    own, parent = (numbers(one["figures"]["confusion"]["data"][0]["text"]) for one in (fewer, task))
+    assert (own == 2 * parent).all()
+    spent = [
+        sum(numbers(bar["x"]).sum() for bar in one["figures"]["energy"]["mcu_m4"]["data"])
+        for one in (fewer, task)
+    ]
+    assert spent[0] < spent[1]
 
 
 def test_a_table_that_lacks_points_has_no_surface(found):

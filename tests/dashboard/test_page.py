@@ -376,6 +376,32 @@ def test_readable_at_any_size_in_light_and_dark(opened):
     assert page.tab.evaluate(INK) == "rgb(232, 234, 237)"
 
 
+def test_paper_holds_whole_figures_and_no_buttons(opened):
+    frame = points(**{f"model.parameter_{k}": range(k, k + 5) for k in range(8)})
+    page = opened(frame, fragment="chosen=1", size=(1440, 900))
+    inside = """() => {
+      const { left, right } = document.body.getBoundingClientRect();
+      const out = [...document.querySelectorAll("#plot .main-svg, #parallel svg, table, #design")]
+        .map((node) => node.getBoundingClientRect())
+        .filter((box) => box.width && (box.right > right + 1 || box.left < left - 1));
+      const plot = document.querySelector("#plot").getBoundingClientRect();
+      const axis = document.querySelector("#plot .xtitle").getBoundingClientRect();
+      return { width: right - left, out: out.length, isWhole: axis.bottom <= plot.bottom };
+    }"""
+    page.tab.evaluate("dispatchEvent(new Event('beforeprint'))")
+    paper = page.tab.evaluate(inside)
+    assert paper == {"width": 700, "out": 0, "isWhole": True}
+    assert page.tab.locator("#parallel svg g.front polyline").count() == 4
+    acting = "#undo, #clear, #drawer, #open-shelf, #help, #copy, .save button, #design .head button"
+    assert page.tab.locator(f":is({acting}):visible").count() == 0
+    page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.tab.locator("#parallel svg").count() == 0 and page.tab.is_visible("#copy")
+    page.tab.wait_for_function(FITS)
+    assert page.tab.evaluate(inside)["width"] == 1440
+    wide = "document.querySelector('#plot .main-svg').clientWidth > 600"
+    page.tab.wait_for_function(wide)
+
+
 @pytest.mark.parametrize(
     ("frame", "text"),
     [

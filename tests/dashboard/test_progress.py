@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
+import threading
 from datetime import UTC, datetime
 
 import pandas as pd
@@ -12,7 +14,7 @@ import pytest
 import yaml
 
 from dse.dashboard.progress import MAX_LISTED, gather_progress
-from dse.store import StoreError
+from dse.store import StoreError, exclusive, is_held
 from dse.study import explore
 from dse.study.status import status
 from tests import tiny_study
@@ -99,7 +101,8 @@ def test_a_study_half_way(half):
     assert found["failed"] == [{"reason": "loss is not finite", "count": 1, "trials": [2]}]
     assert found["hours"] == 0.5
     assert found["time_left_s"] is None  # three runs are too few to tell
-    assert found["last"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
+    assert found["sign"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
+    assert found["is_running"] is False
     (end,) = found["hypervolume"]
     assert end == {"task": "texture", "hardware": "", "hypervolume": 0.25, "trials": 3, "hours": 0.5}
     trials, hours = (trace["x"] for trace in found["figure"]["data"])
@@ -111,7 +114,20 @@ def test_a_study_half_way(half):
     assert (now.n_trials, now.n_done, now.n_runs, now.n_runs_done) == (4, 3, 4, 3)
     assert [(entry.trial, entry.batch, entry.proposed_s - START) for entry in now.running] == [(3, 1, 902)]
     assert now.trials_by_reason("failed") == [("loss is not finite", [2])]
-    assert now.outcomes[0].status == "finished" and now.last_s == START + 1800
+    assert now.outcomes[0].status == "finished" and now.sign_s == START + 1800
+
+
+def test_a_process_that_holds_the_study_runs_it_and_who_looks_is_in_nobody_s_way(half):
+    with exclusive(half.path):
+        assert gather_progress(half.path)["is_running"] is True
+        with pytest.raises(StoreError, match="another process"), exclusive(half.path):
+            pass
+    assert gather_progress(half.path)["is_running"] is False
+    with (half.path / ".lock").open() as looked:
+        fcntl.flock(looked, fcntl.LOCK_SH)
+        threading.Timer(0.02, fcntl.flock, [looked, fcntl.LOCK_UN]).start()
+        with exclusive(half.path):
+            assert is_held(half.path)
 
 
 def test_looking_changes_nothing_in_the_folder(half):
@@ -144,7 +160,7 @@ def test_before_the_tables_and_before_anything(half):
     (half.path / "environment.json").unlink()
     found = gather_progress(half.path)
     assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "stopped": 0}
-    assert (found["hours"], found["time_left_s"], found["last"]) == (0, None, None)
+    assert (found["hours"], found["time_left_s"], found["sign"]) == (0, None, None)
 
 
 def test_tables_that_are_being_written_are_as_if_missing(half):
@@ -182,7 +198,7 @@ def test_a_copied_folder_falls_back_on_the_journal(tmp_path):
     made.tell(0, 1, at=1800)
     found = gather_progress(made.path)
     assert found["hours"] == 0.5
-    assert found["last"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
+    assert found["sign"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
 
 
 def test_a_folder_without_its_artefacts_keeps_its_numbers(half):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import pytest
 
+from dse import store
 from dse.cli.command_line import main
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.goals import Goal
@@ -11,6 +15,7 @@ from dse.study.comparison import compare_studies
 from tests.dashboard.page import Page
 from tests.skyline.test_compare import FIRST, GOALS, SECOND
 
+EXAMPLE = Path(__file__).resolve().parent.parent.parent / "results" / "example"
 GIVEN = [Goal(*pair) for pair in GOALS]
 
 
@@ -45,6 +50,23 @@ def test_what_cannot_be_compared_is_refused(written, second, objectives, text):
     assert text in str(raised.value)
 
 
+def test_that_accuracies_are_of_other_recordings_is_said_first(written, tmp_path, page_path, new_tab, capsys):
+    folders = []
+    for name in ("one", "other"):
+        path = tmp_path / name / "example"
+        shutil.copytree(EXAMPLE, path)
+        folders.append(str(path))
+    space = tmp_path / "other" / "example" / "search_space.yaml"
+    store.write_sealed_text(space, store.read_sealed_text(space).replace("at: middle", "at: onset"))
+    assert main(["compare", *folders, "--html", str(page_path)]) == 0
+    capsys.readouterr()
+    page = Page(new_tab((1280, 720)), page_path).open("chosen=1.0")
+    notes = page.tab.locator("#notes > li").all_inner_texts()
+    assert "their accuracies are of other recordings" in notes[0]
+    text = page.tab.inner_text("#design")
+    assert "the page of each study has" in text and "dse dashboard" not in text
+
+
 def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, page_path, new_tab):
     path = written("a", FIRST)
     arguments = ["compare", str(path), str(path), "--objectives", "accuracy:max,energy_uj:min"]
@@ -54,7 +76,9 @@ def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, page_path,
     page = Page(new_tab((1280, 720)), page_path).open()
     assert page.tab.locator("#view-studies tbody tr").count() >= 2
     assert page.tab.input_value("#colour") == "study"
-    assert sorted(page.cells(1)) == ["0", "1", "10", "11"]
+    assert sorted(page.cells(1)) == ["0", "0", "1", "1"], "the numbers that they have in their studies"
+    named = page.tab.locator("#pick button").all_inner_texts()
+    assert all(name.startswith(("Trial 0 of ", "Trial 1 of ")) for name in named) and named
     assert page.tab.is_hidden("#export")
     page.tab.fill("#budget-1", "1")
     page.tab.wait_for_function(
