@@ -13,6 +13,7 @@
         racing/             which designs stopped early, and the audit of that (dse.study.racing)
         bundles/<name>/     exported designs: the page shows their verdicts (dse.dashboard.verdicts)
         front_repeats.json  which designs were repeated because their place on the front was undecided
+        *.damaged           what `dse doctor --repair` has moved aside, laid out as it was
 
 Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
 byte, or of the seal, or a file of another study, is an error when it is read. The journal has a checksum per

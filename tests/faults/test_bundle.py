@@ -43,3 +43,11 @@ def test_no_damaged_bundle_is_run(
         shutil.rmtree(copy)
         tried["a file of a bundle"] += 1
     assert n_refused > n_faults // 3
+
+
+def test_a_changed_readme_is_refused(tmp_path: Path) -> None:
+    write(small_bundle(), tmp_path / "bundle")
+    readme = tmp_path / "bundle" / "README.md"
+    readme.write_text(readme.read_text().replace("fraction", "faction"))
+    with pytest.raises(BundleError, match=r"README\.md: is damaged"):
+        read(tmp_path / "bundle")
